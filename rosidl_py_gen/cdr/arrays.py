@@ -1,0 +1,203 @@
+"""Numeric arrays and sequences: from what users assign to bytes, and back to numpy.
+
+The good case (a one-dimensional numpy array of the right dtype) is recognised by three cheap tests and costs no copy here.
+Everything else is converted strictly: what would lose a value is an error, never a silent wrap-around.
+"""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rosidl_py_gen.fieldtype import INTEGER_RANGES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[Any]
+
+# Struct code -> dtype. On the platforms we run on, the little-endian dtypes are numpy's native singletons, which is what
+# makes the `is` tests below right; `support` refuses other hosts.
+DTYPES: dict[str, np.dtype[Any]] = {
+    "?": np.dtype("bool"),
+    "b": np.dtype("<i1"),
+    "B": np.dtype("<u1"),
+    "h": np.dtype("<i2"),
+    "H": np.dtype("<u2"),
+    "i": np.dtype("<i4"),
+    "I": np.dtype("<u4"),
+    "q": np.dtype("<i8"),
+    "Q": np.dtype("<u8"),
+    "f": np.dtype("<f4"),
+    "d": np.dtype("<f8"),
+}
+BOOL_BYTE: dict[Any, int] = {False: 0, True: 1}
+
+
+def _read_only_empty(dtype: np.dtype[Any]) -> Array:
+    empty = np.empty(0, dtype)
+    empty.flags.writeable = False
+    return empty
+
+
+EMPTY: dict[str, Array] = {code: _read_only_empty(dtype) for code, dtype in DTYPES.items()}
+
+
+class ValueProblem(ValueError):
+    """A value that does not fit, before it is known which field it belongs to; `index` is the element or None."""
+
+    def __init__(self, reason: str, index: int | None = None) -> None:
+        self.reason = reason
+        self.index = index
+        super().__init__(reason)
+
+
+def shorten(value: object, width: int = 80) -> str:
+    """`repr` of a value for an error text, cut to `width` characters; a failing repr is named, not raised."""
+    try:
+        text = repr(value[: width + 1]) if isinstance(value, (str, bytes, bytearray, list, tuple)) else repr(value)
+    except Exception as error:  # a user's own __repr__ may raise anything
+        text = f"<{type(value).__name__} whose repr raised {type(error).__name__}>"
+    return text if len(text) <= width else text[: width - 3] + "..."
+
+
+def coerce(value: object, code: str) -> Array:
+    """Any value accepted in a numeric array field, as a contiguous one-dimensional array of the wire dtype.
+
+    Accepts numpy arrays, lists, tuples, ranges, array.array, memoryview, and bytes for 8-bit integers.
+
+    Raises:
+        ValueProblem: another type, more than one dimension, or an element that the dtype cannot hold.
+    """
+    if isinstance(value, (bytes, bytearray)):
+        if code not in "Bb":
+            raise ValueProblem(f"expected a sequence of {DTYPES[code].name}, found {shorten(value)}")
+        return np.frombuffer(value, DTYPES[code])
+    if isinstance(value, (array, memoryview)):
+        value = _from_buffer(value)
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind == "O":
+            value = value.tolist()
+        else:
+            return _cast(value, code)
+    if isinstance(value, (str, dict)) or not isinstance(value, Sequence):
+        raise ValueProblem(f"expected a sequence of {DTYPES[code].name}, found {shorten(value)}")
+    return _pack(value, code)
+
+
+def _from_buffer(value: array[Any] | memoryview) -> Array:
+    try:
+        return np.asarray(value)
+    except (ValueError, TypeError, BufferError) as error:
+        raise ValueProblem(f"expected a buffer of numbers, found {shorten(value)} ({error})") from error
+
+
+def _cast(value: Array, code: str) -> Array:
+    dtype = DTYPES[code]
+    if value.ndim != 1:
+        raise ValueProblem(f"expected one dimension, found shape {value.shape}; use .ravel()")
+    if value.dtype == dtype:
+        return np.ascontiguousarray(value, dtype)
+    kind, wanted = value.dtype.kind, dtype.kind
+    if wanted == "b" or kind not in "biuf" or (wanted in "iu" and kind == "f"):
+        raise ValueProblem(f"expected an array of {dtype.name}, found one of {value.dtype.name}")
+    if wanted in "iu" and kind in "iu" and value.size:
+        low, high = INTEGER_RANGES[code]
+        outside = (value < low) | (value > high) if value.dtype != np.uint64 else value > np.uint64(high)
+        _refuse_first(outside, value, f"{dtype.name} in {low}..{high}")
+    with np.errstate(over="ignore"):
+        result = value.astype(dtype)
+    if wanted == "f" and kind == "f":
+        _refuse_first(np.isfinite(value) & ~np.isfinite(result), value, dtype.name)
+    return result
+
+
+def _refuse_first(bad: Array, value: Array, expected: str) -> None:
+    if bad.any():
+        index = int(bad.argmax())
+        raise ValueProblem(f"expected {expected}, found {value[index].item()!r}", index)
+
+
+def _pack(value: Sequence[Any], code: str) -> Array:
+    items = list(value)
+    try:
+        if code == "?":
+            return np.frombuffer(bytes([BOOL_BYTE[item] for item in items]), np.bool_)
+        return np.frombuffer(struct.pack(f"<{len(items)}{code}", *items), DTYPES[code])
+    except (struct.error, OverflowError, TypeError, KeyError, ValueError):
+        for index, item in enumerate(items):
+            reason = scalar_problem(item, code)
+            if reason:
+                raise ValueProblem(reason, index) from None
+        raise
+
+
+def scalar_problem(value: object, code: str) -> str:
+    """Why `value` cannot be written with this struct code; empty when it can."""
+    try:
+        if code == "?":
+            if value.__hash__ is not None and value in BOOL_BYTE:
+                return ""
+            return f"expected bool, found {shorten(value)}"
+        struct.pack("<" + code, value)
+    except (struct.error, OverflowError, TypeError, ValueError):
+        dtype = DTYPES[code]
+        if dtype.kind == "f":
+            is_number = isinstance(value, (int, float))
+            return f"expected float{f' that fits {dtype.name}' if is_number else ''}, found {shorten(value)}"
+        low, high = INTEGER_RANGES[code]
+        if isinstance(value, int):
+            return f"expected {dtype.name} in {low}..{high}, found {shorten(value)}"
+        return f"expected int, found {shorten(value)}"
+    return ""
+
+
+def sequence_converter(code: str) -> Callable[[object], Any]:
+    """The function generated code calls on a sequence field: returns a buffer whose `len` is the element count.
+
+    A right numpy array is returned as it is, possibly not contiguous; joining it then raises BufferError, which the
+    slow path mends (asking for contiguity here would cost more than the other tests together).
+    """
+    dtype = DTYPES[code]
+    ndarray = np.ndarray
+    is_bytes = code == "B"
+
+    def convert(value: object) -> Any:
+        if type(value) is ndarray and value.dtype is dtype and value.ndim == 1:
+            return value
+        if is_bytes and type(value) is bytes:
+            return value
+        return coerce(value, code)
+
+    return convert
+
+
+def fixed_converter(code: str) -> Callable[[object, int], bytes]:
+    """The function generated code calls on a fixed array: exactly `count` elements as bytes."""
+    dtype = DTYPES[code]
+    ndarray = np.ndarray
+
+    def convert(value: object, count: int) -> bytes:
+        if type(value) is not ndarray or value.dtype is not dtype or value.ndim != 1:
+            value = coerce(value, code)
+        if len(value) != count:
+            raise ValueProblem(f"expected exactly {count} elements, found {len(value)}")
+        return value.tobytes()
+
+    return convert
+
+
+def view_of_bools(data: bytes | bytearray | memoryview, count: int, offset: int) -> Array:
+    """Bytes as bools: a view when all are 0 or 1, else a copy, because numpy must never see another bool byte."""
+    raw = np.frombuffer(data, np.uint8, count, offset)
+    if count and raw.max() > 1:
+        fixed: Array = raw != 0
+        fixed.flags.writeable = raw.flags.writeable
+        return fixed
+    return raw.view(np.bool_)

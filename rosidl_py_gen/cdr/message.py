@@ -1,0 +1,204 @@
+"""The base classes of generated code, and what every class knows of its ROS type.
+
+Generated classes print their own flat `_encode` and `_decode`. This file gives them equality, `repr` and the public
+method names, and leaves every slow path (naming the wrong field, other byte orders) to `walk`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias, TypeVar
+
+import numpy as np
+
+from rosidl_py_gen.fieldtype import Arity, FieldType, parse_field_type
+from rosidl_py_gen.names import py_name
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+    from rosidl_py_gen.cdr.support import Readable
+
+MessageClass: TypeAlias = "type[Message]"  # inside Field the word `type` is a member
+
+RequestT = TypeVar("RequestT", bound="Message")
+ResponseT = TypeVar("ResponseT", bound="Message")
+GoalT = TypeVar("GoalT", bound="Message")
+ResultT = TypeVar("ResultT", bound="Message")
+FeedbackT = TypeVar("FeedbackT", bound="Message")
+
+_SHOWN_ELEMENTS = 8
+
+
+class Field(NamedTuple):
+    """One field of a generated class, for code that walks messages.
+
+    Attributes:
+        ros_name: the name in the definition, on the wire, in dicts and JSON.
+        py_name: the attribute; differs from ros_name for Python keywords.
+        type: base, arity and bounds.
+        cls: the class of a nested message, None for primitives and strings.
+    """
+
+    ros_name: str
+    py_name: str
+    type: FieldType
+    cls: MessageClass | None
+
+
+class TypeInfo:
+    """What a generated class knows of its ROS type; the field table is expanded when it is first needed."""
+
+    __slots__ = ("_fields", "_spec", "defaults", "hash", "name")
+
+    def __init__(
+        self,
+        name: str,
+        hash: str,
+        fields: tuple[tuple[str, str | type[Message]] | tuple[str, str, type[Message]], ...],
+        defaults: dict[str, str] | None = None,
+    ) -> None:
+        self.name = name
+        self.hash = hash
+        self.defaults = defaults or {}
+        self._spec = fields
+        self._fields: tuple[Field, ...] | None = None
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """The fields in the order of the definition; empty for an empty message."""
+        if self._fields is None:
+            self._fields = tuple(_field(*entry) for entry in self._spec)
+        return self._fields
+
+    def __repr__(self) -> str:
+        return f"TypeInfo({self.name!r}, {self.hash!r})"
+
+
+def _field(ros_name: str, text: str | type[Message], cls: type[Message] | None = None) -> Field:
+    if not isinstance(text, str):
+        cls, text = text, text._TYPE.name
+    elif cls is not None:
+        text = cls._TYPE.name + text
+    return Field(ros_name, py_name(ros_name), parse_field_type(text), cls)
+
+
+class Message:
+    """Base of every generated message.
+
+    A message is a slotted dataclass. `encode` and `decode` give way when a field has their name; the functions of the
+    same name in `rosidl_py_gen` always work.
+    """
+
+    __slots__ = ()
+    __hash__ = None  # type: ignore[assignment]  # mutable, like every dataclass with equality
+    _TYPE: ClassVar[TypeInfo]
+
+    def __init_subclass__(cls) -> None:
+        # Saves a call on the hot path: the public names are the generated functions themselves.
+        if "_encode" in cls.__dict__:
+            names = {field[0] for field in cls._TYPE._spec}
+            if "encode" not in names:
+                cls.encode = cls.__dict__["_encode"]  # type: ignore[method-assign]
+            if "decode" not in names:
+                cls.decode = cls.__dict__["_decode"]  # type: ignore[method-assign]
+
+    def encode(self) -> bytes:
+        """The message as XCDR1 little endian with its 4-byte header, exact size, no padding behind.
+
+        Raises:
+            EncodeError: a value does not fit its type; names the field path. Nothing is changed.
+
+        Source: protocol.md 2.
+        """
+        return self._encode()
+
+    @classmethod
+    def decode(cls, data: Readable, *, copy: bool = False) -> Self:
+        """Read a message from CDR with its 4-byte header, either byte order; bytes behind it are ignored.
+
+        Args:
+            data: bytes, bytearray, memoryview or another contiguous buffer.
+            copy: False makes numeric arrays read-only views of `data`; True gives writable arrays of their own.
+
+        Raises:
+            DecodeError: names field path and byte offset.
+        """
+        return cls._decode(data, copy=copy)
+
+    def _encode(self) -> bytes:
+        raise TypeError(f"{type(self).__name__} is not a generated message class")
+
+    @classmethod
+    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+        raise TypeError(f"{cls.__name__} is not a generated message class")
+
+    def __eq__(self, other: object) -> bool:
+        if self.__class__ is not other.__class__:
+            return NotImplemented
+        return all(
+            _equal(getattr(self, field.py_name), getattr(other, field.py_name), field.type)
+            for field in self._TYPE.fields
+        )
+
+    def __repr__(self) -> str:
+        inside = ", ".join(
+            f"{field.py_name}={_shown(getattr(self, field.py_name, None))}" for field in self._TYPE.fields
+        )
+        return f"{type(self).__name__}({inside})"
+
+
+def _equal(left: Any, right: Any, kind: FieldType) -> bool:
+    if kind.arity is Arity.SCALAR:
+        return bool(left == right)
+    if kind.primitive is not None:
+        # Lists are welcome in array fields, so [1, 2] equals array([1, 2]).
+        try:
+            return bool(np.array_equal(np.asarray(left), np.asarray(right)))
+        except ValueError:  # ragged lists are equal to nothing
+            return False
+    return len(left) == len(right) and all(a == b for a, b in zip(left, right, strict=True))
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, np.ndarray) or (isinstance(value, (list, tuple, bytes, bytearray)) and len(value) > 0):
+        if isinstance(value, np.ndarray) and value.ndim != 1:
+            return repr(value)
+        size = len(value)
+        first = [_shown(item) for item in value[:_SHOWN_ELEMENTS]]
+        tail = [f"... {size} elements"] if size > _SHOWN_ELEMENTS else []
+        return "[" + ", ".join(first + tail) + "]"
+    if isinstance(value, np.generic):
+        return repr(value.item())
+    if isinstance(value, str) and len(value) > 400:
+        return f"{value[:200]!r}... {len(value)} characters"
+    return repr(value)
+
+
+class ServiceInfo:
+    """What a generated service or action class knows of its ROS type.
+
+    Attributes:
+        name: ``pkg/srv/Name`` or ``pkg/action/Name``.
+        hash: RIHS01 of the service or action type itself.
+    """
+
+    __slots__ = ("hash", "name")
+
+    def __init__(self, name: str, hash: str) -> None:
+        self.name = name
+        self.hash = hash
+
+    def __repr__(self) -> str:
+        return f"ServiceInfo({self.name!r}, {self.hash!r})"
+
+
+class Service(Generic[RequestT, ResponseT]):
+    """Base of every generated service; holds `Request`, `Response` and `Event`, and is never instantiated."""
+
+    _TYPE: ClassVar[ServiceInfo]
+
+
+class Action(Generic[GoalT, ResultT, FeedbackT]):
+    """Base of every generated action: `Goal Result Feedback FeedbackMessage SendGoal GetResult`; never instantiated."""
+
+    _TYPE: ClassVar[ServiceInfo]

@@ -1,0 +1,239 @@
+"""What generated code calls besides `struct` and numpy: a small, flat set of functions.
+
+Positions in generated encoders count from the byte after the 4-byte encapsulation header, the origin of alignment
+(protocol.md 2.1); positions in decoders are offsets into the data and so are 4 higher.
+"""
+
+from __future__ import annotations
+
+import sys
+from struct import Struct
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from rosidl_py_gen.cdr.arrays import (
+    BOOL_BYTE,
+    DTYPES,
+    ValueProblem,
+    fixed_converter,
+    sequence_converter,
+    shorten,
+    view_of_bools as view_of_bools,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+    from typing_extensions import Self as Self
+
+    Append = Callable[[bytes], object]
+    Readable = bytes | bytearray | memoryview | NDArray[Any]
+    T = TypeVar("T")
+
+# What the fast path may fail with: whatever a caller's own objects raise from __index__, __float__ and the like included.
+Fault = Exception
+
+utf8 = str.encode  # not value.encode(): a message has an `encode` too
+frombuffer = np.frombuffer
+BOOL = BOOL_BYTE
+
+bools = sequence_converter("?")
+int8s = sequence_converter("b")
+uint8s = sequence_converter("B")
+int16s = sequence_converter("h")
+uint16s = sequence_converter("H")
+int32s = sequence_converter("i")
+uint32s = sequence_converter("I")
+int64s = sequence_converter("q")
+uint64s = sequence_converter("Q")
+float32s = sequence_converter("f")
+float64s = sequence_converter("d")
+
+fixed_bools = fixed_converter("?")
+fixed_int8s = fixed_converter("b")
+fixed_uint8s = fixed_converter("B")
+fixed_int16s = fixed_converter("h")
+fixed_uint16s = fixed_converter("H")
+fixed_int32s = fixed_converter("i")
+fixed_uint32s = fixed_converter("I")
+fixed_int64s = fixed_converter("q")
+fixed_uint64s = fixed_converter("Q")
+fixed_float32s = fixed_converter("f")
+fixed_float64s = fixed_converter("d")
+
+# dtypes for array views, typed for mypy
+INT8: np.dtype[np.int8] = DTYPES["b"]
+UINT8: np.dtype[np.uint8] = DTYPES["B"]
+INT16: np.dtype[np.int16] = DTYPES["h"]
+UINT16: np.dtype[np.uint16] = DTYPES["H"]
+INT32: np.dtype[np.int32] = DTYPES["i"]
+UINT32: np.dtype[np.uint32] = DTYPES["I"]
+INT64: np.dtype[np.int64] = DTYPES["q"]
+UINT64: np.dtype[np.uint64] = DTYPES["Q"]
+FLOAT32: np.dtype[np.float32] = DTYPES["f"]
+FLOAT64: np.dtype[np.float64] = DTYPES["d"]
+
+if TYPE_CHECKING:
+
+    def new(cls: type[T]) -> T: ...
+else:
+    # Slot stores after this are faster than a call of the dataclass's __init__ (CONTRIBUTING.md has the figures).
+    new = object.__new__
+
+PAD2 = (b"", b"\0")
+PAD4 = tuple(bytes(-n % 4) for n in range(4))
+PAD8 = tuple(bytes(-n % 8) for n in range(8))
+
+_PACK_U32 = Struct("<I").pack
+_UNPACK_U32 = Struct("<I").unpack_from
+# The terminating NUL of a string and the padding before the next length prefix, by `length including NUL & 3`.
+_NUL_PAD4 = tuple(b"\0" + bytes(-n % 4) for n in range(4))
+
+
+def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., bytes], ...]:
+    """Eight `pack` functions of one run of fields, chosen by ``pos & 7``.
+
+    Each first writes the NUL of the string before (if `nul`) and the padding up to `align`.
+    """
+    packs: list[Callable[..., bytes]] = []
+    for start in range(8):
+        lead = 1 if nul else 0
+        lead += -(start + lead) % align
+        packs.append(Struct(f"<{lead}x{code}" if lead else "<" + code).pack)
+    return tuple(packs)
+
+
+def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, bytes | bytearray | memoryview]:
+    """Two faces of the input: one that scalars and strings are read from, one that array views are taken of.
+
+    Raises:
+        TypeError: not a contiguous buffer.
+    """
+    if copy:
+        own = bytearray(_flat(data))
+        return own, own
+    if type(data) is bytes:
+        return data, data
+    view = _flat(data)
+    if type(view.obj) is bytes and len(view.obj) == len(view):
+        return view.obj, view.obj
+    return bytes(view), view
+
+
+def _flat(data: object) -> memoryview:
+    try:
+        view = memoryview(data)  # type: ignore[arg-type]
+        if view.ndim != 1 or view.itemsize != 1 or view.format != "B":
+            view = view.cast("B")
+        return view.toreadonly()
+    except (TypeError, ValueError, BufferError) as error:
+        raise TypeError(f"expected contiguous bytes to decode, found {shorten(data)}") from error
+
+
+def expect(value: object, cls: type) -> None:
+    """Accept an instance of a subclass; anything else is a wrong value that the slow path will name."""
+    if not isinstance(value, cls):
+        raise ValueProblem(f"expected {cls.__name__}, found {shorten(value)}")
+
+
+def limit(count: int, most: int) -> None:
+    """Refuse a sequence or string over its bound."""
+    if count > most:
+        raise ValueProblem(f"expected at most {most}, found {count}")
+
+
+def exactly(count: int, wanted: int) -> None:
+    """Refuse an array of another length."""
+    if count != wanted:
+        raise ValueProblem(f"expected exactly {wanted} elements, found {count}")
+
+
+def within(end: int, data: bytes | bytearray) -> None:
+    """Refuse a count that the bytes left cannot hold, before anything is allocated for it."""
+    if end > len(data):
+        raise ValueProblem("the data end inside a sequence")
+
+
+def pack_strings(values: Any) -> bytes:
+    """The elements of a string sequence or array, beginning at a multiple of 4, without padding behind the last."""
+    if not isinstance(values, (list, tuple)):
+        raise ValueProblem(f"expected a list of str, found {shorten(values)}")
+    parts: list[bytes] = []
+    append = parts.append
+    length = 0
+    for value in values:
+        text = utf8(value)
+        length = len(text) + 1
+        append(_PACK_U32(length))
+        append(text)
+        append(_NUL_PAD4[length & 3])
+    if parts:
+        parts[-1] = b"\0"
+    return b"".join(parts)
+
+
+def unpack_strings(data: bytes | bytearray, pos: int, count: int) -> tuple[list[str], int]:
+    """`count` strings from offset `pos` (any alignment), and the offset behind the last."""
+    within(pos + 4 * count, data)
+    values: list[str] = []
+    append = values.append
+    for _ in range(count):
+        start = (pos + 3 & -4) + 4
+        (length,) = _UNPACK_U32(data, start - 4)
+        pos = start + length
+        if data[pos - 1]:
+            raise ValueProblem("a string does not end in NUL")
+        append(data[start : pos - 1].decode())
+    return values, pos
+
+
+def utf16(value: str) -> bytes:
+    """A wstring's content: UTF-16 code units, each as a u32; no terminator (protocol.md 2.2)."""
+    units = np.frombuffer(str.encode(value, "utf-16-le"), "<u2")
+    return units.astype("<u4").tobytes()
+
+
+def from_utf16(data: bytes | bytearray, pos: int, count: int) -> str:
+    """The inverse of `utf16`: `count` code units from offset `pos`."""
+    within(pos + 4 * count, data)
+    units = np.frombuffer(data, "<u4", count, pos)
+    if count and units.max() > 0xFFFF:
+        raise ValueProblem("a wstring unit is above 0xFFFF")
+    return units.astype("<u2").tobytes().decode("utf-16-le")
+
+
+def pack_wstrings(values: Any) -> bytes:
+    """The elements of a wstring sequence or array, beginning at a multiple of 4."""
+    if not isinstance(values, (list, tuple)):
+        raise ValueProblem(f"expected a list of str, found {shorten(values)}")
+    parts: list[bytes] = []
+    for value in values:
+        text = utf16(value)
+        parts.append(_PACK_U32(len(text) >> 2))
+        parts.append(text)
+    return b"".join(parts)
+
+
+def unpack_wstrings(data: bytes | bytearray, pos: int, count: int) -> tuple[list[str], int]:
+    """`count` wstrings from offset `pos` (any alignment), and the offset behind the last."""
+    within(pos + 4 * count, data)
+    values: list[str] = []
+    for _ in range(count):
+        pos = pos + 3 & -4
+        (length,) = _UNPACK_U32(data, pos)
+        values.append(from_utf16(data, pos + 4, length))
+        pos += 4 + 4 * length
+    return values, pos
+
+
+def limit_each(values: Any, most: int) -> None:
+    """Refuse a string over its bound in a list of bounded strings."""
+    for value in values:
+        if len(value) > most:
+            raise ValueProblem(f"expected at most {most} characters, found {len(value)}")
+
+
+if sys.byteorder != "little":  # pragma: no cover - ROS 2 has no tier-1 platform of this kind
+    raise ImportError("rosidl_py_gen needs a little-endian host")

@@ -1,0 +1,122 @@
+"""Names inside a generated module: what is imported from where, and what locals are called.
+
+Fields, constants and classes keep their own names whatever they are; everything else steps aside with a leading
+underscore (imports) or a trailing one (locals). So a field may be called `np`, `int`, `field` or `classmethod`.
+"""
+
+from __future__ import annotations
+
+import builtins
+import keyword
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from rosidl_py_gen.cdr import support
+
+# Names a method body uses as globals or has as parameters and fixed locals; other locals must never hide them.
+_METHOD_NAMES = {
+    *("append", "cls", "copy", "data", "end", "error", "message", "np", "parts", "pos", "raw", "self", "view"),
+    *("recover_decode", "recover_encode"),
+    *(name for name in vars(support) if not name.startswith("_")),
+}
+
+
+@dataclass(slots=True)
+class Imports:
+    """The import lines of a module, and what each imported name is called there.
+
+    Attributes:
+        taken: names the module's own classes, their fields and constants use.
+    """
+
+    taken: frozenset[str]
+    runtime: dict[str, dict[str, str]] = field(default_factory=dict)
+    typing: dict[str, dict[str, str]] = field(default_factory=dict)
+
+    def use(self, module: str, name: str, *, for_typing: bool = False) -> str:
+        """Import a name (only for type checkers if `for_typing`) and return what it is called here."""
+        for table in (self.runtime, self.typing):
+            known = table.get(module, {}).get(name)
+            if known is not None and (for_typing or table is self.runtime):
+                return known
+        used = {alias for table in (self.runtime, self.typing) for names in table.values() for alias in names.values()}
+        used |= self.taken
+        alias = next(candidate for candidate in self._candidates(module, name) if candidate not in used)
+        (self.typing if for_typing else self.runtime).setdefault(module, {})[name] = alias
+        return alias
+
+    def use_numpy(self) -> str:
+        """``import numpy as np``; returns the short name."""
+        return self.use("numpy", "")
+
+    def builtin(self, name: str) -> str:
+        """A builtin by its own name, or through an alias when a field has that name."""
+        return name if name not in self.taken else self.use("builtins", name)
+
+    @staticmethod
+    def _candidates(module: str, name: str) -> Iterable[str]:
+        name = name or ("np" if module == "numpy" else module)
+        yield name
+        yield "_" + name
+        yield "_" + module.replace(".", "_").strip("_") + "_" + name
+        number = 2
+        while True:
+            yield f"_{name}_{number}"
+            number += 1
+
+    def lines(self, *, for_typing: bool = False) -> list[str]:
+        """The import statements, sorted."""
+        table = self.typing if for_typing else self.runtime
+        groups: list[list[str]] = [[], [], []]
+        for module in sorted(table):
+            top = module.split(".")[0]
+            lines = groups[0 if top in _STDLIB else 1 if top in _LIBRARIES else 2]
+            if "" in table[module]:
+                lines.append(f"import {module} as {table[module]['']}")
+            words = [name if name == alias else f"{name} as {alias}" for name, alias in table[module].items() if name]
+            if words:
+                lines.append(f"from {module} import {', '.join(sorted(words, key=sort_key))}")
+        for lines in groups:
+            lines.sort(key=lambda line: line.startswith("from "))
+        # Where generated packages lie decides whether a linter takes them for first-party code, so they are kept apart.
+        between = (["", "# isort: split"] if groups[1] else []) if groups[2] else []
+        return [*groups[0], *([""] if groups[0] and groups[1] else []), *groups[1], *between, *groups[2]]
+
+
+_STDLIB = {"builtins", "dataclasses", "struct", "typing"}
+_LIBRARIES = {"numpy", "rosidl_py_gen"}
+
+
+def sort_key(word: str) -> tuple[int, list[tuple[int, str]], str]:
+    """The order formatters put names in: constants, classes, others; numbers inside by value."""
+    name = word.split(" ")[0]
+    rank = 0 if name.isupper() and len(name) > 1 else 1 if name[:1].isupper() else 2
+    pieces = [(int(piece), "") if piece.isdigit() else (-1, piece) for piece in re.split(r"(\d+)", name) if piece]
+    return rank, pieces, name
+
+
+_LONGEST = 28  # of a local name; longer ones only make longer lines
+
+
+class Locals:
+    """Local variable names of one method."""
+
+    def __init__(self) -> None:
+        self._used = set(_METHOD_NAMES)
+
+    def name(self, wanted: str) -> str:
+        """`wanted` if it is free, else with an underscore or a number behind."""
+        wanted = wanted[:_LONGEST].rstrip("_") or "value"
+        candidate = wanted
+        number = 2
+        while candidate in self._used or keyword.iskeyword(candidate) or hasattr(builtins, candidate):
+            candidate = wanted.rstrip("_") + "_" if number == 2 else f"{wanted.rstrip('_')}_{number - 1}"
+            number += 1
+        self._used.add(candidate)
+        return candidate
+
+
+def singular(name: str) -> str:
+    """What one element of a field is called: poses -> pose, data -> data_item."""
+    return name[:-1] if len(name) > 2 and name.endswith("s") and not name.endswith("ss") else name + "_item"

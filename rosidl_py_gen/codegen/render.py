@@ -1,0 +1,59 @@
+"""Fill the templates. The only file that imports jinja2."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context, select_autoescape
+
+from rosidl_py_gen import resources
+from rosidl_py_gen.codegen.fold import Folder
+from rosidl_py_gen.codegen.literals import docstring, py_string
+from rosidl_py_gen.codegen.view import AliasView, KindView, ModuleView
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(resources.templates_dir()),
+        undefined=StrictUndefined,
+        autoescape=select_autoescape(()),  # Python, not HTML; literals pass through `string` and `docstring`
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= {
+        "docstring": lambda lines, indent: docstring(lines, " " * indent),
+        "string": py_string,
+        "code": pass_context(lambda context, text, indent=0: context["folder"].code(text, indent)),
+    }
+    return environment
+
+
+def _render(template: str, **values: object) -> str:
+    folder = Folder()
+    text = _environment().get_template(template).render(values, folder=folder)
+    if folder.overflow:
+        head, _, rest = text.partition("\n")
+        text = f"{head}\n# fmt: off\n{rest}"
+    return text
+
+
+def render_module(view: ModuleView) -> str:
+    """The source of an interface's module."""
+    return _render("module.py.jinja", module=view)
+
+
+def render_alias(view: AliasView) -> str:
+    """The source of a module that hands on another one's classes."""
+    return _render("alias.py.jinja", alias=view)
+
+
+def render_kind(view: KindView) -> str:
+    """The ``__init__`` of a package's msg, srv or action folder."""
+    return _render("kind_init.py.jinja", kind=view)
+
+
+def render_package(name: str) -> str:
+    """The ``__init__`` of a package."""
+    return _render("package_init.py.jinja", package=name)

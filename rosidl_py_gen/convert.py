@@ -1,0 +1,122 @@
+"""Messages as plain Python values and as JSON, both ways.
+
+Keys are ROS names. JSON has no NaN and no infinities, so they travel as the strings "NaN", "Infinity" and "-Infinity";
+`from_dict` understands these too.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from rosidl_py_gen.cdr.arrays import DTYPES, ValueProblem, coerce, shorten
+from rosidl_py_gen.cdr.message import Field, Message
+from rosidl_py_gen.cdr.walk import validate
+from rosidl_py_gen.errors import EncodeError
+from rosidl_py_gen.fieldtype import Arity
+from rosidl_py_gen.names import did_you_mean
+
+M = TypeVar("M", bound=Message)
+
+_SPECIAL = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+
+
+def to_dict(message: Message) -> dict[str, Any]:
+    """The message as dicts, lists and scalars; arrays become lists. The inverse of `from_dict`."""
+    return {field.ros_name: _plain(getattr(message, field.py_name), field) for field in message._TYPE.fields}
+
+
+def _plain(value: Any, field: Field) -> Any:
+    if field.cls is not None:
+        return to_dict(value) if field.type.arity is Arity.SCALAR else [to_dict(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if field.type.arity is not Arity.SCALAR:
+        return [item.item() if isinstance(item, np.generic) else item for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def to_json(message: Message, *, indent: int | None = None) -> str:
+    """The message as JSON text. The inverse of `from_json`."""
+    return json.dumps(_json_value(to_dict(message)), ensure_ascii=False, allow_nan=False, indent=indent)
+
+
+def _json_value(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    if isinstance(value, dict):
+        return {key: _json_value(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_json_value(item) for item in value]
+    return value
+
+
+def from_json(cls: type[M], text: str | bytes) -> M:
+    """Build a message from JSON text.
+
+    Raises:
+        EncodeError: not JSON, or as `from_dict`.
+    """
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise EncodeError(cls._TYPE.name, f"expected JSON, found something else: {error}") from None
+    return from_dict(cls, values)
+
+
+def from_dict(cls: type[M], values: Mapping[str, Any]) -> M:
+    """Build a message from plain values; what is missing keeps its default.
+
+    Raises:
+        EncodeError: an unknown key, or a value that does not fit; names the path.
+    """
+    message = _build(cls, values, cls._TYPE.name)
+    validate(message)
+    return message
+
+
+def _build(cls: type[M], values: Any, path: str) -> M:
+    if not isinstance(values, Mapping):
+        raise EncodeError(path, f"expected a mapping of fields, found {shorten(values)}")
+    message = cls()
+    fields = {field.ros_name: field for field in cls._TYPE.fields}
+    for key, value in values.items():
+        field = fields.get(key)
+        if field is None:
+            hint = did_you_mean(str(key), fields)
+            raise EncodeError(path, f'unknown field "{shorten(key)[1:-1] if isinstance(key, str) else key}"{hint}')
+        setattr(message, field.py_name, _value(value, field, f"{path}.{key}"))
+    return message
+
+
+def _value(value: Any, field: Field, path: str) -> Any:
+    kind = field.type
+    if field.cls is not None:
+        if kind.arity is Arity.SCALAR:
+            return _build(field.cls, value, path)
+        if not isinstance(value, (list, tuple)):
+            raise EncodeError(path, f"expected a list of {kind.base}, found {shorten(value)}")
+        return [_build(field.cls, item, f"{path}[{index}]") for index, item in enumerate(value)]
+    primitive = kind.primitive
+    if primitive is None:
+        return list(value) if isinstance(value, tuple) else value
+    special = DTYPES[primitive.code].kind == "f"
+    if kind.arity is Arity.SCALAR:
+        return _number(value) if special else value
+    if special and isinstance(value, (list, tuple)):
+        value = [_number(item) for item in value]
+    try:
+        return coerce(value, primitive.code).copy()
+    except ValueProblem as problem:
+        index = "" if problem.index is None else f"[{problem.index}]"
+        raise EncodeError(path + index, problem.reason) from None
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, str):
+        return _SPECIAL.get(value, value)
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023 else value

@@ -1,0 +1,91 @@
+"""Type descriptions and the RIHS01 hash (protocol.md 3), from any source that can name the fields of a type.
+
+The compiler calls this with its model, type support with the field tables of generated classes: one algorithm for both.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from rosidl_py_gen.fieldtype import FieldType
+
+# name, type, text of the default value ("" when there is none)
+FieldRow = tuple[str, FieldType, str]
+Lookup = Callable[[str], Iterable[FieldRow]]
+Description = dict[str, Any]
+
+EMPTY_MESSAGE: tuple[FieldRow, ...] = (("structure_needs_at_least_one_member", FieldType("uint8"), ""),)
+
+
+def service_rows(name: str) -> tuple[FieldRow, ...]:
+    """The three members of a service's description."""
+    return tuple(
+        (f"{part.lower()}_message", FieldType(f"{name}_{part}"), "") for part in ("Request", "Response", "Event")
+    )
+
+
+def action_rows(name: str) -> tuple[FieldRow, ...]:
+    """The six members of an action's description."""
+    parts = (
+        ("goal", "Goal"),
+        ("result", "Result"),
+        ("feedback", "Feedback"),
+        ("send_goal_service", "SendGoal"),
+        ("get_result_service", "GetResult"),
+        ("feedback_message", "FeedbackMessage"),
+    )
+    return tuple((field, FieldType(f"{name}_{suffix}"), "") for field, suffix in parts)
+
+
+def default_text(value: object) -> str:
+    """`default_value` of a description; `value` is None, a scalar or a tuple (protocol.md 3.4)."""
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else repr(value)
+
+
+def individual(name: str, rows: Iterable[FieldRow]) -> Description:
+    """The description of one type without the types it refers to."""
+    fields = [
+        {"name": field, "type": kind.description(), "default_value": default}
+        for field, kind, default in (tuple(rows) or EMPTY_MESSAGE)
+    ]
+    return {"type_name": name, "fields": fields}
+
+
+def describe(name: str, lookup: Lookup) -> Description:
+    """The full description of a type: itself and everything it refers to, sorted by name.
+
+    Args:
+        name: full name.
+        lookup: gives the rows of any type named on the way.
+    """
+    seen: dict[str, Description] = {}
+    pending = [name]
+    while pending:
+        current = pending.pop()
+        if current in seen:
+            continue
+        rows = tuple(lookup(current))
+        seen[current] = individual(current, rows)
+        pending.extend(kind.base for _, kind, _ in rows if kind.is_message)
+    top = seen.pop(name)
+    return {"type_description": top, "referenced_type_descriptions": [seen[key] for key in sorted(seen)]}
+
+
+def rihs01(description: Description) -> str:
+    """The hash of a full description; default values do not take part."""
+
+    def bare(one: Description) -> Description:
+        fields = [{"name": field["name"], "type": field["type"]} for field in one["fields"]]
+        return {"type_name": one["type_name"], "fields": fields}
+
+    hashed = {
+        "type_description": bare(description["type_description"]),
+        "referenced_type_descriptions": [bare(one) for one in description["referenced_type_descriptions"]],
+    }
+    text = json.dumps(hashed, ensure_ascii=True, separators=(", ", ": "))
+    return "RIHS01_" + hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,113 @@
+"""Every error this package raises on purpose, as one tree.
+
+Each class says in one sentence whose problem it is. Messages say where, what was found and what was expected.
+This file imports nothing of ours, so that generated code, the compiler and the runtime can all share it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+class RosidlError(Exception):
+    """Base of every error this package raises on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One finding in a definition file: where it is and what is wrong.
+
+    Attributes:
+        path: the file as the user named it, or a name in angle brackets for text that came from no file.
+        line: 1-based line, 0 when the whole file is meant.
+        column: 1-based column in characters, 0 when the whole line is meant.
+        text: what was found and what was expected.
+        source: the offending line, empty when there is none to show.
+    """
+
+    path: str
+    line: int
+    column: int
+    text: str
+    source: str = ""
+
+    def __str__(self) -> str:
+        where = self.path
+        if self.line:
+            where += f":{self.line}:{self.column or 1}"
+        return f"{where}: {self.text}"
+
+    def with_caret(self, width: int = 100) -> str:
+        """The problem, the source line and a caret under the column; very long lines are cut around the column."""
+        if not self.source:
+            return str(self)
+        start = max(0, self.column - 1 - width // 2) if len(self.source) > width else 0
+        shown = self.source[start : start + width]
+        left = "..." if start else ""
+        right = "..." if start + width < len(self.source) else ""
+        caret = " " * (len(left) + max(0, self.column - 1 - start)) + "^"
+        return f"{self}\n    {left}{shown}{right}\n    {caret}"
+
+
+class DefinitionError(RosidlError):
+    """The author of an interface file has to change it; `problems` holds every finding with its location."""
+
+    def __init__(self, problems: Sequence[Problem] | Problem) -> None:
+        self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        super().__init__("\n".join(problem.with_caret() for problem in self.problems))
+
+
+class TypeNotFoundError(RosidlError, LookupError):
+    """The caller asked for an interface that is neither importable nor on the search path."""
+
+
+class OutputError(RosidlError):
+    """The output folder holds something this tool did not write, or cannot be written."""
+
+
+class EncodeError(RosidlError, ValueError):
+    """The caller's value does not fit its type; `path` names the field.
+
+    Attributes:
+        path: for example ``geometry_msgs/msg/PoseArray.poses[3].position.x``.
+        reason: what was expected and what was found.
+    """
+
+    def __init__(self, path: str, reason: str) -> None:
+        self.path = path
+        self.reason = reason
+        super().__init__(f"{path}: {reason}")
+
+    def __reduce__(self) -> tuple[type[EncodeError], tuple[str, str]]:
+        return type(self), (self.path, self.reason)
+
+
+class DecodeError(RosidlError, ValueError):
+    """The peer's bytes are not a message of this type; `path` names the field and `offset_bytes` the place.
+
+    Attributes:
+        path: the field that could not be read.
+        offset_bytes: offset from the start of the data, the 4-byte encapsulation header included.
+        reason: what was expected and what was found.
+    """
+
+    def __init__(self, path: str, offset_bytes: int, reason: str) -> None:
+        self.path = path
+        self.offset_bytes = offset_bytes
+        self.reason = reason
+        super().__init__(f"{path}: at byte {offset_bytes}: {reason}")
+
+    def __reduce__(self) -> tuple[type[DecodeError], tuple[str, int, str]]:
+        return type(self), (self.path, self.offset_bytes, self.reason)
+
+
+class InvalidNameError(RosidlError, ValueError):
+    """The caller gave a name that ROS does not allow."""
+
+
+class ClosedError(RosidlError):
+    """The caller used something that is already closed."""

@@ -1,0 +1,104 @@
+"""Names of ROS interfaces and what they become in Python.
+
+Decides which names are legal (protocol.md 1.2) and how they are spelled in Python. Knows nothing of files, DDS or nodes.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, NamedTuple
+
+from rosidl_py_gen.errors import InvalidNameError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+KINDS = ("msg", "srv", "action")
+
+PACKAGE_RULE = "lower case letters, digits and single underscores, a letter first, no underscore last"
+CONSTANT_RULE = "upper case letters, digits and single underscores, a letter first, no underscore last"
+INTERFACE_RULE = "letters and digits, an upper case letter first"
+
+_LOWER = re.compile(r"(?!.*__)(?!.*_\Z)[a-z][a-z0-9_]*\Z", re.ASCII)
+# Written without nested quantifiers: the reference pattern backtracks exponentially on hostile names.
+_CONSTANT = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*\Z", re.ASCII)
+_INTERFACE = re.compile(r"[A-Z][A-Za-z0-9]*\Z", re.ASCII)
+_DERIVED_SUFFIXES = ("_Request", "_Response", "_Goal", "_Result", "_Feedback")
+
+
+class RosName(NamedTuple):
+    """A full interface name such as ``std_msgs/msg/Header``, taken apart."""
+
+    package: str
+    kind: str
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.package}/{self.kind}/{self.name}"
+
+
+def is_package_name(text: str) -> bool:
+    """Source: protocol.md 1.2."""
+    return _LOWER.match(text) is not None
+
+
+def is_field_name(text: str) -> bool:
+    """Source: protocol.md 1.2; the rule of package names."""
+    return _LOWER.match(text) is not None
+
+
+def is_constant_name(text: str) -> bool:
+    """Source: protocol.md 1.2."""
+    return _CONSTANT.match(text) is not None
+
+
+def is_interface_name(text: str) -> bool:
+    """Whether a file may carry this stem; ``Sample_`` in front and one derived suffix behind are allowed."""
+    text = text.removeprefix("Sample_")
+    for suffix in _DERIVED_SUFFIXES:
+        text = text.removesuffix(suffix)
+    return _INTERFACE.match(text) is not None
+
+
+def split_ros_name(text: str, default_kind: str = "") -> RosName:
+    """Take ``pkg/msg/Name`` apart; ``pkg/Name`` is understood when `default_kind` is given.
+
+    Raises:
+        InvalidNameError: the text has another shape or a part breaks its rule.
+    """
+    parts = text.split("/")
+    if len(parts) == 2 and default_kind:
+        parts.insert(1, default_kind)
+    if len(parts) != 3:
+        raise InvalidNameError(f'"{text}" is not an interface name; expected package/msg/Name (or /srv/, /action/)')
+    package, kind, name = parts
+    if not is_package_name(package):
+        raise InvalidNameError(f'"{text}": "{package}" is not a package name; expected {PACKAGE_RULE}')
+    if kind not in KINDS:
+        raise InvalidNameError(f'"{text}": "{kind}" is not a kind of interface; expected msg, srv or action')
+    if not all(_INTERFACE.match(part) for part in name.split("_")):
+        raise InvalidNameError(f'"{text}": "{name}" is not an interface name; expected {INTERFACE_RULE}')
+    return RosName(package, kind, name)
+
+
+def snake_case(name: str) -> str:
+    """The module name rosidl derives from an interface name: AddTwoInts -> add_two_ints.
+
+    Source: protocol.md 1.2 (two successive substitutions).
+    """
+    name = re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", name)
+    return re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).lower()
+
+
+def py_name(name: str) -> str:
+    """The Python spelling of a field, constant or class: keywords get a trailing underscore."""
+    return name + "_" if keyword.iskeyword(name) else name
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """``; did you mean "x"?`` for the closest known word, or an empty string."""
+    word = word[:256]  # comparing costs the product of the lengths
+    close = get_close_matches(word, known, n=1, cutoff=0.7)
+    return f'; did you mean "{close[0]}"?' if close else ""

@@ -1,0 +1,167 @@
+"""Which interface packages there are, and which files belong to them.
+
+First hit wins: the folders the caller names, then every prefix of AMENT_PREFIX_PATH, then the bundled interfaces.
+Reads directory entries and package.xml names; interface files themselves are opened later, and only when needed.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import DefinitionError, Problem
+from rosidl_py_gen.names import KINDS, RosName, is_package_name
+from rosidl_py_gen.resources import interfaces_dir
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+_NAME_TAG = re.compile(r"<name>\s*([^<>]*?)\s*</name>")
+_IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
+_MAX_DEPTH = 12
+_MAX_XML_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Package:
+    """A folder with interface files.
+
+    Attributes:
+        name: the package name.
+        folder: holds ``msg``, ``srv``, ``action``.
+        origin: the search path entry it was found through, as shown to the user.
+    """
+
+    name: str
+    folder: Path
+    origin: str
+
+    @cached_property
+    def files(self) -> dict[RosName, Path]:
+        """Every interface file, by name and in name order; a .msg/.srv/.action hides an .idl of the same stem."""
+        found: dict[RosName, Path] = {}
+        for kind in KINDS:
+            for entry in _entries(self.folder / kind):
+                stem, suffix = os.path.splitext(entry.name)
+                if suffix in (".idl", "." + kind) and entry.is_file():
+                    name = RosName(self.name, kind, stem)
+                    if suffix != ".idl" or name not in found:
+                        found[name] = Path(entry.path)
+        return dict(sorted(found.items()))
+
+
+@dataclass(frozen=True)
+class SearchPath:
+    """Where interfaces are looked for.
+
+    Attributes:
+        packages: by name, in name order; each from the first entry that has it.
+        hidden: packages of the same name found later, for `--list`.
+        searched: the entries, as shown in errors.
+    """
+
+    packages: dict[str, Package]
+    hidden: list[Package] = field(default_factory=list)
+    searched: list[str] = field(default_factory=list)
+
+    def file(self, name: RosName) -> Path | None:
+        package = self.packages.get(name.package)
+        return package.files.get(name) if package else None
+
+
+def search_path(
+    folders: Sequence[str | os.PathLike[str]] = (), ament: str | None = None, bundled: bool = True
+) -> SearchPath:
+    """Look through the given folders, the ament prefixes and the bundled interfaces.
+
+    Args:
+        folders: package folders, folders of packages or colcon workspaces' `src`.
+        ament: prefixes joined by the path separator; None reads AMENT_PREFIX_PATH.
+        bundled: whether the interfaces shipped with this package come last.
+
+    Raises:
+        DefinitionError: a folder does not exist, holds no package, or holds two of one name.
+    """
+    found = SearchPath({})
+    for folder in folders:
+        _add(found, str(folder), _packages_below(Path(folder)))
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "") if ament is None else ament
+    for prefix in filter(None, prefixes.split(os.pathsep)):
+        share = Path(prefix) / "share"
+        holders = (Path(entry.path) for entry in _entries(share) if _holds_interfaces(Path(entry.path)))
+        _add(found, prefix, (Package(path.name, path, prefix) for path in holders if is_package_name(path.name)))
+    if bundled:
+        holders = (Path(entry.path) for entry in _entries(interfaces_dir()))
+        _add(found, "bundled", (Package(path.name, path, "bundled") for path in holders if _holds_interfaces(path)))
+    return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched)
+
+
+def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
+    found.searched.append(origin)
+    for package in packages:
+        first = found.packages.setdefault(package.name, package)
+        if first is not package:
+            if first.origin == package.origin:
+                text = f'two packages are called "{package.name}": {first.folder} and {package.folder}'
+                raise DefinitionError(Problem(origin, 0, 0, text))
+            found.hidden.append(package)
+
+
+def _entries(folder: Path) -> list[os.DirEntry[str]]:
+    try:
+        with os.scandir(folder) as entries:
+            return sorted(entries, key=lambda entry: entry.name)
+    except OSError:  # missing, unreadable or not a folder: it holds nothing
+        return []
+
+
+def _holds_interfaces(folder: Path) -> bool:
+    return any((folder / kind).is_dir() for kind in KINDS)
+
+
+def _packages_below(root: Path) -> list[Package]:
+    if not root.is_dir():
+        raise DefinitionError(Problem(str(root), 0, 0, "expected a folder with interface packages, found none"))
+    found: list[Package] = []
+    _descend(root, str(root), found, set(), 0)
+    if not found:
+        text = "expected a package (package.xml, or a folder with msg, srv or action), found none in this folder"
+        raise DefinitionError(Problem(str(root), 0, 0, text))
+    return found
+
+
+def _descend(folder: Path, origin: str, found: list[Package], visited: set[str], depth: int) -> None:
+    real = os.path.realpath(folder)  # links may form loops
+    if real in visited or depth > _MAX_DEPTH or any((folder / mark).exists() for mark in _IGNORE_MARKS):
+        return
+    visited.add(real)
+    manifest = folder / "package.xml"
+    if manifest.is_file() or _holds_interfaces(folder):
+        if _holds_interfaces(folder):
+            found.append(Package(_package_name(manifest, folder), folder, origin))
+        return
+    for entry in _entries(folder):
+        try:
+            is_folder = entry.is_dir()
+        except OSError:  # a link to itself
+            continue
+        if is_folder and not entry.name.startswith("."):
+            _descend(Path(entry.path), origin, found, visited, depth + 1)
+
+
+def _package_name(manifest: Path, folder: Path) -> str:
+    name, shown = Path(os.path.realpath(folder)).name, str(folder)
+    if manifest.is_file():
+        shown = str(manifest)
+        with manifest.open("rb") as file:
+            text = file.read(_MAX_XML_BYTES).decode(errors="replace")
+        tag = _NAME_TAG.search(re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
+        if tag:
+            name = tag[1]
+    if not is_package_name(name):
+        raise DefinitionError(Problem(shown, 0, 0, f'"{name[:80]}" is not a legal package name'))
+    return name

@@ -1,0 +1,142 @@
+"""What an interface file says, as plain values.
+
+`parse` and `idl` build these, `derive` adds the messages ROS derives from services and actions, `resolve` checks the
+references. Types inside fields already carry full names (``pkg/msg/Name``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import Problem
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.fieldtype import FieldType
+    from rosidl_py_gen.names import RosName
+
+Scalar = bool | int | float | str
+Default = Scalar | tuple[Scalar, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """The text a definition came from.
+
+    Attributes:
+        path: as shown to the user; a name in angle brackets when it came from no file.
+        text: the whole file, as it was read.
+        format: the suffix: msg, srv, action or idl; ``implicit`` for derived types.
+    """
+
+    path: str
+    text: str
+    format: str
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """A place in a source; line and column are 1-based."""
+
+    source: Source
+    line: int
+    column: int
+
+    def problem(self, text: str) -> Problem:
+        """A finding here, with the source line for the caret."""
+        lines = self.source.text.splitlines()
+        line = lines[self.line - 1].replace("\t", " ") if 0 < self.line <= len(lines) else ""
+        return Problem(self.source.path, self.line, self.column, text, line)
+
+
+@dataclass(frozen=True, slots=True)
+class FieldDef:
+    """One field. `default` is None when the definition gives none; arrays have tuples. `unit` is the text in brackets."""
+
+    name: str
+    type: FieldType
+    default: Default | None
+    comment: tuple[str, ...]
+    unit: str
+    location: Location
+
+
+@dataclass(frozen=True, slots=True)
+class ConstantDef:
+    """One constant; `type` is a primitive or an unbounded string."""
+
+    name: str
+    type: FieldType
+    value: Scalar
+    comment: tuple[str, ...]
+    unit: str
+    location: Location
+
+
+@dataclass(frozen=True, slots=True)
+class MessageDef:
+    """A message: from a .msg file, a section of another file, or derived. No fields means an empty message."""
+
+    name: RosName
+    fields: tuple[FieldDef, ...]
+    constants: tuple[ConstantDef, ...]
+    comment: tuple[str, ...]
+    source: Source
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceDef:
+    """A service; the event message is derived (protocol.md 1.6)."""
+
+    name: RosName
+    request: MessageDef
+    response: MessageDef
+    event: MessageDef
+    source: Source
+
+    @property
+    def messages(self) -> tuple[MessageDef, ...]:
+        return (self.request, self.response, self.event)
+
+
+@dataclass(frozen=True, slots=True)
+class ActionDef:
+    """An action; feedback message and the two services are derived (protocol.md 1.6)."""
+
+    name: RosName
+    goal: MessageDef
+    result: MessageDef
+    feedback: MessageDef
+    feedback_message: MessageDef
+    send_goal: ServiceDef
+    get_result: ServiceDef
+    source: Source
+
+    @property
+    def messages(self) -> tuple[MessageDef, ...]:
+        return (
+            self.goal,
+            self.result,
+            self.feedback,
+            self.feedback_message,
+            *self.send_goal.messages,
+            *self.get_result.messages,
+        )
+
+
+Interface = MessageDef | ServiceDef | ActionDef
+
+
+def messages_of(interface: Interface) -> tuple[MessageDef, ...]:
+    """Every message class an interface becomes, dependencies first."""
+    return (interface,) if isinstance(interface, MessageDef) else interface.messages
+
+
+@dataclass(slots=True)
+class Findings:
+    """Collects problems over many files, so that one run shows them all."""
+
+    problems: list[Problem] = field(default_factory=list)
+
+    def add(self, location: Location, text: str) -> None:
+        self.problems.append(location.problem(text))

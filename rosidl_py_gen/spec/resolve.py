@@ -1,0 +1,237 @@
+"""From a search path and a selection to a checked set of interfaces: parsed, complete, free of cycles.
+
+`Library` parses on demand and never twice. `select` turns the user's filter into packages and interfaces and adds the
+dependency closure; `check` finds references to types that do not exist and types that contain themselves.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.descriptions import FieldRow, action_rows, default_text, describe, rihs01, service_rows
+from rosidl_py_gen.errors import DefinitionError, Problem
+from rosidl_py_gen.names import RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.spec.derive import IMPLIED
+from rosidl_py_gen.spec.interface import parse_interface, read_source
+from rosidl_py_gen.spec.model import (
+    FieldDef,
+    Findings,
+    Interface,
+    MessageDef,
+    messages_of,
+)
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.spec.find import SearchPath
+    from rosidl_py_gen.spec.model import Source
+
+_MAX_NESTING = 100
+_DERIVED = re.compile(r"_(Request|Response|Event|Goal|Result|Feedback|FeedbackMessage|SendGoal|GetResult)\Z")
+
+
+class Library:
+    """Interfaces by name, parsed when first asked for.
+
+    Attributes:
+        findings: what was wrong with the files read so far.
+    """
+
+    def __init__(self, search: SearchPath) -> None:
+        self.search = search
+        self.findings = Findings()
+        self._interfaces: dict[RosName, Interface | None] = {}
+        self._messages: dict[str, MessageDef] = {}
+        self._hashes: dict[str, str] = {}
+
+    def add_text(self, name: RosName, source: Source) -> Interface | None:
+        """Parse text that comes from no file of the search path; it hides a file of the same name."""
+        return self._keep(name, parse_interface(name, source, self.findings))
+
+    def interface(self, name: RosName) -> Interface | None:
+        """The interface of this name; None when there is no file, or it has problems (see `findings`)."""
+        if name not in self._interfaces:
+            path = self.search.file(name)
+            source = read_source(path, _shown(os.fspath(path)), self.findings) if path else None
+            self._keep(name, parse_interface(name, source, self.findings) if source else None)
+        return self._interfaces[name]
+
+    def exists(self, name: RosName) -> bool:
+        """Whether there is a file or text of this name, however broken."""
+        return name in self._interfaces or self.search.file(name) is not None
+
+    def message(self, full_name: str) -> MessageDef | None:
+        """A message by full name, derived ones (``pkg/srv/X_Request``) included."""
+        if full_name not in self._messages:
+            name = split_ros_name(full_name)
+            self.interface(name)
+            stem = name.name
+            while full_name not in self._messages and (cut := _DERIVED.search(stem)):
+                stem = stem[: cut.start()]
+                self.interface(name._replace(name=stem))
+        return self._messages.get(full_name)
+
+    def rows(self, full_name: str) -> Iterable[FieldRow]:
+        """The fields of any type, services and actions included, for a type description."""
+        message = self._messages.get(full_name)
+        if message is not None:
+            return [(item.name, item.type, default_text(item.default)) for item in message.fields]
+        package, kind, name = full_name.split("/")
+        if kind == "action" and not name.endswith(("_SendGoal", "_GetResult")):
+            return action_rows(full_name)
+        return service_rows(full_name)
+
+    def type_hash(self, full_name: str) -> str:
+        """RIHS01 of a message, service or action whose references all exist."""
+        if full_name not in self._hashes:
+            self._hashes[full_name] = rihs01(describe(full_name, self.rows))
+        return self._hashes[full_name]
+
+    def _keep(self, name: RosName, interface: Interface | None) -> Interface | None:
+        self._interfaces[name] = interface
+        if interface is not None:
+            for message in messages_of(interface):
+                self._messages[str(message.name)] = message
+        return interface
+
+
+def _shown(path: str) -> str:
+    relative = os.path.relpath(path)
+    return path if relative.startswith("..") else relative
+
+
+def split_filter(text: str) -> list[str]:
+    """``a:b;c`` -> the names in it; both separators count, blanks and empty parts do not."""
+    return [part.strip() for part in re.split("[:;,]", text) if part.strip()]
+
+
+def select(library: Library, wanted: list[str]) -> list[RosName]:
+    """The interfaces to generate: what the filter names, with its dependencies, in name order.
+
+    A package name selects the package and the packages it depends on, whole. A full name selects one interface and the
+    interfaces it needs. An empty filter selects every package found.
+
+    Raises:
+        DefinitionError: a name in the filter stands for nothing.
+    """
+    search = library.search
+    whole: dict[str, None] = {}
+    single: dict[RosName, None] = {}
+    problems: list[Problem] = []
+    for text in wanted or list(search.packages):
+        if "/" in text:
+            name = split_ros_name(text, "msg")
+            if search.file(name) is None:
+                known = [str(other) for package in search.packages.values() for other in package.files]
+                where = ", ".join(search.searched)
+                hint = did_you_mean(text, known)
+                problems.append(Problem("--filter", 0, 0, f'no interface "{text}"{hint} (searched: {where})'))
+            single[name] = None
+        elif text in search.packages:
+            whole[text] = None
+        else:
+            where = ", ".join(search.searched)
+            hint = did_you_mean(text, search.packages)
+            problems.append(Problem("--filter", 0, 0, f'no package "{text}"{hint} (searched: {where})'))
+    if problems:
+        raise DefinitionError(problems)
+    return _closure(library, list(whole), list(single))
+
+
+def _closure(library: Library, packages: list[str], names: list[RosName]) -> list[RosName]:
+    selected: dict[RosName, None] = {}
+    done: set[str] = set()
+    while packages or names:
+        if packages:
+            package = packages.pop()
+            if package in done:
+                continue
+            done.add(package)
+            for name in library.search.packages[package].files:
+                selected[name] = None
+                needed = {need.package for need in _needs(library, name)} | set(IMPLIED[name.kind])
+                packages += sorted(need for need in needed - done if need in library.search.packages)
+            continue
+        name = names.pop()
+        if name not in selected and library.search.file(name) is not None:
+            selected[name] = None
+            names += _needs(library, name)
+    return sorted(selected)
+
+
+def _needs(library: Library, name: RosName) -> list[RosName]:
+    interface = library.interface(name)
+    if interface is None:
+        return []
+    own = {str(message.name) for message in messages_of(interface)}
+    bases = {item.type.base for message in messages_of(interface) for item in message.fields if item.type.is_message}
+    return sorted(split_ros_name(base) for base in bases - own)
+
+
+def check(library: Library, names: Iterable[RosName]) -> None:
+    """Add a finding for every reference to a type that does not exist, and for every type that contains itself."""
+    state: dict[str, int] = {}  # depth of what is done; -1 while it is being visited
+    for name in names:
+        interface = library.interface(name)
+        if interface is not None:
+            for message in messages_of(interface):
+                _visit(library, message, state)
+
+
+def _visit(library: Library, top: MessageDef, state: dict[str, int]) -> None:
+    if str(top.name) in state:
+        return
+    stack = [(top, iter(top.fields), [0])]
+    state[str(top.name)] = -1
+    while stack:
+        message, fields, depth = stack[-1]
+        item = next((one for one in fields if one.type.is_message), None)
+        if item is None:
+            stack.pop()
+            state[str(message.name)] = depth[0]
+            if stack:
+                stack[-1][2][0] = max(stack[-1][2][0], depth[0] + 1)
+            continue
+        target = library.message(item.type.base)
+        if target is None:
+            _report_unknown(library, item)
+        elif state.get(item.type.base) == -1:
+            library.findings.add(item.location, f"{item.type.base} contains itself through this field")
+        elif item.type.base in state:
+            depth[0] = max(depth[0], state[item.type.base] + 1)
+        elif len(stack) > _MAX_NESTING:
+            library.findings.add(item.location, f"types are nested deeper than {_MAX_NESTING} levels here")
+        else:
+            state[item.type.base] = -1
+            stack.append((target, iter(target.fields), [0]))
+
+
+def _report_unknown(library: Library, item: FieldDef) -> None:
+    name = split_ros_name(item.type.base)
+    short = f"{name.package}/{name.name}"
+    if library.exists(name):
+        return  # the file is there and has problems of its own, reported there
+    package = library.search.packages.get(name.package)
+    if package is None:
+        where = ", ".join(library.search.searched) or "nothing"
+        known: Iterable[str] = library.search.packages
+        hint = did_you_mean(name.package, known)
+        library.findings.add(item.location, f'unknown package "{name.package}" for {short}{hint} (searched: {where})')
+        return
+    known = [f"{other.package}/{other.name}" for other in package.files if other.kind == "msg"]
+    library.findings.add(item.location, f'unknown type "{short}"{did_you_mean(short, known)}')
+
+
+def raise_findings(library: Library) -> None:
+    """Raise what was found, in file and line order.
+
+    Raises:
+        DefinitionError: when there is anything.
+    """
+    if library.findings.problems:
+        unique = dict.fromkeys(library.findings.problems)
+        raise DefinitionError(sorted(unique, key=lambda problem: (problem.path, problem.line, problem.column)))
+
+

@@ -1,0 +1,120 @@
+"""Syntax trees: what the grammars found, with columns, before anything was checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A piece of text and where it begins (1-based)."""
+
+    text: str
+    line: int
+    column: int
+
+
+@dataclass(frozen=True, slots=True)
+class TypeSyntax:
+    """The type of a .msg element. `array` is None, "fixed", "bounded" or "unbounded"; `size` its number."""
+
+    package: Word | None
+    name: Word
+    bound: Word | None
+    array: str | None
+    size: Word | None
+
+
+@dataclass(frozen=True, slots=True)
+class ElementSyntax:
+    """One element line of a .msg section. A constant has `value`, a field may have `default`."""
+
+    type: TypeSyntax
+    name: Word
+    is_constant: bool
+    value: Word | None
+
+
+class SyntaxProblem(Exception):
+    """The text does not follow the grammar."""
+
+    def __init__(self, line: int, column: int, text: str) -> None:
+        self.line = line
+        self.column = column
+        self.text = text
+        super().__init__(text)
+
+
+@dataclass(frozen=True, slots=True)
+class IdlExpression:
+    """A literal or a name: `kind` is number, boolean, string, wide_string or name; `text` joins adjacent literals."""
+
+    kind: str
+    text: str
+    at: Word
+
+
+@dataclass(frozen=True, slots=True)
+class IdlType:
+    """`kind` is base, string, sequence or name; `words` the keywords or name parts; `size` a bound."""
+
+    kind: str
+    words: tuple[str, ...]
+    element: IdlType | None
+    size: IdlExpression | None
+    at: Word
+
+
+@dataclass(frozen=True, slots=True)
+class IdlAnnotation:
+    name: str
+    value: IdlExpression | None
+    arguments: dict[str, IdlExpression]
+
+
+@dataclass(frozen=True, slots=True)
+class IdlDeclarator:
+    name: Word
+    sizes: tuple[IdlExpression, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IdlMember:
+    annotations: tuple[IdlAnnotation, ...]
+    type: IdlType
+    declarators: tuple[IdlDeclarator, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IdlStruct:
+    annotations: tuple[IdlAnnotation, ...]
+    name: Word
+    members: tuple[IdlMember, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class IdlConst:
+    annotations: tuple[IdlAnnotation, ...]
+    type: IdlType
+    name: Word
+    value: IdlExpression
+
+
+@dataclass(frozen=True, slots=True)
+class IdlTypedef:
+    type: IdlType
+    declarator: IdlDeclarator
+
+
+@dataclass(frozen=True, slots=True)
+class IdlEnum:
+    name: Word
+
+
+@dataclass(frozen=True, slots=True)
+class IdlModule:
+    name: Word
+    definitions: tuple[IdlDefinition, ...]
+
+
+IdlDefinition = IdlModule | IdlStruct | IdlConst | IdlTypedef | IdlEnum
