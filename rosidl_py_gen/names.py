@@ -1,6 +1,6 @@
 """Names of ROS interfaces and what they become in Python.
 
-Decides which names are legal (protocol.md 1.2) and how they are spelled in Python. Knows nothing of files, DDS or nodes.
+Decides which names are legal (protocol.md 1.2) and how they are spelled in Python. Knows nothing of files, DDS, nodes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Where the files that are not Python live: grammars beside the code, templates and interfaces in wheel or checkout.
 
-In a wheel `templates/` and `interfaces/` travel inside the package; in a checkout (editable install) they are at its top.
+In a wheel `templates/` and `interfaces/` travel inside the package; in a checkout (editable install) they are at the
+top.
 """
 
 from __future__ import annotations

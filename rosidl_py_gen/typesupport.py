@@ -5,16 +5,9 @@ Works on classes and instances of messages, and on service and action classes. I
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 from rosidl_py_gen.cdr.message import Action, Message, Service
 from rosidl_py_gen.descriptions import Description, FieldRow, action_rows, describe, service_rows
 from rosidl_py_gen.errors import TypeNotFoundError
-
-MessageClass: TypeAlias = type[Message]
-ServiceClass: TypeAlias = "type[Service[Message, Message]]"
-ActionClass: TypeAlias = "type[Action[Message, Message, Message]]"
-AnyType: TypeAlias = "Message | type[Message] | type[Service[Message, Message]] | type[Action[Message, Message, Message]]"
 
 _PARTS = {
     Service: ("Request", "Response", "Event"),

@@ -1,4 +1,4 @@
-"""Everything generated code needs at run time: base classes, CDR support and lazy packages (standard library + numpy)."""
+"""What generated code needs at run time: base classes, CDR support, lazy packages (standard library and numpy only)."""
 
 from rosidl_py_gen.cdr.lazy import lazy_exports
 from rosidl_py_gen.cdr.message import Action, Field, Message, Service, ServiceInfo, TypeInfo

@@ -1,6 +1,6 @@
 """Numeric arrays and sequences: from what users assign to bytes, and back to numpy.
 
-The good case (a one-dimensional numpy array of the right dtype) is recognised by three cheap tests and costs no copy here.
+The good case (a one-dimensional numpy array of the right dtype) is recognised by three cheap tests and costs no copy.
 Everything else is converted strictly: what would lose a value is an error, never a silent wrap-around.
 """
 
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[Any]
 
-# Struct code -> dtype. On the platforms we run on, the little-endian dtypes are numpy's native singletons, which is what
-# makes the `is` tests below right; `support` refuses other hosts.
+# Struct code -> dtype. On the platforms we run on, the little-endian dtypes are numpy's native singletons, which makes
+# the `is` tests below right; `support` refuses other hosts.
 DTYPES: dict[str, np.dtype[Any]] = {
     "?": np.dtype("bool"),
     "b": np.dtype("<i1"),

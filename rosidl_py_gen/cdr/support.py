@@ -19,6 +19,8 @@ from rosidl_py_gen.cdr.arrays import (
     fixed_converter,
     sequence_converter,
     shorten,
+)
+from rosidl_py_gen.cdr.arrays import (
     view_of_bools as view_of_bools,
 )
 
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
     Readable = bytes | bytearray | memoryview | NDArray[Any]
     T = TypeVar("T")
 
-# What the fast path may fail with: whatever a caller's own objects raise from __index__, __float__ and the like included.
+# What the fast path may fail with: anything, as a caller's own objects may raise what they like from __index__.
 Fault = Exception
 
 utf8 = str.encode  # not value.encode(): a message has an `encode` too

@@ -145,7 +145,9 @@ def recover_decode(cls: type[M], data: Readable, copy: bool, error: Exception | 
     except TypeError as wrong:
         raise DecodeError(cls._TYPE.name, 0, str(wrong)) from None
     if len(fixed) < 4:
-        raise DecodeError(cls._TYPE.name, len(fixed), f"expected a 4-byte encapsulation header, found {len(fixed)} bytes")
+        raise DecodeError(
+            cls._TYPE.name, len(fixed), f"expected a 4-byte encapsulation header, found {len(fixed)} bytes"
+        )
     if fixed[0] != 0 or fixed[1] > 1:
         raise DecodeError(
             cls._TYPE.name, 0, f"expected encapsulation 0000 or 0001 (plain CDR), found {bytes(fixed[:2]).hex()}"

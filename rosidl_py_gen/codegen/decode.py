@@ -1,7 +1,7 @@
 """The decoder of a message as statements.
 
-`raw` is what scalars and strings are read from, `view` what array views are taken of; `pos` is the offset of the next byte in
-the data, 4 more than the position the plan speaks of. While that is known statically, it is printed as a number.
+`raw` is what scalars and strings are read from, `view` what array views are taken of; `pos` is the offset of the next
+byte in the data, 4 more than the position the plan speaks of. While it is known statically, it is printed as a number.
 """
 
 from __future__ import annotations
@@ -290,7 +290,8 @@ class _Reader:
                 targets.append(local)
                 body.append(Assign(self.attribute(item.ref), local))
         for block in blocks:
-            body.append(Assign(self.attribute(block.ref), self.view(block.code, str(block.count), plus("pos", block.offset))))
+            view = self.view(block.code, str(block.count), plus("pos", block.offset))
+            body.append(Assign(self.attribute(block.ref), view))
         if blocks:
             body.append(Move("+=", str(step.stride)))
         unpack = self.structs.name("iter_unpack", run.unpack)

@@ -1,7 +1,7 @@
 """The encoder of a message as statements.
 
-A message without loops is one join of packed runs and contents. With loops the parts are collected in a list. `pos` is the
-position behind what was written so far, counted from the alignment origin; it is kept only where something reads it.
+A message without loops is one join of packed runs and contents. With loops the parts are collected in a list. `pos` is
+the position behind what was written so far, counted from the alignment origin; kept only where something reads it.
 """
 
 from __future__ import annotations
@@ -104,6 +104,9 @@ def _reads_pos(step: Step) -> bool:
             assert_never(step)
 
 
+Contents = dict[Ref, Text | Numbers | Strings | Loop]
+
+
 @dataclass(slots=True)
 class _Writer:
     imports: Imports
@@ -127,13 +130,13 @@ class _Writer:
     def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[Statement]:
         """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
         out: list[Statement] = []
-        contents = {step.ref: step for step in steps if isinstance(step, (Text, Numbers, Strings, Loop))}
+        contents: Contents = {step.ref: step for step in steps if isinstance(step, (Text, Numbers, Strings, Loop))}
         for index, step in enumerate(steps):
             needed = keep_pos or any(_reads_pos(later) for later in steps[index + 1 :])
             self.step(step, needed, contents, out)
         return out
 
-    def step(self, step: Step, needed: bool, contents: dict[Ref, Step], out: list[Statement]) -> None:
+    def step(self, step: Step, needed: bool, contents: Contents, out: list[Statement]) -> None:
         match step:
             case Enter():
                 name = self.names.name(step.ref.name)
@@ -207,7 +210,7 @@ class _Writer:
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: Run, needed: bool, contents: dict[Ref, Step], out: list[Statement]) -> None:
+    def run(self, run: Run, needed: bool, contents: Contents, out: list[Statement]) -> None:
         arguments: list[str] = []
         code = run.pack
         if self.header:
@@ -241,9 +244,8 @@ class _Writer:
         else:
             self.move(run.start, str(run.size + run.nul), needed, out)
 
-    def prepare(self, step: Step, out: list[Statement]) -> str:
+    def prepare(self, step: Text | Numbers | Strings | Loop, out: list[Statement]) -> str:
         """Fetch and convert a content before the run that carries its count; returns the count expression."""
-        assert isinstance(step, (Text, Numbers, Strings, Loop))
         source, kind = self.attribute(step.ref), step.type
         name = self.values[step.ref] = self.names.name(step.ref.name)
         if isinstance(step, Text):
@@ -262,7 +264,7 @@ class _Writer:
             out.append(Limit(f"len({name})", kind.capacity))
         return f"len({name})"
 
-    def fetch(self, step: Numbers | Strings | Loop, contents: dict[Ref, Step], out: list[Statement]) -> str:
+    def fetch(self, step: Numbers | Strings | Loop, contents: Contents, out: list[Statement]) -> str:
         """The variable that holds a content; a fixed array has no count, so it is fetched here."""
         if step.ref not in self.values:
             count = self.prepare(contents[step.ref], out)
@@ -270,12 +272,12 @@ class _Writer:
             out.append(Exactly(count, step.type.capacity))
         return self.values[step.ref]
 
-    def numbers(self, step: Numbers, needed: bool, contents: dict[Ref, Step], out: list[Statement]) -> None:
+    def numbers(self, step: Numbers, needed: bool, contents: Contents, out: list[Statement]) -> None:
         value = self.fetch(step, contents, out)
         scaled = f"{step.item_size} * len({value})" if step.item_size > 1 else f"len({value})"
         self.padded(step, value, value, scaled, needed, out)
 
-    def strings(self, step: Strings, needed: bool, contents: dict[Ref, Step], out: list[Statement]) -> None:
+    def strings(self, step: Strings, needed: bool, contents: Contents, out: list[Statement]) -> None:
         value = self.fetch(step, contents, out)
         if step.type.string_bound:
             self.support("limit_each")
@@ -310,7 +312,7 @@ class _Writer:
         else:
             self.move(start, f"{step.pad} + {size}" if step.pad else size, needed, out)
 
-    def loop(self, step: Loop, needed: bool, contents: dict[Ref, Step], out: list[Statement]) -> None:
+    def loop(self, step: Loop, needed: bool, contents: Contents, out: list[Statement]) -> None:
         value = self.fetch(step, contents, out)
         item = self.names.name(singular(step.ref.name))
         self.objects[step.number] = item

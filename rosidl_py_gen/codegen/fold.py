@@ -1,10 +1,12 @@
 """Break lines that are too long, the way `ruff format` leaves alone.
 
-A bracket whose content does not fit is opened up with one element a line and a trailing comma; the trailing comma is what
-makes the formatter keep it. Works on single logical lines of code, never on docstrings.
+A bracket whose content does not fit is opened up with one element a line and a trailing comma; the trailing comma is
+what makes the formatter keep it. Works on single logical lines of code, never on docstrings.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 WIDTH = 88
 _OPEN = {"(": ")", "[": "]", "{": "}"}
@@ -59,7 +61,7 @@ class Folder:
 
 
 def _wrap_plain_value(line: str) -> list[str]:
-    """``name = value`` whose value has no bracket to open: parentheses around it if they help, else as it is."""
+    """``name = value`` whose value has no bracket to open: in parentheses if they help, else as it is."""
     target, equals, value = line.partition(" = ")
     if not equals or _bracket(value) is not None or len(_split(target.strip())) > 1:
         return []
@@ -82,7 +84,7 @@ def _parenthesise(line: str) -> str:
 
 
 def _bracket(line: str) -> tuple[int, int] | None:
-    """The bracket to open: the last one with content at the outermost level; on the left of `=` only if none is right."""
+    """The bracket to open: a list of targets first, else the last one with content at the outermost level."""
     found: list[tuple[int, int]] = []
     stack: list[int] = []
     for index, char in _code(line):
@@ -132,5 +134,5 @@ def _split(content: str) -> list[str]:
         elif char == "," and depth == 0:
             cuts.append(index)
     cuts.append(len(content))
-    parts = [content[left + 1 : right].strip() for left, right in zip(cuts, cuts[1:], strict=False)]
+    parts = [content[left + 1 : right].strip() for left, right in pairwise(cuts)]
     return [part for part in parts if part]

@@ -1,7 +1,7 @@
 """Plan the wire layout of a message.
 
-Only this file knows CDR alignment (protocol.md 2.2). It turns fields into steps; views and templates print steps and never
-count bytes. A struct has no alignment of its own, so a nested message is laid out wherever the outer one happens to be.
+Only this file knows CDR alignment (protocol.md 2.2). It turns fields into steps; views and templates print steps and
+never count bytes. A struct has no alignment of its own, so a nested message is laid out wherever the outer one is.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from rosidl_py_gen.names import py_name
 if TYPE_CHECKING:
     from rosidl_py_gen.spec.model import MessageDef
 
-# A nested message of more leaves than this is called, not printed in line. It bounds the generated code to a multiple of
-# the definition; every common message (Odometry has 22 leaves, Marker 43) stays flat.
+# A nested message of more leaves than this is called, not printed in line. It bounds the generated code to a multiple
+# of the definition; every common message (Odometry has 22 leaves, Marker 43) stays flat.
 INLINE_WEIGHT = 48
 # A fixed array of more bytes than this is joined as it is instead of being copied through a struct.
 BLOCK_BYTES = 1024
@@ -372,9 +372,7 @@ class _Builder:
                 break
             entry = met
         self.objects = inner.objects
-        self.steps.append(
-            Loop(ref, kind, number, LoopMode.INLINE, tuple(inner.steps), 0, least, 0, 1, begin)
-        )
+        self.steps.append(Loop(ref, kind, number, LoopMode.INLINE, tuple(inner.steps), 0, least, 0, 1, begin))
         self.now = replace(entry, static=None)
 
     def _packed(self, ref: Ref, kind: FieldType, number: int, least: int) -> Loop | None:

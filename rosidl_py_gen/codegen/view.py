@@ -125,7 +125,8 @@ def module_view(interface: Interface, layouts: Layouts, target: Target) -> Modul
     own = {str(message.name): py_name(message.name.name) for message in messages}
     taken = {*exported_names(interface)}
     for message in messages:
-        taken.update(py_name(item.name) for item in (*message.fields, *message.constants))
+        taken.update(py_name(item.name) for item in message.fields)
+        taken.update(py_name(item.name) for item in message.constants)
     imports = Imports(frozenset(taken))
     structs = Structs.new()
     classes = dict(own)
@@ -256,9 +257,8 @@ def _group(
     }
     spelled = [(part, py_name(full.name)) for part, full in parts]
     generic = ", ".join(cls for _, cls in spelled[:parameters])
-    return GroupView(
-        py_name(name.name), imports.use(_CDR, base), generic, str(name), target.hashes(str(name)), doc, tuple(spelled), names
-    )  # fmt: skip
+    cls, base = py_name(name.name), imports.use(_CDR, base)
+    return GroupView(cls, base, generic, str(name), target.hashes(str(name)), doc, tuple(spelled), names)
 
 
 def _service(service: ServiceDef, doc: tuple[str, ...], imports: Imports, target: Target) -> GroupView:
@@ -292,6 +292,6 @@ class KindView:
 def kind_view(root: str, package: str, kind: str, interfaces: Iterable[tuple[RosName, tuple[str, ...]]]) -> KindView:
     exports = [(cls, module_name(name.name)) for name, classes in interfaces for cls in classes]
     names = tuple(sorted((cls for cls, _ in exports), key=sort_key))
-    return KindView(root, package, kind, tuple(sorted(exports, key=lambda pair: (sort_key(pair[1]), sort_key(pair[0])))), names)
-
-
+    return KindView(
+        root, package, kind, tuple(sorted(exports, key=lambda pair: (sort_key(pair[1]), sort_key(pair[0])))), names
+    )

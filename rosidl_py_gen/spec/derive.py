@@ -103,9 +103,7 @@ def _service(
     )
 
 
-def _message(
-    name: RosName, fields: Sequence[tuple[str, FieldType, str]], source: Source, comment: str
-) -> MessageDef:
+def _message(name: RosName, fields: Sequence[tuple[str, FieldType, str]], source: Source, comment: str) -> MessageDef:
     at = Location(source, 1, 1)
     defs = tuple(FieldDef(field, kind, None, (text,), "", at) for field, kind, text in fields)
     return MessageDef(name, defs, (), (comment,), source)

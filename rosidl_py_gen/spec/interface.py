@@ -6,6 +6,7 @@ that a run over many files shows them all.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import Problem
@@ -20,7 +21,11 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.names import RosName
 
-_SECTIONS: dict[str, tuple[str, ...]] = {"msg": ("",), "srv": ("Request", "Response"), "action": ("Goal", "Result", "Feedback")}
+_SECTIONS: dict[str, tuple[str, ...]] = {
+    "msg": ("",),
+    "srv": ("Request", "Response"),
+    "action": ("Goal", "Result", "Feedback"),
+}
 
 
 def read_source(path: Path, shown: str, findings: Findings) -> Source | None:
@@ -82,4 +87,4 @@ def _split(kind: str, source: Source, findings: Findings) -> list[tuple[int, lis
         findings.add(Location(source, place, 1), text)
         return None
     bounds = [-1, *cuts, len(lines)]
-    return [(start + 2, lines[start + 1 : end]) for start, end in zip(bounds, bounds[1:], strict=False)]
+    return [(start + 2, lines[start + 1 : end]) for start, end in pairwise(bounds)]

@@ -228,5 +228,3 @@ def _tidy(lines: list[str], with_unit: bool = True) -> tuple[tuple[str, ...], st
     while kept and not kept[-1]:
         kept.pop()
     return tuple(textwrap.dedent("\n".join(kept)).split("\n")) if kept else (), unit
-
-

@@ -51,7 +51,7 @@ class Location:
 
 @dataclass(frozen=True, slots=True)
 class FieldDef:
-    """One field. `default` is None when the definition gives none; arrays have tuples. `unit` is the text in brackets."""
+    """One field. `default` is None when there is none, a tuple for arrays; `unit` is the text in brackets."""
 
     name: str
     type: FieldType

@@ -243,7 +243,7 @@ class _Idl(Transformer[Token, Any]):
 
     def annotation(self, children: list[Any]) -> IdlAnnotation:
         name: IdlExpression = children[0]
-        arguments = dict(child for child in children[1:] if isinstance(child, tuple))
+        arguments: dict[str, IdlExpression] = dict(child for child in children[1:] if isinstance(child, tuple))
         value = next((child for child in children[1:] if isinstance(child, IdlExpression)), None)
         return IdlAnnotation(name.text, value, arguments)
 

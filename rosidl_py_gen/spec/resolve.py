@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.descriptions import FieldRow, action_rows, default_text, describe, rihs01, service_rows
-from rosidl_py_gen.errors import DefinitionError, Problem
+from rosidl_py_gen.errors import DefinitionError, Problem, TypeNotFoundError
 from rosidl_py_gen.names import RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.spec.derive import IMPLIED
 from rosidl_py_gen.spec.interface import parse_interface, read_source
@@ -75,12 +75,14 @@ class Library:
 
     def rows(self, full_name: str) -> Iterable[FieldRow]:
         """The fields of any type, services and actions included, for a type description."""
-        message = self._messages.get(full_name)
+        message = self.message(full_name)
         if message is not None:
             return [(item.name, item.type, default_text(item.default)) for item in message.fields]
-        package, kind, name = full_name.split("/")
-        if kind == "action" and not name.endswith(("_SendGoal", "_GetResult")):
+        name = split_ros_name(full_name)
+        if name.kind == "action" and self.interface(name) is not None:
             return action_rows(full_name)
+        if self.message(f"{full_name}_Request") is None:
+            raise TypeNotFoundError(f"no interface {full_name}")
         return service_rows(full_name)
 
     def type_hash(self, full_name: str) -> str:
@@ -233,5 +235,3 @@ def raise_findings(library: Library) -> None:
     if library.findings.problems:
         unique = dict.fromkeys(library.findings.problems)
         raise DefinitionError(sorted(unique, key=lambda problem: (problem.path, problem.line, problem.column)))
-
-

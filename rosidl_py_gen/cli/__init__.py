@@ -1,0 +1,145 @@
+"""The command line. The only package that imports click.
+
+This file knows the commands and how errors end a run; each command's body is in a file of its own and loaded when it
+runs, so that ``--help`` is quick.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import Any
+
+import click
+
+from rosidl_py_gen import __version__
+from rosidl_py_gen.errors import DefinitionError, RosidlError
+
+_PATH = click.option(
+    "--path",
+    "paths",
+    multiple=True,
+    metavar="DIR",
+    help="A package folder, a folder of packages or a workspace's src; may be given several times. "
+    "Looked through before AMENT_PREFIX_PATH and the bundled interfaces.",
+)
+_JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+
+
+class _Failure(Exception):
+    """A command ended with an exit code after it said what there was to say."""
+
+    def __init__(self, code: int) -> None:
+        self.code = code
+        super().__init__(str(code))
+
+
+def _run(module: str, **arguments: Any) -> None:
+    code = import_module(f"rosidl_py_gen.cli.{module}").run(**arguments)
+    if code:
+        raise _Failure(code)
+
+
+@click.group(invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="rosidl-py-gen")
+@_PATH
+@click.option(
+    "--filter",
+    "selection",
+    envvar="IDL_PACKAGE_FILTER",
+    default="",
+    metavar="NAMES",
+    help="Packages, or single interfaces as package/msg/Name, separated by : or ; (default: IDL_PACKAGE_FILTER, else "
+    "everything found). What they depend on is added.",
+)
+@click.option("--out", default=".", metavar="DIR", show_default=True, help="Receives the generated packages.")
+@click.option("--check", is_flag=True, help="Write nothing; exit with 1 if anything would change.")
+@click.option("--list", "listing", is_flag=True, help="Print the packages found, and from where.")
+@_JSON
+@click.pass_context
+def _cli(context: click.Context, /, **arguments: Any) -> None:
+    """Generate typed Python packages from ROS 2 interface definitions.
+
+    \b
+    rosidl-py-gen --filter std_msgs:geometry_msgs
+    rosidl-py-gen --path ~/robot_ws/src --filter my_msgs --out generated
+    """
+    if context.invoked_subcommand is None:
+        _run("generate", **arguments)
+
+
+@_cli.command()
+@click.argument("name")
+@_PATH
+@_JSON
+def plan(**arguments: Any) -> None:
+    """Print the wire layout of a message: offsets, runs, alignment, sizes.
+
+    NAME is a message such as geometry_msgs/msg/PoseStamped.
+    """
+    _run("plan", **arguments)
+
+
+@_cli.command()
+@click.argument("names", nargs=-1)
+@_PATH
+@_JSON
+def check(**arguments: Any) -> None:
+    """Read definitions and report their problems, generating nothing.
+
+    NAMES are packages or interfaces; everything found when there are none.
+    """
+    _run("check", **arguments)
+
+
+@_cli.command()
+@click.argument("name")
+@_PATH
+@click.option("--full", is_flag=True, help="The text bags carry: the definition and every one it uses.")
+@_JSON
+def interface(**arguments: Any) -> None:
+    """Print a definition and its type hash.
+
+    NAME is an interface such as std_srvs/srv/SetBool; --json prints the type description.
+    """
+    _run("interface", **arguments)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The console script: exit code 0 when all is well, 1 for problems found, 2 for a wrong command line."""
+    as_json = "--json" in (sys.argv[1:] if arguments is None else arguments)
+    try:
+        _cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
+    except _Failure as failure:
+        sys.exit(failure.code)
+    except RosidlError as error:
+        _report(error, as_json)
+        sys.exit(1)
+    except click.exceptions.Exit as done:
+        sys.exit(done.exit_code)
+    except click.ClickException as wrong:
+        wrong.show()
+        sys.exit(wrong.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("interrupted; every file written is whole", err=True)
+        sys.exit(130)
+
+
+def _report(error: RosidlError, as_json: bool) -> None:
+    problems = error.problems if isinstance(error, DefinitionError) else ()
+    if as_json:
+        import json
+
+        rows = [{"path": p.path, "line": p.line, "column": p.column, "text": p.text} for p in problems]
+        click.echo(json.dumps({"errors": rows or [{"path": "", "line": 0, "column": 0, "text": str(error)}]}, indent=2))
+        return
+    for problem in problems:
+        first, *rest = problem.with_caret().split("\n")
+        where = first.removesuffix(problem.text)
+        click.echo(click.style(where, bold=True) + click.style(problem.text, fg="red"), err=True)
+        for line in rest:
+            click.echo(line, err=True)
+    if len(problems) > 1:
+        click.echo(f"{len(problems)} problems; nothing was written", err=True)
+    elif not problems:
+        click.echo(click.style(f"error: {error}", fg="red"), err=True)

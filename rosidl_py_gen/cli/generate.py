@@ -1,0 +1,116 @@
+"""The main job: generate packages, or list what could be generated."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen.generate import generate
+from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.spec.resolve import split_filter
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.generate import Run
+    from rosidl_py_gen.names import RosName
+    from rosidl_py_gen.spec.find import SearchPath
+
+_SILENT_S = 1.0  # a progress bar appears when a run takes longer than this
+
+
+def run(paths: tuple[str, ...], selection: str, out: str, check: bool, listing: bool, as_json: bool) -> int:
+    """Returns the exit code."""
+    search = search_path(paths)
+    if listing:
+        _list(search, as_json)
+        return 0
+    progress = _Progress()
+    try:
+        result = generate(search, split_filter(selection), Path(out), dry=check, progress=progress)
+    finally:
+        progress.close()
+    changed = bool(result.changes.written or result.changes.removed)
+    _print(result, out, check, as_json)
+    return 1 if check and changed else 0
+
+
+class _Progress:
+    """A bar on the terminal once a run has taken a second; silent otherwise."""
+
+    def __init__(self) -> None:
+        self._start = time.monotonic()
+        self._bar: Any = None
+        self._terminal = sys.stderr.isatty()
+
+    def __call__(self, name: RosName, done: int, total: int) -> None:
+        if not self._terminal or time.monotonic() - self._start < _SILENT_S:
+            return
+        if self._bar is None:
+            self._bar = click.progressbar(length=total, label="generating", file=sys.stderr)
+            self._bar.__enter__()
+            self._bar.update(done)
+        self._bar.update(1)
+
+    def close(self) -> None:
+        if self._bar is not None:
+            self._bar.__exit__(None, None, None)
+
+
+def _print(result: Run, out: str, check: bool, as_json: bool) -> None:
+    changes = result.changes
+    if as_json:
+        click.echo(
+            json.dumps(
+                {
+                    "out": out,
+                    "interfaces": [str(name) for name in result.names],
+                    "written": list(changes.written),
+                    "removed": list(changes.removed),
+                    "unchanged": changes.unchanged,
+                },
+                indent=2,
+            )
+        )
+        return
+    if check:
+        for name in changes.written:
+            click.echo(f"would write {Path(out) / name}")
+        for name in changes.removed:
+            click.echo(f"would remove {Path(out) / name}")
+    packages = len({name.package for name in result.names})
+    verb = "would be written" if check else "written"
+    click.echo(
+        f"{len(result.names)} interfaces in {packages} packages: {len(changes.written)} files {verb}, "
+        f"{len(changes.removed)} removed, {changes.unchanged} unchanged"
+    )
+
+
+def _list(search: SearchPath, as_json: bool) -> None:
+    rows = [(package, True) for package in search.packages.values()] + [(package, False) for package in search.hidden]
+    rows.sort(key=lambda row: (row[0].name, not row[1]))
+    if as_json:
+        click.echo(
+            json.dumps(
+                [
+                    {
+                        "package": package.name,
+                        "folder": str(package.folder),
+                        "origin": package.origin,
+                        "used": used,
+                        "interfaces": [str(name) for name in package.files],
+                    }
+                    for package, used in rows
+                ],
+                indent=2,
+            )
+        )
+        return
+    width = max((len(package.name) for package, _ in rows), default=0)
+    for package, used in rows:
+        note = "" if used else "  (hidden by the one above)"
+        place = package.origin if package.origin == "bundled" else str(package.folder)
+        click.echo(f"{click.style(package.name.ljust(width), bold=used)}  {len(package.files):3}  {place}{note}")

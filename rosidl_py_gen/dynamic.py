@@ -1,0 +1,287 @@
+"""Classes at run time: by name from what is importable or on the search path, and from the text bags carry.
+
+There is one class per type in a process. A class already loaded for the same RIHS01 hash is used again; packages are
+imported only when this tool generated them, because importing runs code and names come from files and networks.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import threading
+from importlib import import_module
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rosidl_py_gen.cdr.message import Action, Message, Service
+from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem, TypeNotFoundError
+from rosidl_py_gen.names import RosName, did_you_mean, py_name, split_ros_name
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.spec.find import SearchPath
+    from rosidl_py_gen.spec.resolve import Library
+
+T = TypeVar("T")
+
+_MEMORY = "rosidl_py_gen_memory"  # top of the module names of classes compiled in memory
+_lock = threading.RLock()
+_loaded: dict[tuple[str, str], type] = {}  # (full name, RIHS01) -> class
+_by_name: dict[tuple[str, tuple[str, ...]], type] = {}
+_libraries: dict[tuple[str, ...], Library] = {}
+_worlds = 0
+
+
+def get_message(name: str, *, path: Sequence[str | os.PathLike[str]] = ()) -> type[Message]:
+    """The class of ``std_msgs/msg/String`` (or short ``std_msgs/String``).
+
+    The generated class if it is importable, else compiled in memory from `path`, AMENT_PREFIX_PATH or the bundled
+    interfaces. Messages of services and actions have names too: ``std_srvs/srv/SetBool_Request``.
+
+    Raises:
+        InvalidNameError: the name has another shape.
+        TypeNotFoundError: there is no such message.
+        DefinitionError: its definition has problems.
+    """
+    return _get(name, "msg", Message, tuple(str(entry) for entry in path))
+
+
+def get_service(name: str, *, path: Sequence[str | os.PathLike[str]] = ()) -> type[Service[Any, Any]]:
+    """The class of ``std_srvs/srv/SetBool``; errors as `get_message`."""
+    return _get(name, "srv", Service, tuple(str(entry) for entry in path))
+
+
+def get_action(name: str, *, path: Sequence[str | os.PathLike[str]] = ()) -> type[Action[Any, Any, Any]]:
+    """The class of ``example_interfaces/action/Fibonacci``; errors as `get_message`."""
+    return _get(name, "action", Action, tuple(str(entry) for entry in path))
+
+
+def compile_text(name: str, text: str) -> type[Any]:
+    """A class from the definition text that bags and MCAP files carry.
+
+    Args:
+        name: full name of the first definition; its kind (msg, srv, action) says how the text is read.
+        text: ros2msg text: the definition, then for each type it uses a line of ``=`` characters, a line
+            ``MSG: package/Name`` and its definition; or the same with ``IDL: package/msg/Name``. Types the text lacks
+            are taken from the search path.
+
+    Returns:
+        A message, service or action class; one that is loaded already if it says the same.
+
+    Raises:
+        InvalidNameError: a name has another shape.
+        DefinitionError: the text has problems, located as ``<name>:line:column``.
+    """
+    from rosidl_py_gen.spec.find import SearchPath
+    from rosidl_py_gen.spec.model import Source
+    from rosidl_py_gen.spec.resolve import Library, check, raise_findings
+
+    top = split_ros_name(name, "msg")
+    defaults = _library(()).search
+    library = Library(SearchPath(defaults.packages, [], ["the text", *defaults.searched]))
+    names = []
+    for part, body, is_idl in _parts(top, text):
+        library.add_text(part, Source(f"<{part}>", body, "idl" if is_idl else part.kind))
+        names.append(part)
+    with _lock:
+        check(library, names)
+        raise_findings(library)
+        return _class(library, top)
+
+
+_SEPARATOR = re.compile(r"^=+[ \t]*$")
+_PART_NAME = re.compile(r"^(MSG|IDL):\s*(\S+)\s*$")
+
+
+def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
+    """The definitions in a concatenated text; locations count from the first line of each."""
+    lines = text.splitlines()
+    cuts = [
+        index
+        for index, line in enumerate(lines[:-1])
+        if len(line) >= 8 and _SEPARATOR.match(line) and _PART_NAME.match(lines[index + 1])
+    ]
+    bounds = [*cuts, len(lines)]
+    first = lines[: bounds[0]]
+    is_idl = any(re.match(r"\s*(module\s+\w+\s*\{|#include\b)", line) for line in first)
+    if cuts and cuts[0] == 0:
+        first = []
+    parts = [(top, "\n".join(first), is_idl)] if first or not cuts else []
+    for start, end in pairwise(bounds):
+        found = _PART_NAME.match(lines[start + 1])
+        assert found is not None
+        try:
+            part = split_ros_name(found[2], "msg")
+        except InvalidNameError as error:
+            problem = Problem(f"<{top}>", start + 2, 1, str(error), lines[start + 1])
+            raise DefinitionError(problem) from error
+        parts.append((part, "\n".join(lines[start + 2 : end]), found[1] == "IDL"))
+    return parts
+
+
+# --- by name ----------------------------------------------------------------------------------------------------------
+
+
+def _get(text: str, kind: str, base: type[T], path: tuple[str, ...]) -> type[T]:
+    name = split_ros_name(text, kind)
+    full_name = str(name)
+    with _lock:
+        cls: type | None = _by_name.get((full_name, path))
+        if cls is None:
+            cls = None if path else _importable(name)
+            cls = cls or _from_definitions(name, path)
+            _by_name[full_name, path] = cls
+    if not issubclass(cls, base):
+        raise TypeNotFoundError(f"{full_name} is a {cls.__mro__[-3].__name__.lower()}, not a {base.__name__.lower()}")
+    return cls
+
+
+def _importable(name: RosName, wanted_hash: str = "") -> type | None:
+    """The generated class that `import` finds, without importing anything this tool did not generate."""
+    for root in ("", "rosidl_py_gen.msgs."):
+        if root == "rosidl_py_gen.msgs." and find_spec(root + name.package) is None:
+            continue
+        if not _is_ours(root + name.package):
+            continue
+        try:
+            package = import_module(f"{root}{name.package}.{name.kind}")
+            cls = getattr(package, py_name(name.name), None)
+        except ImportError:
+            continue
+        info = getattr(cls, "_TYPE", None)
+        right = getattr(info, "name", "") == str(name) and wanted_hash in ("", getattr(info, "hash", ""))
+        if isinstance(cls, type) and right:
+            return cls
+    return None
+
+
+def _is_ours(package: str) -> bool:
+    loaded = sys.modules.get(package)
+    try:
+        spec: ModuleSpec | None = loaded.__spec__ if loaded is not None else find_spec(package)
+    except (ImportError, ValueError, AttributeError):
+        return False
+    origin = spec.origin if spec is not None else None
+    if origin is None or not origin.endswith("__init__.py"):
+        return False
+    from rosidl_py_gen.codegen.write import owns
+
+    return owns(Path(origin))
+
+
+def _library(path: tuple[str, ...]) -> Library:
+    """The parsed interfaces of a search path, kept; a file that changes afterwards is not read again."""
+    from rosidl_py_gen.spec.find import search_path
+    from rosidl_py_gen.spec.resolve import Library
+
+    if path not in _libraries:
+        _libraries[path] = Library(search_path(path))
+    return _libraries[path]
+
+
+def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
+    from rosidl_py_gen.spec.resolve import check, raise_findings
+
+    library = _library(path)
+    top = _interface_of(library, name)
+    if top is None:
+        raise TypeNotFoundError(_not_found(library.search, name))
+    interface_problems = len(library.findings.problems)
+    check(library, [top])
+    if len(library.findings.problems) > interface_problems or library.interface(top) is None:
+        raise_findings(library)
+    return _class(library, name)
+
+
+def _interface_of(library: Library, name: RosName) -> RosName | None:
+    """The file a name comes from: its own, or for X_Request that of X."""
+    stem = name.name
+    while True:
+        candidate = name._replace(name=stem)
+        if library.exists(candidate):
+            return candidate
+        stem, underscore, _ = stem.rpartition("_")
+        if not underscore:
+            return None
+
+
+def _not_found(search: SearchPath, name: RosName) -> str:
+    where = ", ".join(search.searched) or "nothing"
+    if name.package not in search.packages:
+        hint = did_you_mean(name.package, search.packages)
+        return f'no package "{name.package}" for {name}{hint} (searched: {where})'
+    known = [str(other) for other in search.packages[name.package].files]
+    return f"no interface {name}{did_you_mean(str(name), known)} (searched: {where})"
+
+
+# --- compile in memory ------------------------------------------------------------------------------------------------
+
+
+def _class(library: Library, name: RosName) -> type:
+    """The class of a checked type: loaded already, importable, or compiled now."""
+    key = str(name), library.type_hash(str(name))
+    if key not in _loaded:
+        _loaded[key] = _existing(library, name) or _compile(library, name)
+    return _loaded[key]
+
+
+def _existing(library: Library, name: RosName) -> type | None:
+    from rosidl_py_gen.generate import own_classes
+
+    cls = _importable(name, library.type_hash(str(name)))
+    if cls is not None and cls.__module__.startswith("rosidl_py_gen.msgs."):
+        interface = _interface_of(library, name) or name
+        return cls if own_classes(library)(str(interface)) else None
+    return cls
+
+
+def _compile(library: Library, name: RosName) -> type:
+    from rosidl_py_gen.codegen import Layouts, Target, module_path, module_source
+    from rosidl_py_gen.spec.model import messages_of
+
+    global _worlds
+    _worlds += 1
+    root = f"{_MEMORY}.w{_worlds}."
+    layouts = Layouts(library.message)
+    modules: dict[str, str] = {}
+
+    def known(full_name: str) -> str | None:
+        """Compile what the type needs first, or find it."""
+        if full_name not in modules:
+            needed = split_ros_name(full_name)
+            cls = _class(library, needed) if needed != top else None
+            modules[full_name] = cls.__module__ if cls else root + module_path(full_name)
+        return modules[full_name]
+
+    top = _interface_of(library, name)
+    interface = library.interface(top) if top else None
+    assert top is not None and interface is not None
+    own = {str(message.name) for message in messages_of(interface)}
+    target = Target(root, lambda full_name: None if full_name in own or full_name == str(top) else known(full_name),
+                    library.type_hash)  # fmt: skip
+    source = module_source(library, top, layouts, target)
+    module = _run(root + module_path(str(top)), source)
+    for exported in module.__all__:
+        cls = getattr(module, exported)
+        _loaded[cls._TYPE.name, cls._TYPE.hash] = cls
+    return _loaded[str(name), library.type_hash(str(name))]
+
+
+def _run(module_name: str, source: str) -> ModuleType:
+    """Execute generated source as a module that pickle and typing can find again."""
+    for end in [index for index, char in enumerate(module_name) if char == "."]:
+        parent = module_name[:end]
+        if parent not in sys.modules:
+            package = ModuleType(parent, "Interface classes compiled in memory.")
+            package.__path__ = []
+            sys.modules[parent] = package
+    module = ModuleType(module_name)
+    sys.modules[module_name] = module
+    exec(compile(source, f"<{module_name}>", "exec"), module.__dict__)
+    return module
