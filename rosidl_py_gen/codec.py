@@ -38,4 +38,4 @@ def decode(cls: type[M], data: Readable, *, copy: bool = False) -> M:
 
     Source: protocol.md 2.
     """
-    return cls._decode(data, copy=copy)
+    return cls._decode(data, copy)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import keyword
 import re
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import InvalidNameError
@@ -99,6 +98,8 @@ def py_name(name: str) -> str:
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """``; did you mean "x"?`` for the closest known word, or an empty string."""
+    from difflib import get_close_matches  # slow to import, and only errors need it
+
     word = word[:256]  # comparing costs the product of the lengths
     close = get_close_matches(word, known, n=1, cutoff=0.7)
     return f'; did you mean "{close[0]}"?' if close else ""

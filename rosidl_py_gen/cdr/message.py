@@ -123,13 +123,13 @@ class Message:
         Raises:
             DecodeError: names field path and byte offset.
         """
-        return cls._decode(data, copy=copy)
+        return cls._decode(data, copy)
 
     def _encode(self) -> bytes:
         raise TypeError(f"{type(self).__name__} is not a generated message class")
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         raise TypeError(f"{cls.__name__} is not a generated message class")
 
     def __eq__(self, other: object) -> bool:

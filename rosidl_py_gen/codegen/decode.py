@@ -34,6 +34,7 @@ from rosidl_py_gen.codegen.statements import (
     NUMPY_DTYPE,
     Align,
     Assign,
+    CheckHeader,
     Create,
     For,
     Limit,
@@ -61,18 +62,27 @@ _HEADER_BYTES = 4
 
 @dataclass(frozen=True, slots=True)
 class DecoderView:
-    """The decoder as the template prints it; `uses_view`: it takes array views, so it needs `view` besides `raw`."""
+    """The decoder as the template prints it.
+
+    Attributes:
+        statements: the body.
+        uses_view: it takes array views, so it needs `view` besides `raw`.
+        checks_header: the first run reads the encapsulation header too.
+    """
 
     statements: tuple[Statement, ...]
     uses_view: bool
+    checks_header: bool
 
 
 def decoder_view(plan: Plan, imports: Imports, structs: Structs, classes: dict[str, str]) -> DecoderView:
     """The decoder of one message; for a heavy one the body of `_read`."""
-    reader = _Reader(imports, structs, classes)
+    first = next(step for step in plan.steps if not isinstance(step, Enter))
+    with_header = not plan.heavy and isinstance(first, Run)
+    reader = _Reader(imports, structs, classes, header=with_header)
     reader.objects[0] = "message"
     body = reader.scope(plan.steps, keep_pos=plan.heavy)
-    return DecoderView(tuple(body), reader.uses_view or plan.heavy)
+    return DecoderView(tuple(body), reader.uses_view or plan.heavy, with_header)
 
 
 @dataclass(slots=True)
@@ -80,13 +90,15 @@ class _Reader:
     imports: Imports
     structs: Structs
     classes: dict[str, str]
+    header: bool = False  # the next run begins with the encapsulation header
+    late: bool = False  # the position is `end + 1`, behind a string's NUL, and `pos` does not say so yet
     uses_view: bool = False
     objects: dict[int, str] = field(default_factory=dict)
     counts: dict[Ref, str] = field(default_factory=dict)
     names: Locals = field(default_factory=Locals)
 
     def support(self, name: str) -> str:
-        return self.imports.use(_SUPPORT, name)
+        return self.imports.use(_SUPPORT, name, in_class=False)
 
     def attribute(self, ref: Ref) -> str:
         return f"{self.objects[ref.owner]}.{ref.name}"
@@ -100,8 +112,17 @@ class _Reader:
         out: list[Statement] = []
         for index, step in enumerate(steps):
             needed = keep_pos or any(not isinstance(later, (Enter, Nul)) for later in steps[index + 1 :])
+            if not (isinstance(step, Enter | Nul) or (isinstance(step, Run) and step.align > 1)):
+                self.catch_up(out)
             self.step(step, needed, out)
+        if keep_pos:
+            self.catch_up(out)
         return out
+
+    def catch_up(self, out: list[Statement]) -> None:
+        if self.late:
+            self.late = False
+            out.append(Move("=", "end + 1"))
 
     def step(self, step: Step, needed: bool, out: list[Statement]) -> None:
         match step:
@@ -147,7 +168,9 @@ class _Reader:
 
     def align(self, align: int, when: str, out: list[Statement]) -> None:
         # (pos - 4) rounded up, plus 4; up to 4 the header does not matter.
-        expression = "(pos + 3 & -8) + 4" if align == 8 else f"pos + {align - 1} & -{align}"
+        name, more = ("end", 1) if self.late else ("pos", 0)
+        self.late = False
+        expression = f"({name} + {3 + more} & -8) + 4" if align == 8 else f"{name} + {align - 1 + more} & -{align}"
         out.append(Align("pos", expression, when))
 
     def move(self, at: str, distance: str, out: list[Statement]) -> None:
@@ -177,9 +200,16 @@ class _Reader:
                     pass
                 case _:
                     assert_never(item)
-        unpack = self.structs.name("unpack_from", run.unpack)
+        code, offset_argument = run.unpack, f", {at}"
+        if self.header:
+            code, offset_argument = "Hxx" + code, ""
+            targets.insert(0, "head")
+        unpack = self.structs.name("unpack_from", code)
         joined = ", ".join(targets) + ("," if len(targets) == 1 else "")
-        out.append(Unpack(f"({joined})" if len(targets) == 1 else joined, f"{unpack}(raw, {at})"))
+        out.append(Unpack(f"({joined})" if len(targets) == 1 else joined, f"{unpack}(raw{offset_argument})"))
+        if self.header:
+            self.header = False
+            out.append(CheckHeader())
         out += blocks
         if needed and at == "pos":
             out.append(Move("+=", str(run.size)))
@@ -206,10 +236,8 @@ class _Reader:
             if needed:
                 self.move(at, f"4 * {count}", out)
             return
-        end = "end" if at == "pos" else "pos"
-        out.append(ReadText(target, at, end, count))
-        if needed and end == "end":
-            out.append(Move("=", "end"))
+        out.append(ReadText(target, at, f"pos + {count} - 1" if at == "pos" else f"{int(at) - 1} + {count}"))
+        self.late = needed
 
     def numbers(self, step: Numbers, needed: bool, out: list[Statement]) -> None:
         count = self.count(step.ref, step.type, out)

@@ -122,7 +122,7 @@ class _Writer:
     names: Locals = field(default_factory=Locals)
 
     def support(self, name: str) -> str:
-        return self.imports.use(_SUPPORT, name)
+        return self.imports.use(_SUPPORT, name, in_class=False)
 
     def attribute(self, ref: Ref) -> str:
         return f"{self.objects[ref.owner]}.{ref.name}"

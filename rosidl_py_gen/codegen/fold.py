@@ -10,6 +10,7 @@ from itertools import pairwise
 
 WIDTH = 88
 _OPEN = {"(": ")", "[": "]", "{": "}"}
+_PRAGMA = "  # type: ignore[assignment]"
 
 
 class Folder:
@@ -34,7 +35,14 @@ class Folder:
         return "\n".join(lines)
 
     def line(self, line: str) -> list[str]:
-        """One logical line as one or more physical ones."""
+        """One logical line as one or more physical ones; a pragma behind it counts for no width and is kept with its
+        beginning, where type checkers look for it.
+        """
+        pragma = _PRAGMA if line.endswith(_PRAGMA) else ""  # a string literal ends in a quote, so this is a comment
+        folded = self._fold(line.removesuffix(_PRAGMA))
+        return [folded[0] + pragma, *folded[1:]]
+
+    def _fold(self, line: str) -> list[str]:
         if len(line) <= WIDTH:
             return [line]
         head, imported, names = line.partition(" import ")

@@ -16,7 +16,7 @@ from rosidl_py_gen.cdr import support
 
 # Names a method body uses as globals or has as parameters and fixed locals; other locals must never hide them.
 _METHOD_NAMES = {
-    *("append", "cls", "copy", "data", "end", "error", "message", "np", "parts", "pos", "raw", "self", "view"),
+    *("append", "cls", "copy", "data", "end", "error", "head", "message", "np", "parts", "pos", "raw", "self", "view"),
     *("recover_decode", "recover_encode"),
     *(name for name in vars(support) if not name.startswith("_")),
 }
@@ -27,21 +27,32 @@ class Imports:
     """The import lines of a module, and what each imported name is called there.
 
     Attributes:
-        taken: names the module's own classes, their fields and constants use.
+        package: top of the module's own import path.
+        classes: names of the module's own classes.
+        members: names of their fields and constants, which hide module names inside a class body but not in methods.
     """
 
-    taken: frozenset[str]
+    package: str
+    classes: frozenset[str]
+    members: frozenset[str]
     runtime: dict[str, dict[str, str]] = field(default_factory=dict)
     typing: dict[str, dict[str, str]] = field(default_factory=dict)
 
-    def use(self, module: str, name: str, *, for_typing: bool = False) -> str:
-        """Import a name (only for type checkers if `for_typing`) and return what it is called here."""
+    def use(self, module: str, name: str, *, for_typing: bool = False, in_class: bool = True) -> str:
+        """Import a name and return what it is called here.
+
+        Args:
+            module: where it is defined.
+            name: empty for the module itself.
+            for_typing: only type checkers need it.
+            in_class: it is mentioned in a class body, not only inside methods.
+        """
         for table in (self.runtime, self.typing):
             known = table.get(module, {}).get(name)
             if known is not None and (for_typing or table is self.runtime):
                 return known
         used = {alias for table in (self.runtime, self.typing) for names in table.values() for alias in names.values()}
-        used |= self.taken
+        used |= self.classes | (self.members if in_class else set())
         alias = next(candidate for candidate in self._candidates(module, name) if candidate not in used)
         (self.typing if for_typing else self.runtime).setdefault(module, {})[name] = alias
         return alias
@@ -52,7 +63,7 @@ class Imports:
 
     def builtin(self, name: str) -> str:
         """A builtin by its own name, or through an alias when a field has that name."""
-        return name if name not in self.taken else self.use("builtins", name)
+        return name if name not in self.members and name not in self.classes else self.use("builtins", name)
 
     @staticmethod
     def _candidates(module: str, name: str) -> Iterable[str]:
@@ -68,10 +79,10 @@ class Imports:
     def lines(self, *, for_typing: bool = False) -> list[str]:
         """The import statements, sorted."""
         table = self.typing if for_typing else self.runtime
-        groups: list[list[str]] = [[], [], []]
+        groups: list[list[str]] = [[], [], [], []]
         for module in sorted(table):
             top = module.split(".")[0]
-            lines = groups[0 if top in _STDLIB else 1 if top in _LIBRARIES else 2]
+            lines = groups[0 if top in _STDLIB else 1 if top in _LIBRARIES else 2 + (top == self.package)]
             if "" in table[module]:
                 lines.append(f"import {module} as {table[module]['']}")
             words = [name if name == alias else f"{name} as {alias}" for name, alias in table[module].items() if name]
@@ -79,9 +90,11 @@ class Imports:
                 lines.append(f"from {module} import {', '.join(sorted(words, key=sort_key))}")
         for lines in groups:
             lines.sort(key=lambda line: line.startswith("from "))
-        # Where generated packages lie decides whether a linter takes them for first-party code, so they are kept apart.
-        between = (["", "# isort: split"] if groups[1] else []) if groups[2] else []
-        return [*groups[0], *([""] if groups[0] and groups[1] else []), *groups[1], *between, *groups[2]]
+        # Where generated packages lie decides which of them a linter takes for first-party code, so they are kept apart.
+        result = [*groups[0], *([""] if groups[0] and groups[1] else []), *groups[1]]
+        for lines in groups[2:]:
+            result += [*(["", "# isort: split"] if result and lines else []), *lines]
+        return result
 
 
 _STDLIB = {"builtins", "dataclasses", "struct", "typing"}

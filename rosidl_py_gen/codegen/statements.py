@@ -110,13 +110,19 @@ class Unpack:
 
 @dataclass(frozen=True, slots=True)
 class ReadText:
-    """Read a string whose content is `start`..`end` with its NUL."""
+    """Read a string whose characters begin at `start`; `nul` is the offset of its NUL, kept as `end`."""
 
     kind: ClassVar[str] = "read_text"
     target: str
     start: str
-    end: str
-    size: str
+    nul: str
+
+
+@dataclass(frozen=True, slots=True)
+class CheckHeader:
+    """Leave the fast path when the encapsulation header, read as `head`, is not that of little endian plain CDR."""
+
+    kind: ClassVar[str] = "check_header"
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,7 +170,7 @@ class Store:
 
 
 Statement = (
-    Load | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align | Create | Unpack | ReadText | Within
+    Load | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align | Create | Unpack | ReadText | CheckHeader | Within
     | NewList | ReadHeavy | For | Store
 )  # fmt: skip
 

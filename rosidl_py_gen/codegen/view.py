@@ -123,11 +123,12 @@ def module_view(interface: Interface, layouts: Layouts, target: Target) -> Modul
     """The module of one interface."""
     messages = messages_of(interface)
     own = {str(message.name): py_name(message.name.name) for message in messages}
-    taken = {*exported_names(interface)}
+    members: set[str] = set()
     for message in messages:
-        taken.update(py_name(item.name) for item in message.fields)
-        taken.update(py_name(item.name) for item in message.constants)
-    imports = Imports(frozenset(taken))
+        members.update(py_name(item.name) for item in message.fields)
+        members.update(py_name(item.name) for item in message.constants)
+    package = (target.root + interface.name.package).split(".")[0]
+    imports = Imports(package, frozenset(exported_names(interface)), frozenset(members))
     structs = Structs.new()
     classes = dict(own)
     for base in sorted(_nested(messages, layouts)):
@@ -175,8 +176,8 @@ def _message(
     constants = tuple(constant_view(item, imports) for item in message.constants)
     encoder = encoder_view(plan, imports, structs, classes)
     decoder = decoder_view(plan, imports, structs, classes)
-    imports.use(_SUPPORT, "readable")
-    imports.use(_SUPPORT, "new")
+    imports.use(_SUPPORT, "readable", in_class=False)
+    imports.use(_SUPPORT, "new", in_class=False)
     return MessageView(
         classes[full_name],
         full_name,
@@ -213,8 +214,10 @@ def _class_scope_names(imports: Imports, heavy: bool) -> dict[str, str]:
     if heavy:
         names["bytearray"] = imports.builtin("bytearray")
         names["Append"] = imports.use(_SUPPORT, "Append", for_typing=True)
-    names["Fault"] = imports.use(_SUPPORT, "Fault")
-    names |= {word: imports.use(_CDR, word) for word in ("Message", "TypeInfo", "recover_decode", "recover_encode")}
+    names["Fault"] = imports.use(_SUPPORT, "Fault", in_class=False)
+    names |= {word: imports.use(_CDR, word) for word in ("Message", "TypeInfo")}
+    for word in ("recover_decode", "recover_encode"):
+        imports.use(_CDR, word, in_class=False)
     names["dataclass"] = imports.use("dataclasses", "dataclass")
     names["ClassVar"] = imports.use("typing", "ClassVar")
     names["TYPE_CHECKING"] = imports.use("typing", "TYPE_CHECKING")
@@ -227,11 +230,11 @@ def _struct_functions(structs: Structs, imports: Imports) -> tuple[tuple[str, st
     result: list[tuple[str, str]] = []
     for name, role, code, align, nul in structs:
         if align > 1:
-            function = imports.use(_SUPPORT, "packers")
+            function = imports.use(_SUPPORT, "packers", in_class=False)
             last = ", nul=True" if nul else ""
             result.append((name, f'{function}("{code}", {align}{last})'))
         else:
-            result.append((name, f'{imports.use("struct", "Struct")}("<{code}").{role}'))
+            result.append((name, f'{imports.use("struct", "Struct", in_class=False)}("<{code}").{role}'))
     return tuple(result)
 
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 _MAX_DIGITS = 400  # of an integer: far above any legal value, below where conversion becomes slow or is refused
 _IDL_STRING = re.compile(r'"(.*?)(?<!\\)(?:\\\\)*?"')
 _IDL_ESCAPE = re.compile(r"\\[ntvbrfa\\?'\"]|\\[0-7]{1,3}|\\x[0-9a-fA-F]{1,2}")
+_PYTHON_ESCAPE = re.compile(r"\\([4-7][0-7]{2}|.)", re.DOTALL)
+_PYTHON_ESCAPES = "\n\\'\"abfnrtv01234567xuUN"
 _IDL_WIDE_ESCAPE = re.compile(_IDL_ESCAPE.pattern + r"|\\u[0-9a-fA-F]{1,4}")
 
 
@@ -58,7 +60,7 @@ def parse_scalar(kind: FieldType, text: str) -> Scalar:
         LiteralProblem: the text is no value of the type.
     """
     if kind.is_string:
-        return _check_bound(kind, _through_idl(_unquote(text)))
+        return _through_idl(_check_bound(kind, _unquote(text)))  # the bound counts what is written, escapes included
     primitive = PRIMITIVES[kind.base]
     match primitive.python:
         case "bool":
@@ -121,7 +123,8 @@ def _unquote(text: str) -> str:
 
 
 def _string_elements(kind: FieldType, text: str) -> tuple[str, ...]:
-    values = _split_strings(text)
+    # The reference reads each element as if it stood alone, so blanks and quotes inside the quotes go too.
+    values = [_check_bound(kind, _unquote(value.strip())) for value in _split_strings(text)]
     # The reference writes the Python repr of the whole tuple through the IDL stage.
     rendered = repr(tuple(values)).replace("\\", r"\\").replace('"', r"\"")
     try:
@@ -130,7 +133,7 @@ def _string_elements(kind: FieldType, text: str) -> tuple[str, ...]:
         raise LiteralProblem(f"expected a list of strings, found {_cut(text)}") from None
     if not isinstance(result, tuple) or not all(isinstance(item, str) for item in result):
         raise LiteralProblem(f"expected a list of strings, found {_cut(text)}")
-    return tuple(_check_bound(kind, item) for item in result)
+    return result
 
 
 def _split_strings(text: str) -> list[str]:
@@ -156,20 +159,28 @@ def _split_strings(text: str) -> list[str]:
 
 
 def _quoted(text: str, start: int) -> tuple[str, int]:
+    """The quoted value at `start` and the position behind it.
+
+    Kept from the reference: a quote right behind an escaped quote is not seen, and from the second escaped quote on the
+    length is measured from the last one.
+    """
     quote = text[start]
-    position = start + 1
+    position, skipped = start, 0
     while True:
-        end = text.find(quote, position)
+        end = text.find(quote, position + 1)
         if end < 0:
             raise LiteralProblem(f"expected a closing {quote}, found the end of the list")
-        if text[end - 1] != "\\" or end - 1 == start:
+        length = end - position - 1
+        if text[end - 1] != "\\":
+            end = start + skipped + length + 1
             return text[start + 1 : end].replace("\\" + quote, quote), end + 1
-        position = end + 1
+        position, skipped = end + 1, length + 2
 
 
 def _through_idl(value: str) -> str:
     try:
-        text = value.encode().decode("unicode_escape").replace('"', r"\"").encode("latin-1").decode()
+        escaped = _PYTHON_ESCAPE.sub(_known_escape, value).encode()
+        text = escaped.decode("unicode_escape").replace('"', r"\"").encode("latin-1").decode()
     except UnicodeError:
         raise LiteralProblem(f"expected text with valid escapes, found {_cut(value)}") from None
     literal = f'"{text}"'
@@ -179,6 +190,13 @@ def _through_idl(value: str) -> str:
     return decode_idl_string(text)
 
 
+def _known_escape(found: re.Match[str]) -> str:
+    """Keep what Python's `unicode_escape` knows; it would warn of the rest, and leave that as it is."""
+    if len(found[1]) == 3:
+        raise LiteralProblem(f"expected an octal escape up to \\377, found {found[0]}")
+    return found[0] if found[1] in _PYTHON_ESCAPES else "\\" + found[0]
+
+
 def decode_idl_string(text: str, wide: bool = False) -> str:
     """The value of an IDL string literal without its quotes (IDL 4.2 table 7-9, as the reference reads it).
 
@@ -186,9 +204,15 @@ def decode_idl_string(text: str, wide: bool = False) -> str:
         LiteralProblem: an escape that means nothing.
     """
     try:
-        value = (_IDL_WIDE_ESCAPE if wide else _IDL_ESCAPE).sub(
-            lambda found: codecs.decode(found[0], "unicode-escape") if found[0] != r"\?" else found[0], text
-        )
+        value = (_IDL_WIDE_ESCAPE if wide else _IDL_ESCAPE).sub(_idl_character, text)
     except UnicodeError:
         raise LiteralProblem(f"expected a complete escape, found {_cut(text)}") from None
     return re.sub(r'\\(["\\])', r"\1", value)
+
+
+def _idl_character(found: re.Match[str]) -> str:
+    if found[0] == r"\?":
+        return found[0]
+    if found[0][1].isdigit():
+        return chr(int(found[0][1:], 8))
+    return codecs.decode(found[0], "unicode-escape")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["GoalInfo"]
 
 _pack_0 = Struct("<Hxx16siI").pack
-_unpack_0 = Struct("<16xiI").unpack_from
+_unpack_0 = Struct("<Hxx16xiI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -60,18 +60,18 @@ class GoalInfo(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.goal_id = goal_id = new(UUID)
             message.stamp = stamp = new(Time)
-            stamp.sec, stamp.nanosec = _unpack_0(raw, 4)
+            head, stamp.sec, stamp.nanosec = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             goal_id.uuid = frombuffer(view, UINT8, 16, 4)
             return message
         except Fault as error:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["GoalStatus"]
 
 _pack_0 = Struct("<Hxx16siIb").pack
-_unpack_0 = Struct("<16xiIb").unpack_from
+_unpack_0 = Struct("<Hxx16xiIb").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -82,19 +82,19 @@ class GoalStatus(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.goal_info = goal_info = new(GoalInfo)
             goal_info.goal_id = goal_id = new(UUID)
             goal_info.stamp = stamp = new(Time)
-            stamp.sec, stamp.nanosec, message.status = _unpack_0(raw, 4)
+            head, stamp.sec, stamp.nanosec, message.status = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             goal_id.uuid = frombuffer(view, UINT8, 16, 4)
             return message
         except Fault as error:

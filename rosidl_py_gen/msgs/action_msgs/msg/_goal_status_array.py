@@ -30,7 +30,7 @@ __all__ = ["GoalStatusArray"]
 _pack_0 = Struct("<HxxI").pack
 _pack_1 = Struct("<16s").pack
 _pack_2 = packers("iIb", 4)
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
 _unpack_1 = Struct("<16x").unpack_from
 _unpack_2 = Struct("<iIb").unpack_from
 
@@ -80,16 +80,16 @@ class GoalStatusArray(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (status_list_count,) = _unpack_0(raw, 4)
+            head, status_list_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 25 * status_list_count, raw)
             status_list: list[GoalStatus] = []

@@ -42,16 +42,17 @@ __all__ = [
 ]
 
 _pack_0 = Struct("<Hxx16siI").pack
-_unpack_0 = Struct("<16xiI").unpack_from
+_unpack_0 = Struct("<Hxx16xiI").unpack_from
 _pack_1 = Struct("<Hxxb3xI").pack
 _pack_2 = Struct("<16siI").pack
-_unpack_1 = Struct("<b3xI").unpack_from
+_unpack_1 = Struct("<Hxxb3xI").unpack_from
 _iter_0 = Struct("<16xiI").iter_unpack
 _pack_3 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_4 = Struct("<I").pack
 _pack_5 = Struct("<b3xI").pack
-_unpack_2 = Struct("<B3xiI20xqI").unpack_from
+_unpack_2 = Struct("<HxxB3xiI20xqI").unpack_from
 _unpack_3 = Struct("<I").unpack_from
+_unpack_4 = Struct("<b3xI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -92,19 +93,19 @@ class CancelGoal_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.goal_info = goal_info = new(GoalInfo)
             goal_info.goal_id = goal_id = new(UUID)
             goal_info.stamp = stamp = new(Time)
-            stamp.sec, stamp.nanosec = _unpack_0(raw, 4)
+            head, stamp.sec, stamp.nanosec = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             goal_id.uuid = frombuffer(view, UINT8, 16, 4)
             return message
         except Fault as error:
@@ -160,16 +161,16 @@ class CancelGoal_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            message.return_code, goals_canceling_count = _unpack_1(raw, 4)
+            head, message.return_code, goals_canceling_count = _unpack_1(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 12
             end = pos + 24 * goals_canceling_count
             within(end, raw)
@@ -279,24 +280,25 @@ class CancelGoal_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_2(raw, 4)
+            ) = _unpack_2(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -325,7 +327,7 @@ class CancelGoal_Event(Message):
             for _ in range(response_count):
                 response_item = new(CancelGoal_Response)
                 response.append(response_item)
-                response_item.return_code, goals_canceling_count = _unpack_1(raw, pos)
+                response_item.return_code, goals_canceling_count = _unpack_4(raw, pos)
                 pos += 8
                 end = pos + 24 * goals_canceling_count
                 within(end, raw)

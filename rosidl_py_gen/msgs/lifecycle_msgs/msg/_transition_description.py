@@ -18,7 +18,7 @@ __all__ = ["TransitionDescription"]
 _pack_0 = Struct("<HxxB3xI").pack
 _pack_1 = Struct("<xB").pack
 _pack_2 = packers("I", 4)
-_unpack_0 = Struct("<B3xI").unpack_from
+_unpack_0 = Struct("<HxxB3xI").unpack_from
 _unpack_1 = Struct("<B").unpack_from
 _unpack_2 = Struct("<I").unpack_from
 
@@ -76,42 +76,43 @@ class TransitionDescription(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.transition = transition = new(Transition)
-            transition.id, label_count = _unpack_0(raw, 4)
-            pos = 12 + label_count
-            if raw[pos - 1]:
+            head, transition.id, label_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 11 + label_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            transition.label = raw[12 : pos - 1].decode()
+            transition.label = raw[12:end].decode()
             message.start_state = start_state = new(State)
+            pos = end + 1
             (start_state.id,) = _unpack_1(raw, pos)
             pos += 1
             pos = pos + 3 & -4
             (label_count_,) = _unpack_2(raw, pos)
             pos += 4
-            end = pos + label_count_
-            if raw[end - 1]:
+            end = pos + label_count_ - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            start_state.label = raw[pos : end - 1].decode()
-            pos = end
+            start_state.label = raw[pos:end].decode()
             message.goal_state = goal_state = new(State)
+            pos = end + 1
             (goal_state.id,) = _unpack_1(raw, pos)
             pos += 1
             pos = pos + 3 & -4
             (label_count_2,) = _unpack_2(raw, pos)
             pos += 4
-            end = pos + label_count_2
-            if raw[end - 1]:
+            end = pos + label_count_2 - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            goal_state.label = raw[pos : end - 1].decode()
+            goal_state.label = raw[pos:end].decode()
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

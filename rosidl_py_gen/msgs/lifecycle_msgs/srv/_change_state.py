@@ -44,16 +44,17 @@ __all__ = [
 ]
 
 _pack_0 = Struct("<HxxB3xI").pack
-_unpack_0 = Struct("<B3xI").unpack_from
+_unpack_0 = Struct("<HxxB3xI").unpack_from
 _pack_1 = Struct("<Hxx?").pack
-_unpack_1 = Struct("<?").unpack_from
+_unpack_1 = Struct("<Hxx?").unpack_from
 _pack_2 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_3 = Struct("<B").pack
 _pack_4 = packers("I", 4)
 _pack_5 = Struct("<?").pack
-_unpack_2 = Struct("<B3xiI20xqI").unpack_from
+_unpack_2 = Struct("<HxxB3xiI20xqI").unpack_from
 _unpack_3 = Struct("<B").unpack_from
 _unpack_4 = Struct("<I").unpack_from
+_unpack_5 = Struct("<?").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -82,21 +83,21 @@ class ChangeState_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.transition = transition = new(Transition)
-            transition.id, label_count = _unpack_0(raw, 4)
-            pos = 12 + label_count
-            if raw[pos - 1]:
+            head, transition.id, label_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 11 + label_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            transition.label = raw[12 : pos - 1].decode()
+            transition.label = raw[12:end].decode()
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -122,16 +123,16 @@ class ChangeState_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (message.success,) = _unpack_1(raw, 4)
+            head, message.success = _unpack_1(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -211,24 +212,25 @@ class ChangeState_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_2(raw, 4)
+            ) = _unpack_2(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -245,11 +247,11 @@ class ChangeState_Event(Message):
                 pos = pos + 3 & -4
                 (label_count,) = _unpack_4(raw, pos)
                 pos += 4
-                end = pos + label_count
-                if raw[end - 1]:
+                end = pos + label_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                transition.label = raw[pos : end - 1].decode()
-                pos = end
+                transition.label = raw[pos:end].decode()
+                pos = end + 1
             pos = pos + 3 & -4
             (response_count,) = _unpack_4(raw, pos)
             pos += 4
@@ -261,7 +263,7 @@ class ChangeState_Event(Message):
             for _ in range(response_count):
                 response_item = new(ChangeState_Response)
                 response.append(response_item)
-                (response_item.success,) = _unpack_1(raw, pos)
+                (response_item.success,) = _unpack_5(raw, pos)
                 pos += 1
             return message
         except Fault as error:

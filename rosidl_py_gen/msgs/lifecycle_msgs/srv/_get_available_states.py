@@ -43,15 +43,17 @@ __all__ = [
 ]
 
 _pack_0 = Struct("<Hxxx").pack
-_unpack_0 = Struct("<x").unpack_from
+_unpack_0 = Struct("<Hxxx").unpack_from
 _pack_1 = Struct("<HxxI").pack
 _pack_2 = Struct("<B").pack
 _pack_3 = packers("I", 4)
-_unpack_1 = Struct("<I").unpack_from
+_unpack_1 = Struct("<HxxI").unpack_from
 _unpack_2 = Struct("<B").unpack_from
+_unpack_3 = Struct("<I").unpack_from
 _pack_4 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_5 = Struct("<x").pack
-_unpack_3 = Struct("<B3xiI20xqI").unpack_from
+_unpack_4 = Struct("<HxxB3xiI20xqI").unpack_from
+_unpack_5 = Struct("<x").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -71,16 +73,16 @@ class GetAvailableStates_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            _unpack_0(raw, 4)
+            (head,) = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -123,16 +125,16 @@ class GetAvailableStates_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (available_states_count,) = _unpack_1(raw, 4)
+            head, available_states_count = _unpack_1(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 5 * available_states_count, raw)
             available_states: list[State] = []
@@ -143,13 +145,13 @@ class GetAvailableStates_Response(Message):
                 (available_state.id,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (label_count,) = _unpack_1(raw, pos)
+                (label_count,) = _unpack_3(raw, pos)
                 pos += 4
-                end = pos + label_count
-                if raw[end - 1]:
+                end = pos + label_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                available_state.label = raw[pos : end - 1].decode()
-                pos = end
+                available_state.label = raw[pos:end].decode()
+                pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -234,24 +236,25 @@ class GetAvailableStates_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_3(raw, 4)
+            ) = _unpack_4(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -262,10 +265,10 @@ class GetAvailableStates_Event(Message):
             for _ in range(request_count):
                 request_item = new(GetAvailableStates_Request)
                 request.append(request_item)
-                _unpack_0(raw, pos)
+                _unpack_5(raw, pos)
                 pos += 1
             pos = pos + 3 & -4
-            (response_count,) = _unpack_1(raw, pos)
+            (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -276,7 +279,7 @@ class GetAvailableStates_Event(Message):
                 response_item = new(GetAvailableStates_Response)
                 response.append(response_item)
                 pos = pos + 3 & -4
-                (available_states_count,) = _unpack_1(raw, pos)
+                (available_states_count,) = _unpack_3(raw, pos)
                 pos += 4
                 within(pos + 5 * available_states_count, raw)
                 available_states: list[State] = []
@@ -287,13 +290,13 @@ class GetAvailableStates_Event(Message):
                     (available_state.id,) = _unpack_2(raw, pos)
                     pos += 1
                     pos = pos + 3 & -4
-                    (label_count,) = _unpack_1(raw, pos)
+                    (label_count,) = _unpack_3(raw, pos)
                     pos += 4
-                    end = pos + label_count
-                    if raw[end - 1]:
+                    end = pos + label_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    available_state.label = raw[pos : end - 1].decode()
-                    pos = end
+                    available_state.label = raw[pos:end].decode()
+                    pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

@@ -47,16 +47,18 @@ __all__ = [
 ]
 
 _pack_0 = Struct("<Hxxx").pack
-_unpack_0 = Struct("<x").unpack_from
+_unpack_0 = Struct("<Hxxx").unpack_from
 _pack_1 = Struct("<HxxI").pack
 _pack_2 = Struct("<B").pack
 _pack_3 = packers("I", 4)
 _pack_4 = Struct("<xB").pack
-_unpack_1 = Struct("<I").unpack_from
+_unpack_1 = Struct("<HxxI").unpack_from
 _unpack_2 = Struct("<B").unpack_from
+_unpack_3 = Struct("<I").unpack_from
 _pack_5 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_6 = Struct("<x").pack
-_unpack_3 = Struct("<B3xiI20xqI").unpack_from
+_unpack_4 = Struct("<HxxB3xiI20xqI").unpack_from
+_unpack_5 = Struct("<x").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -79,16 +81,16 @@ class GetAvailableTransitions_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            _unpack_0(raw, 4)
+            (head,) = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -154,16 +156,16 @@ class GetAvailableTransitions_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (available_transitions_count,) = _unpack_1(raw, 4)
+            head, available_transitions_count = _unpack_1(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 15 * available_transitions_count, raw)
             available_transitions: list[TransitionDescription] = []
@@ -175,35 +177,35 @@ class GetAvailableTransitions_Response(Message):
                 (transition.id,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (label_count,) = _unpack_1(raw, pos)
+                (label_count,) = _unpack_3(raw, pos)
                 pos += 4
-                end = pos + label_count
-                if raw[end - 1]:
+                end = pos + label_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                transition.label = raw[pos : end - 1].decode()
-                pos = end
+                transition.label = raw[pos:end].decode()
                 available_transition.start_state = start_state = new(State)
+                pos = end + 1
                 (start_state.id,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (label_count_,) = _unpack_1(raw, pos)
+                (label_count_,) = _unpack_3(raw, pos)
                 pos += 4
-                end = pos + label_count_
-                if raw[end - 1]:
+                end = pos + label_count_ - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                start_state.label = raw[pos : end - 1].decode()
-                pos = end
+                start_state.label = raw[pos:end].decode()
                 available_transition.goal_state = goal_state = new(State)
+                pos = end + 1
                 (goal_state.id,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (label_count_2,) = _unpack_1(raw, pos)
+                (label_count_2,) = _unpack_3(raw, pos)
                 pos += 4
-                end = pos + label_count_2
-                if raw[end - 1]:
+                end = pos + label_count_2 - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                goal_state.label = raw[pos : end - 1].decode()
-                pos = end
+                goal_state.label = raw[pos:end].decode()
+                pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -311,24 +313,25 @@ class GetAvailableTransitions_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_3(raw, 4)
+            ) = _unpack_4(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -339,10 +342,10 @@ class GetAvailableTransitions_Event(Message):
             for _ in range(request_count):
                 request_item = new(GetAvailableTransitions_Request)
                 request.append(request_item)
-                _unpack_0(raw, pos)
+                _unpack_5(raw, pos)
                 pos += 1
             pos = pos + 3 & -4
-            (response_count,) = _unpack_1(raw, pos)
+            (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -353,7 +356,7 @@ class GetAvailableTransitions_Event(Message):
                 response_item = new(GetAvailableTransitions_Response)
                 response.append(response_item)
                 pos = pos + 3 & -4
-                (available_transitions_count,) = _unpack_1(raw, pos)
+                (available_transitions_count,) = _unpack_3(raw, pos)
                 pos += 4
                 within(pos + 15 * available_transitions_count, raw)
                 available_transitions: list[TransitionDescription] = []
@@ -365,35 +368,35 @@ class GetAvailableTransitions_Event(Message):
                     (transition.id,) = _unpack_2(raw, pos)
                     pos += 1
                     pos = pos + 3 & -4
-                    (label_count,) = _unpack_1(raw, pos)
+                    (label_count,) = _unpack_3(raw, pos)
                     pos += 4
-                    end = pos + label_count
-                    if raw[end - 1]:
+                    end = pos + label_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    transition.label = raw[pos : end - 1].decode()
-                    pos = end
+                    transition.label = raw[pos:end].decode()
                     available_transition.start_state = start_state = new(State)
+                    pos = end + 1
                     (start_state.id,) = _unpack_2(raw, pos)
                     pos += 1
                     pos = pos + 3 & -4
-                    (label_count_,) = _unpack_1(raw, pos)
+                    (label_count_,) = _unpack_3(raw, pos)
                     pos += 4
-                    end = pos + label_count_
-                    if raw[end - 1]:
+                    end = pos + label_count_ - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    start_state.label = raw[pos : end - 1].decode()
-                    pos = end
+                    start_state.label = raw[pos:end].decode()
                     available_transition.goal_state = goal_state = new(State)
+                    pos = end + 1
                     (goal_state.id,) = _unpack_2(raw, pos)
                     pos += 1
                     pos = pos + 3 & -4
-                    (label_count_2,) = _unpack_1(raw, pos)
+                    (label_count_2,) = _unpack_3(raw, pos)
                     pos += 4
-                    end = pos + label_count_2
-                    if raw[end - 1]:
+                    end = pos + label_count_2 - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    goal_state.label = raw[pos : end - 1].decode()
-                    pos = end
+                    goal_state.label = raw[pos:end].decode()
+                    pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

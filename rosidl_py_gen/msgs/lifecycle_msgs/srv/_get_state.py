@@ -38,16 +38,17 @@ if TYPE_CHECKING:
 __all__ = ["GetState", "GetState_Event", "GetState_Request", "GetState_Response"]
 
 _pack_0 = Struct("<Hxxx").pack
-_unpack_0 = Struct("<x").unpack_from
+_unpack_0 = Struct("<Hxxx").unpack_from
 _pack_1 = Struct("<HxxB3xI").pack
-_unpack_1 = Struct("<B3xI").unpack_from
+_unpack_1 = Struct("<HxxB3xI").unpack_from
 _pack_2 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_3 = Struct("<x").pack
 _pack_4 = packers("I", 4)
 _pack_5 = Struct("<B").pack
-_unpack_2 = Struct("<B3xiI20xqI").unpack_from
-_unpack_3 = Struct("<I").unpack_from
-_unpack_4 = Struct("<B").unpack_from
+_unpack_2 = Struct("<HxxB3xiI20xqI").unpack_from
+_unpack_3 = Struct("<x").unpack_from
+_unpack_4 = Struct("<I").unpack_from
+_unpack_5 = Struct("<B").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -67,16 +68,16 @@ class GetState_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            _unpack_0(raw, 4)
+            (head,) = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -108,21 +109,21 @@ class GetState_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.current_state = current_state = new(State)
-            current_state.id, label_count = _unpack_1(raw, 4)
-            pos = 12 + label_count
-            if raw[pos - 1]:
+            head, current_state.id, label_count = _unpack_1(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 11 + label_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            current_state.label = raw[12 : pos - 1].decode()
+            current_state.label = raw[12:end].decode()
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -204,24 +205,25 @@ class GetState_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_2(raw, 4)
+            ) = _unpack_2(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -232,10 +234,10 @@ class GetState_Event(Message):
             for _ in range(request_count):
                 request_item = new(GetState_Request)
                 request.append(request_item)
-                _unpack_0(raw, pos)
+                _unpack_3(raw, pos)
                 pos += 1
             pos = pos + 3 & -4
-            (response_count,) = _unpack_3(raw, pos)
+            (response_count,) = _unpack_4(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -246,16 +248,16 @@ class GetState_Event(Message):
                 response_item = new(GetState_Response)
                 response.append(response_item)
                 response_item.current_state = current_state = new(State)
-                (current_state.id,) = _unpack_4(raw, pos)
+                (current_state.id,) = _unpack_5(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (label_count,) = _unpack_3(raw, pos)
+                (label_count,) = _unpack_4(raw, pos)
                 pos += 4
-                end = pos + label_count
-                if raw[end - 1]:
+                end = pos + label_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                current_state.label = raw[pos : end - 1].decode()
-                pos = end
+                current_state.label = raw[pos:end].decode()
+                pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["FloatingPointRange"]
 
 _pack_0 = Struct("<Hxx3d").pack
-_unpack_0 = Struct("<3d").unpack_from
+_unpack_0 = Struct("<Hxx3d").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -43,16 +43,16 @@ class FloatingPointRange(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            message.from_value, message.to_value, message.step = _unpack_0(raw, 4)
+            head, message.from_value, message.to_value, message.step = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["IntegerRange"]
 
 _pack_0 = Struct("<Hxx2qQ").pack
-_unpack_0 = Struct("<2qQ").unpack_from
+_unpack_0 = Struct("<Hxx2qQ").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -41,16 +41,16 @@ class IntegerRange(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            message.from_value, message.to_value, message.step = _unpack_0(raw, 4)
+            head, message.from_value, message.to_value, message.step = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

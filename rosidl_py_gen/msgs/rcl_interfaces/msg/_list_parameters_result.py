@@ -22,7 +22,8 @@ __all__ = ["ListParametersResult"]
 
 _pack_0 = Struct("<HxxI").pack
 _pack_1 = packers("I", 4)
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
+_unpack_1 = Struct("<I").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -59,19 +60,19 @@ class ListParametersResult(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (names_count,) = _unpack_0(raw, 4)
+            head, names_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             message.names, pos = unpack_strings(raw, 8, names_count)
             pos = pos + 3 & -4
-            (prefixes_count,) = _unpack_0(raw, pos)
+            (prefixes_count,) = _unpack_1(raw, pos)
             pos += 4
             message.prefixes, _ = unpack_strings(raw, pos, prefixes_count)
             return message

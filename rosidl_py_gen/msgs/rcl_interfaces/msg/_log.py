@@ -16,7 +16,7 @@ __all__ = ["Log"]
 
 _pack_0 = Struct("<HxxiIB3xI").pack
 _pack_1 = packers("I", 4, nul=True)
-_unpack_0 = Struct("<iIB3xI").unpack_from
+_unpack_0 = Struct("<HxxiIB3xI").unpack_from
 _unpack_1 = Struct("<I").unpack_from
 
 
@@ -97,46 +97,43 @@ class Log(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.stamp = stamp = new(Time)
-            stamp.sec, stamp.nanosec, message.level, name_count = _unpack_0(raw, 4)
-            pos = 20 + name_count
-            if raw[pos - 1]:
+            head, stamp.sec, stamp.nanosec, message.level, name_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 19 + name_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.name = raw[20 : pos - 1].decode()
-            pos = pos + 3 & -4
+            message.name = raw[20:end].decode()
+            pos = end + 4 & -4
             (msg_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + msg_count
-            if raw[end - 1]:
+            end = pos + msg_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.msg = raw[pos : end - 1].decode()
-            pos = end
-            pos = pos + 3 & -4
+            message.msg = raw[pos:end].decode()
+            pos = end + 4 & -4
             (file_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + file_count
-            if raw[end - 1]:
+            end = pos + file_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.file = raw[pos : end - 1].decode()
-            pos = end
-            pos = pos + 3 & -4
+            message.file = raw[pos:end].decode()
+            pos = end + 4 & -4
             (function_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + function_count
-            if raw[end - 1]:
+            end = pos + function_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.function = raw[pos : end - 1].decode()
-            pos = end
-            pos = pos + 3 & -4
+            message.function = raw[pos:end].decode()
+            pos = end + 4 & -4
             (message.line,) = _unpack_1(raw, pos)
             return message
         except Fault as error:

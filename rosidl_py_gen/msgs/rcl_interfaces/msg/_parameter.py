@@ -40,9 +40,10 @@ _pack_2 = packers("qdI", 8)
 _pack_3 = packers("I", 4, nul=True)
 _pack_4 = packers("I", 4)
 _pack_5 = Struct("<I").pack
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
 _unpack_1 = Struct("<B?").unpack_from
 _unpack_2 = Struct("<qdI").unpack_from
+_unpack_3 = Struct("<I").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -115,21 +116,22 @@ class Parameter(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (name_count,) = _unpack_0(raw, 4)
-            pos = 8 + name_count
-            if raw[pos - 1]:
+            head, name_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 7 + name_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.name = raw[8 : pos - 1].decode()
+            message.name = raw[8:end].decode()
             message.value = value = new(ParameterValue)
+            pos = end + 1
             value.type, value.bool_value = _unpack_1(raw, pos)
             pos += 2
             pos = (pos + 3 & -8) + 4
@@ -139,13 +141,12 @@ class Parameter(Message):
                 string_value_count,
             ) = _unpack_2(raw, pos)
             pos += 20
-            end = pos + string_value_count
-            if raw[end - 1]:
+            end = pos + string_value_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            value.string_value = raw[pos : end - 1].decode()
-            pos = end
-            pos = pos + 3 & -4
-            (byte_array_value_count,) = _unpack_0(raw, pos)
+            value.string_value = raw[pos:end].decode()
+            pos = end + 4 & -4
+            (byte_array_value_count,) = _unpack_3(raw, pos)
             pos += 4
             value.byte_array_value = frombuffer(
                 view,
@@ -155,12 +156,12 @@ class Parameter(Message):
             )
             pos += byte_array_value_count
             pos = pos + 3 & -4
-            (bool_array_value_count,) = _unpack_0(raw, pos)
+            (bool_array_value_count,) = _unpack_3(raw, pos)
             pos += 4
             value.bool_array_value = view_of_bools(view, bool_array_value_count, pos)
             pos += bool_array_value_count
             pos = pos + 3 & -4
-            (integer_array_value_count,) = _unpack_0(raw, pos)
+            (integer_array_value_count,) = _unpack_3(raw, pos)
             pos += 4
             if integer_array_value_count:
                 pos = (pos + 3 & -8) + 4
@@ -171,7 +172,7 @@ class Parameter(Message):
                 pos,
             )
             pos += 8 * integer_array_value_count
-            (double_array_value_count,) = _unpack_0(raw, pos)
+            (double_array_value_count,) = _unpack_3(raw, pos)
             pos += 4
             if double_array_value_count:
                 pos = (pos + 3 & -8) + 4
@@ -182,7 +183,7 @@ class Parameter(Message):
                 pos,
             )
             pos += 8 * double_array_value_count
-            (string_array_value_count,) = _unpack_0(raw, pos)
+            (string_array_value_count,) = _unpack_3(raw, pos)
             pos += 4
             (
                 value.string_array_value,

@@ -36,9 +36,10 @@ _pack_4 = Struct("<x2?").pack
 _pack_5 = Struct("<3d").pack
 _pack_6 = Struct("<I").pack
 _pack_7 = Struct("<2qQ").pack
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
 _unpack_1 = Struct("<B").unpack_from
-_unpack_2 = Struct("<2?").unpack_from
+_unpack_2 = Struct("<I").unpack_from
+_unpack_3 = Struct("<2?").unpack_from
 _iter_0 = Struct("<3d").iter_unpack
 _iter_1 = Struct("<2qQ").iter_unpack
 
@@ -143,42 +144,42 @@ class ParameterDescriptor(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (name_count,) = _unpack_0(raw, 4)
-            pos = 8 + name_count
-            if raw[pos - 1]:
+            head, name_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 7 + name_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.name = raw[8 : pos - 1].decode()
+            message.name = raw[8:end].decode()
+            pos = end + 1
             (message.type,) = _unpack_1(raw, pos)
             pos += 1
             pos = pos + 3 & -4
-            (description_count,) = _unpack_0(raw, pos)
+            (description_count,) = _unpack_2(raw, pos)
             pos += 4
-            end = pos + description_count
-            if raw[end - 1]:
+            end = pos + description_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.description = raw[pos : end - 1].decode()
-            pos = end
-            pos = pos + 3 & -4
-            (additional_constraints_count,) = _unpack_0(raw, pos)
+            message.description = raw[pos:end].decode()
+            pos = end + 4 & -4
+            (additional_constraints_count,) = _unpack_2(raw, pos)
             pos += 4
-            end = pos + additional_constraints_count
-            if raw[end - 1]:
+            end = pos + additional_constraints_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.additional_constraints = raw[pos : end - 1].decode()
-            pos = end
-            message.read_only, message.dynamic_typing = _unpack_2(raw, pos)
+            message.additional_constraints = raw[pos:end].decode()
+            pos = end + 1
+            message.read_only, message.dynamic_typing = _unpack_3(raw, pos)
             pos += 2
             pos = pos + 3 & -4
-            (floating_point_range_count,) = _unpack_0(raw, pos)
+            (floating_point_range_count,) = _unpack_2(raw, pos)
             pos += 4
             if floating_point_range_count > 1:
                 limit(floating_point_range_count, 1)
@@ -199,7 +200,7 @@ class ParameterDescriptor(Message):
                 floating_point_range_item.to_value = floating_point_range_item_to
                 floating_point_range_item.step = floating_point_range_item_st
             pos = end
-            (integer_range_count,) = _unpack_0(raw, pos)
+            (integer_range_count,) = _unpack_2(raw, pos)
             pos += 4
             if integer_range_count > 1:
                 limit(integer_range_count, 1)

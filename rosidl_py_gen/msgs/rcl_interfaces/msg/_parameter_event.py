@@ -43,7 +43,7 @@ _pack_2 = packers("I", 4)
 _pack_3 = Struct("<xB?").pack
 _pack_4 = packers("qdI", 8)
 _pack_5 = Struct("<I").pack
-_unpack_0 = Struct("<i2I").unpack_from
+_unpack_0 = Struct("<Hxxi2I").unpack_from
 _unpack_1 = Struct("<I").unpack_from
 _unpack_2 = Struct("<B?").unpack_from
 _unpack_3 = Struct("<qdI").unpack_from
@@ -265,22 +265,22 @@ class ParameterEvent(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.stamp = stamp = new(Time)
-            stamp.sec, stamp.nanosec, node_count = _unpack_0(raw, 4)
-            pos = 16 + node_count
-            if raw[pos - 1]:
+            head, stamp.sec, stamp.nanosec, node_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 15 + node_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.node = raw[16 : pos - 1].decode()
-            pos = pos + 3 & -4
+            message.node = raw[16:end].decode()
+            pos = end + 4 & -4
             (new_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 46 * new_parameters_count, raw)
@@ -292,12 +292,12 @@ class ParameterEvent(Message):
                 pos = pos + 3 & -4
                 (name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count
-                if raw[end - 1]:
+                end = pos + name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                new_parameter.name = raw[pos : end - 1].decode()
-                pos = end
+                new_parameter.name = raw[pos:end].decode()
                 new_parameter.value = value = new(ParameterValue)
+                pos = end + 1
                 value.type, value.bool_value = _unpack_2(raw, pos)
                 pos += 2
                 pos = (pos + 3 & -8) + 4
@@ -307,12 +307,11 @@ class ParameterEvent(Message):
                     string_value_count,
                 ) = _unpack_3(raw, pos)
                 pos += 20
-                end = pos + string_value_count
-                if raw[end - 1]:
+                end = pos + string_value_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                value.string_value = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
+                value.string_value = raw[pos:end].decode()
+                pos = end + 4 & -4
                 (byte_array_value_count,) = _unpack_1(raw, pos)
                 pos += 4
                 value.byte_array_value = frombuffer(
@@ -372,12 +371,12 @@ class ParameterEvent(Message):
                 pos = pos + 3 & -4
                 (name_count_,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count_
-                if raw[end - 1]:
+                end = pos + name_count_ - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                changed_parameter.name = raw[pos : end - 1].decode()
-                pos = end
+                changed_parameter.name = raw[pos:end].decode()
                 changed_parameter.value = value_ = new(ParameterValue)
+                pos = end + 1
                 value_.type, value_.bool_value = _unpack_2(raw, pos)
                 pos += 2
                 pos = (pos + 3 & -8) + 4
@@ -387,12 +386,11 @@ class ParameterEvent(Message):
                     string_value_count_,
                 ) = _unpack_3(raw, pos)
                 pos += 20
-                end = pos + string_value_count_
-                if raw[end - 1]:
+                end = pos + string_value_count_ - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                value_.string_value = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
+                value_.string_value = raw[pos:end].decode()
+                pos = end + 4 & -4
                 (byte_array_value_count_,) = _unpack_1(raw, pos)
                 pos += 4
                 value_.byte_array_value = frombuffer(
@@ -452,12 +450,12 @@ class ParameterEvent(Message):
                 pos = pos + 3 & -4
                 (name_count_2,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count_2
-                if raw[end - 1]:
+                end = pos + name_count_2 - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                deleted_parameter.name = raw[pos : end - 1].decode()
-                pos = end
+                deleted_parameter.name = raw[pos:end].decode()
                 deleted_parameter.value = value_2 = new(ParameterValue)
+                pos = end + 1
                 value_2.type, value_2.bool_value = _unpack_2(raw, pos)
                 pos += 2
                 pos = (pos + 3 & -8) + 4
@@ -467,12 +465,11 @@ class ParameterEvent(Message):
                     string_value_count_2,
                 ) = _unpack_3(raw, pos)
                 pos += 20
-                end = pos + string_value_count_2
-                if raw[end - 1]:
+                end = pos + string_value_count_2 - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                value_2.string_value = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
+                value_2.string_value = raw[pos:end].decode()
+                pos = end + 4 & -4
                 (byte_array_value_count_2,) = _unpack_1(raw, pos)
                 pos += 4
                 value_2.byte_array_value = frombuffer(

@@ -39,9 +39,10 @@ _pack_4 = packers("I", 4, nul=True)
 _pack_5 = Struct("<x2?").pack
 _pack_6 = Struct("<3d").pack
 _pack_7 = Struct("<2qQ").pack
-_unpack_0 = Struct("<I").unpack_from
-_unpack_1 = Struct("<B").unpack_from
-_unpack_2 = Struct("<2?").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
+_unpack_1 = Struct("<I").unpack_from
+_unpack_2 = Struct("<B").unpack_from
+_unpack_3 = Struct("<2?").unpack_from
 _iter_0 = Struct("<3d").iter_unpack
 _iter_1 = Struct("<2qQ").iter_unpack
 
@@ -276,16 +277,16 @@ class ParameterEventDescriptors(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (new_parameters_count,) = _unpack_0(raw, 4)
+            head, new_parameters_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 23 * new_parameters_count, raw)
             new_parameters: list[ParameterDescriptor] = []
@@ -293,38 +294,37 @@ class ParameterEventDescriptors(Message):
             for _ in range(new_parameters_count):
                 new_parameter = new(ParameterDescriptor)
                 new_parameters.append(new_parameter)
-                (name_count,) = _unpack_0(raw, pos)
+                (name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count
-                if raw[end - 1]:
+                end = pos + name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                new_parameter.name = raw[pos : end - 1].decode()
-                pos = end
-                (new_parameter.type,) = _unpack_1(raw, pos)
+                new_parameter.name = raw[pos:end].decode()
+                pos = end + 1
+                (new_parameter.type,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (description_count,) = _unpack_0(raw, pos)
+                (description_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + description_count
-                if raw[end - 1]:
+                end = pos + description_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                new_parameter.description = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (additional_constraints_count,) = _unpack_0(raw, pos)
+                new_parameter.description = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (additional_constraints_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + additional_constraints_count
-                if raw[end - 1]:
+                end = pos + additional_constraints_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                new_parameter.additional_constraints = raw[pos : end - 1].decode()
-                pos = end
+                new_parameter.additional_constraints = raw[pos:end].decode()
+                pos = end + 1
                 (
                     new_parameter.read_only,
                     new_parameter.dynamic_typing,
-                ) = _unpack_2(raw, pos)
+                ) = _unpack_3(raw, pos)
                 pos += 2
                 pos = pos + 3 & -4
-                (floating_point_range_count,) = _unpack_0(raw, pos)
+                (floating_point_range_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if floating_point_range_count > 1:
                     limit(floating_point_range_count, 1)
@@ -345,7 +345,7 @@ class ParameterEventDescriptors(Message):
                     floating_point_range_item.to_value = floating_point_range_item_to
                     floating_point_range_item.step = floating_point_range_item_st
                 pos = end
-                (integer_range_count,) = _unpack_0(raw, pos)
+                (integer_range_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count > 1:
                     limit(integer_range_count, 1)
@@ -366,7 +366,7 @@ class ParameterEventDescriptors(Message):
                     integer_range_item.to_value = integer_range_item_to_value
                     integer_range_item.step = integer_range_item_step
                 pos = end
-            (changed_parameters_count,) = _unpack_0(raw, pos)
+            (changed_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 23 * changed_parameters_count, raw)
             changed_parameters: list[ParameterDescriptor] = []
@@ -374,38 +374,37 @@ class ParameterEventDescriptors(Message):
             for _ in range(changed_parameters_count):
                 changed_parameter = new(ParameterDescriptor)
                 changed_parameters.append(changed_parameter)
-                (name_count_,) = _unpack_0(raw, pos)
+                (name_count_,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count_
-                if raw[end - 1]:
+                end = pos + name_count_ - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                changed_parameter.name = raw[pos : end - 1].decode()
-                pos = end
-                (changed_parameter.type,) = _unpack_1(raw, pos)
+                changed_parameter.name = raw[pos:end].decode()
+                pos = end + 1
+                (changed_parameter.type,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (description_count_,) = _unpack_0(raw, pos)
+                (description_count_,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + description_count_
-                if raw[end - 1]:
+                end = pos + description_count_ - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                changed_parameter.description = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (additional_constraints_count_,) = _unpack_0(raw, pos)
+                changed_parameter.description = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (additional_constraints_count_,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + additional_constraints_count_
-                if raw[end - 1]:
+                end = pos + additional_constraints_count_ - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                changed_parameter.additional_constraints = raw[pos : end - 1].decode()
-                pos = end
+                changed_parameter.additional_constraints = raw[pos:end].decode()
+                pos = end + 1
                 (
                     changed_parameter.read_only,
                     changed_parameter.dynamic_typing,
-                ) = _unpack_2(raw, pos)
+                ) = _unpack_3(raw, pos)
                 pos += 2
                 pos = pos + 3 & -4
-                (floating_point_range_count_,) = _unpack_0(raw, pos)
+                (floating_point_range_count_,) = _unpack_1(raw, pos)
                 pos += 4
                 if floating_point_range_count_ > 1:
                     limit(floating_point_range_count_, 1)
@@ -426,7 +425,7 @@ class ParameterEventDescriptors(Message):
                     floating_point_range_item_.to_value = floating_point_range_item__t
                     floating_point_range_item_.step = floating_point_range_item__s
                 pos = end
-                (integer_range_count_,) = _unpack_0(raw, pos)
+                (integer_range_count_,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count_ > 1:
                     limit(integer_range_count_, 1)
@@ -447,7 +446,7 @@ class ParameterEventDescriptors(Message):
                     integer_range_item_.to_value = integer_range_item__to_value
                     integer_range_item_.step = integer_range_item__step
                 pos = end
-            (deleted_parameters_count,) = _unpack_0(raw, pos)
+            (deleted_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 23 * deleted_parameters_count, raw)
             deleted_parameters: list[ParameterDescriptor] = []
@@ -455,38 +454,37 @@ class ParameterEventDescriptors(Message):
             for _ in range(deleted_parameters_count):
                 deleted_parameter = new(ParameterDescriptor)
                 deleted_parameters.append(deleted_parameter)
-                (name_count_2,) = _unpack_0(raw, pos)
+                (name_count_2,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count_2
-                if raw[end - 1]:
+                end = pos + name_count_2 - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                deleted_parameter.name = raw[pos : end - 1].decode()
-                pos = end
-                (deleted_parameter.type,) = _unpack_1(raw, pos)
+                deleted_parameter.name = raw[pos:end].decode()
+                pos = end + 1
+                (deleted_parameter.type,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (description_count_2,) = _unpack_0(raw, pos)
+                (description_count_2,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + description_count_2
-                if raw[end - 1]:
+                end = pos + description_count_2 - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                deleted_parameter.description = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (additional_constraints_count_2,) = _unpack_0(raw, pos)
+                deleted_parameter.description = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (additional_constraints_count_2,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + additional_constraints_count_2
-                if raw[end - 1]:
+                end = pos + additional_constraints_count_2 - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                deleted_parameter.additional_constraints = raw[pos : end - 1].decode()
-                pos = end
+                deleted_parameter.additional_constraints = raw[pos:end].decode()
+                pos = end + 1
                 (
                     deleted_parameter.read_only,
                     deleted_parameter.dynamic_typing,
-                ) = _unpack_2(raw, pos)
+                ) = _unpack_3(raw, pos)
                 pos += 2
                 pos = pos + 3 & -4
-                (floating_point_range_count_2,) = _unpack_0(raw, pos)
+                (floating_point_range_count_2,) = _unpack_1(raw, pos)
                 pos += 4
                 if floating_point_range_count_2 > 1:
                     limit(floating_point_range_count_2, 1)
@@ -509,7 +507,7 @@ class ParameterEventDescriptors(Message):
                     floating_point_range_item_2.to_value = floating_point_range_item_2_2
                     floating_point_range_item_2.step = floating_point_range_item_2_3
                 pos = end
-                (integer_range_count_2,) = _unpack_0(raw, pos)
+                (integer_range_count_2,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count_2 > 1:
                     limit(integer_range_count_2, 1)

@@ -38,7 +38,7 @@ _pack_0 = Struct("<HxxB?6xqdI").pack
 _pack_1 = packers("I", 4, nul=True)
 _pack_2 = packers("I", 4)
 _pack_3 = Struct("<I").pack
-_unpack_0 = Struct("<B?6xqdI").unpack_from
+_unpack_0 = Struct("<HxxB?6xqdI").unpack_from
 _unpack_1 = Struct("<I").unpack_from
 
 
@@ -142,27 +142,28 @@ class ParameterValue(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             (
+                head,
                 message.type,
                 message.bool_value,
                 message.integer_value,
                 message.double_value,
                 string_value_count,
-            ) = _unpack_0(raw, 4)
-            pos = 32 + string_value_count
-            if raw[pos - 1]:
+            ) = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 31 + string_value_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.string_value = raw[32 : pos - 1].decode()
-            pos = pos + 3 & -4
+            message.string_value = raw[32:end].decode()
+            pos = end + 4 & -4
             (byte_array_value_count,) = _unpack_1(raw, pos)
             pos += 4
             message.byte_array_value = frombuffer(

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["SetLoggerLevelsResult"]
 
 _pack_0 = Struct("<Hxx?3xI").pack
-_unpack_0 = Struct("<?3xI").unpack_from
+_unpack_0 = Struct("<Hxx?3xI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -42,20 +42,20 @@ class SetLoggerLevelsResult(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            message.successful, reason_count = _unpack_0(raw, 4)
-            pos = 12 + reason_count
-            if raw[pos - 1]:
+            head, message.successful, reason_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 11 + reason_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.reason = raw[12 : pos - 1].decode()
+            message.reason = raw[12:end].decode()
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

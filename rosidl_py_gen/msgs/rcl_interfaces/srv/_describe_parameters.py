@@ -53,7 +53,7 @@ __all__ = [
 ]
 
 _pack_0 = Struct("<HxxI").pack
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
 _pack_1 = Struct("<I").pack
 _pack_2 = Struct("<xB").pack
 _pack_3 = packers("I", 4)
@@ -61,12 +61,13 @@ _pack_4 = packers("I", 4, nul=True)
 _pack_5 = Struct("<x2?").pack
 _pack_6 = Struct("<3d").pack
 _pack_7 = Struct("<2qQ").pack
-_unpack_1 = Struct("<B").unpack_from
-_unpack_2 = Struct("<2?").unpack_from
+_unpack_1 = Struct("<I").unpack_from
+_unpack_2 = Struct("<B").unpack_from
+_unpack_3 = Struct("<2?").unpack_from
 _iter_0 = Struct("<3d").iter_unpack
 _iter_1 = Struct("<2qQ").iter_unpack
 _pack_8 = Struct("<HxxB3xiI16s4xqI").pack
-_unpack_3 = Struct("<B3xiI20xqI").unpack_from
+_unpack_4 = Struct("<HxxB3xiI20xqI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -91,16 +92,16 @@ class DescribeParameters_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (names_count,) = _unpack_0(raw, 4)
+            head, names_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             message.names, _ = unpack_strings(raw, 8, names_count)
             return message
         except Fault as error:
@@ -195,16 +196,16 @@ class DescribeParameters_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (descriptors_count,) = _unpack_0(raw, 4)
+            head, descriptors_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 23 * descriptors_count, raw)
             descriptors: list[ParameterDescriptor] = []
@@ -212,35 +213,34 @@ class DescribeParameters_Response(Message):
             for _ in range(descriptors_count):
                 descriptor = new(ParameterDescriptor)
                 descriptors.append(descriptor)
-                (name_count,) = _unpack_0(raw, pos)
+                (name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count
-                if raw[end - 1]:
+                end = pos + name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                descriptor.name = raw[pos : end - 1].decode()
-                pos = end
-                (descriptor.type,) = _unpack_1(raw, pos)
+                descriptor.name = raw[pos:end].decode()
+                pos = end + 1
+                (descriptor.type,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (description_count,) = _unpack_0(raw, pos)
+                (description_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + description_count
-                if raw[end - 1]:
+                end = pos + description_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                descriptor.description = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (additional_constraints_count,) = _unpack_0(raw, pos)
+                descriptor.description = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (additional_constraints_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + additional_constraints_count
-                if raw[end - 1]:
+                end = pos + additional_constraints_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                descriptor.additional_constraints = raw[pos : end - 1].decode()
-                pos = end
-                descriptor.read_only, descriptor.dynamic_typing = _unpack_2(raw, pos)
+                descriptor.additional_constraints = raw[pos:end].decode()
+                pos = end + 1
+                descriptor.read_only, descriptor.dynamic_typing = _unpack_3(raw, pos)
                 pos += 2
                 pos = pos + 3 & -4
-                (floating_point_range_count,) = _unpack_0(raw, pos)
+                (floating_point_range_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if floating_point_range_count > 1:
                     limit(floating_point_range_count, 1)
@@ -261,7 +261,7 @@ class DescribeParameters_Response(Message):
                     floating_point_range_item.to_value = floating_point_range_item_to
                     floating_point_range_item.step = floating_point_range_item_st
                 pos = end
-                (integer_range_count,) = _unpack_0(raw, pos)
+                (integer_range_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count > 1:
                     limit(integer_range_count, 1)
@@ -421,24 +421,25 @@ class DescribeParameters_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_3(raw, 4)
+            ) = _unpack_4(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -450,11 +451,11 @@ class DescribeParameters_Event(Message):
                 request_item = new(DescribeParameters_Request)
                 request.append(request_item)
                 pos = pos + 3 & -4
-                (names_count,) = _unpack_0(raw, pos)
+                (names_count,) = _unpack_1(raw, pos)
                 pos += 4
                 request_item.names, pos = unpack_strings(raw, pos, names_count)
             pos = pos + 3 & -4
-            (response_count,) = _unpack_0(raw, pos)
+            (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -464,7 +465,7 @@ class DescribeParameters_Event(Message):
             for _ in range(response_count):
                 response_item = new(DescribeParameters_Response)
                 response.append(response_item)
-                (descriptors_count,) = _unpack_0(raw, pos)
+                (descriptors_count,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 23 * descriptors_count, raw)
                 descriptors: list[ParameterDescriptor] = []
@@ -472,38 +473,37 @@ class DescribeParameters_Event(Message):
                 for _ in range(descriptors_count):
                     descriptor = new(ParameterDescriptor)
                     descriptors.append(descriptor)
-                    (name_count,) = _unpack_0(raw, pos)
+                    (name_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + name_count
-                    if raw[end - 1]:
+                    end = pos + name_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    descriptor.name = raw[pos : end - 1].decode()
-                    pos = end
-                    (descriptor.type,) = _unpack_1(raw, pos)
+                    descriptor.name = raw[pos:end].decode()
+                    pos = end + 1
+                    (descriptor.type,) = _unpack_2(raw, pos)
                     pos += 1
                     pos = pos + 3 & -4
-                    (description_count,) = _unpack_0(raw, pos)
+                    (description_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + description_count
-                    if raw[end - 1]:
+                    end = pos + description_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    descriptor.description = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (additional_constraints_count,) = _unpack_0(raw, pos)
+                    descriptor.description = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (additional_constraints_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + additional_constraints_count
-                    if raw[end - 1]:
+                    end = pos + additional_constraints_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    descriptor.additional_constraints = raw[pos : end - 1].decode()
-                    pos = end
+                    descriptor.additional_constraints = raw[pos:end].decode()
+                    pos = end + 1
                     (
                         descriptor.read_only,
                         descriptor.dynamic_typing,
-                    ) = _unpack_2(raw, pos)
+                    ) = _unpack_3(raw, pos)
                     pos += 2
                     pos = pos + 3 & -4
-                    (floating_point_range_count,) = _unpack_0(raw, pos)
+                    (floating_point_range_count,) = _unpack_1(raw, pos)
                     pos += 4
                     if floating_point_range_count > 1:
                         limit(floating_point_range_count, 1)
@@ -528,7 +528,7 @@ class DescribeParameters_Event(Message):
                         )
                         floating_point_range_item.step = floating_point_range_item_st
                     pos = end
-                    (integer_range_count,) = _unpack_0(raw, pos)
+                    (integer_range_count,) = _unpack_1(raw, pos)
                     pos += 4
                     if integer_range_count > 1:
                         limit(integer_range_count, 1)

@@ -45,12 +45,13 @@ __all__ = [
 ]
 
 _pack_0 = Struct("<HxxI").pack
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
 _pack_1 = Struct("<I").pack
 _pack_2 = packers("I", 4, nul=True)
+_unpack_1 = Struct("<I").unpack_from
 _pack_3 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_4 = packers("I", 4)
-_unpack_1 = Struct("<B3xiI20xqI").unpack_from
+_unpack_2 = Struct("<HxxB3xiI20xqI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -75,16 +76,16 @@ class GetLoggerLevels_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (names_count,) = _unpack_0(raw, 4)
+            head, names_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             message.names, _ = unpack_strings(raw, 8, names_count)
             return message
         except Fault as error:
@@ -126,16 +127,16 @@ class GetLoggerLevels_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (levels_count,) = _unpack_0(raw, 4)
+            head, levels_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 8 * levels_count, raw)
             levels: list[LoggerLevel] = []
@@ -143,15 +144,14 @@ class GetLoggerLevels_Response(Message):
             for _ in range(levels_count):
                 level = new(LoggerLevel)
                 levels.append(level)
-                (name_count,) = _unpack_0(raw, pos)
+                (name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count
-                if raw[end - 1]:
+                end = pos + name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                level.name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (level.level,) = _unpack_0(raw, pos)
+                level.name = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (level.level,) = _unpack_1(raw, pos)
                 pos += 4
             return message
         except Fault as error:
@@ -239,24 +239,25 @@ class GetLoggerLevels_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_1(raw, 4)
+            ) = _unpack_2(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -268,11 +269,11 @@ class GetLoggerLevels_Event(Message):
                 request_item = new(GetLoggerLevels_Request)
                 request.append(request_item)
                 pos = pos + 3 & -4
-                (names_count,) = _unpack_0(raw, pos)
+                (names_count,) = _unpack_1(raw, pos)
                 pos += 4
                 request_item.names, pos = unpack_strings(raw, pos, names_count)
             pos = pos + 3 & -4
-            (response_count,) = _unpack_0(raw, pos)
+            (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -282,7 +283,7 @@ class GetLoggerLevels_Event(Message):
             for _ in range(response_count):
                 response_item = new(GetLoggerLevels_Response)
                 response.append(response_item)
-                (levels_count,) = _unpack_0(raw, pos)
+                (levels_count,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 8 * levels_count, raw)
                 levels: list[LoggerLevel] = []
@@ -290,15 +291,14 @@ class GetLoggerLevels_Event(Message):
                 for _ in range(levels_count):
                     level = new(LoggerLevel)
                     levels.append(level)
-                    (name_count,) = _unpack_0(raw, pos)
+                    (name_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + name_count
-                    if raw[end - 1]:
+                    end = pos + name_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    level.name = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (level.level,) = _unpack_0(raw, pos)
+                    level.name = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (level.level,) = _unpack_1(raw, pos)
                     pos += 4
             return message
         except Fault as error:

@@ -46,10 +46,11 @@ __all__ = [
 ]
 
 _pack_0 = Struct("<HxxI").pack
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
 _pack_1 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_2 = packers("I", 4)
-_unpack_1 = Struct("<B3xiI20xqI").unpack_from
+_unpack_1 = Struct("<HxxB3xiI20xqI").unpack_from
+_unpack_2 = Struct("<I").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -74,16 +75,16 @@ class GetParameterTypes_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (names_count,) = _unpack_0(raw, 4)
+            head, names_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             message.names, _ = unpack_strings(raw, 8, names_count)
             return message
         except Fault as error:
@@ -113,16 +114,16 @@ class GetParameterTypes_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (types_count,) = _unpack_0(raw, 4)
+            head, types_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             message.types = frombuffer(view, UINT8, types_count, 8)
             return message
         except Fault as error:
@@ -202,24 +203,25 @@ class GetParameterTypes_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_1(raw, 4)
+            ) = _unpack_1(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -231,11 +233,11 @@ class GetParameterTypes_Event(Message):
                 request_item = new(GetParameterTypes_Request)
                 request.append(request_item)
                 pos = pos + 3 & -4
-                (names_count,) = _unpack_0(raw, pos)
+                (names_count,) = _unpack_2(raw, pos)
                 pos += 4
                 request_item.names, pos = unpack_strings(raw, pos, names_count)
             pos = pos + 3 & -4
-            (response_count,) = _unpack_0(raw, pos)
+            (response_count,) = _unpack_2(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -246,7 +248,7 @@ class GetParameterTypes_Event(Message):
                 response_item = new(GetParameterTypes_Response)
                 response.append(response_item)
                 pos = pos + 3 & -4
-                (types_count,) = _unpack_0(raw, pos)
+                (types_count,) = _unpack_2(raw, pos)
                 pos += 4
                 response_item.types = frombuffer(view, UINT8, types_count, pos)
                 pos += types_count

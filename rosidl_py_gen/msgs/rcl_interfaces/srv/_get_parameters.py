@@ -54,7 +54,7 @@ __all__ = [
 ]
 
 _pack_0 = Struct("<HxxI").pack
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
 _pack_1 = Struct("<B?").pack
 _pack_2 = packers("qdI", 8)
 _pack_3 = packers("I", 4, nul=True)
@@ -62,8 +62,9 @@ _pack_4 = packers("I", 4)
 _pack_5 = Struct("<I").pack
 _unpack_1 = Struct("<B?").unpack_from
 _unpack_2 = Struct("<qdI").unpack_from
+_unpack_3 = Struct("<I").unpack_from
 _pack_6 = Struct("<HxxB3xiI16s4xqI").pack
-_unpack_3 = Struct("<B3xiI20xqI").unpack_from
+_unpack_4 = Struct("<HxxB3xiI20xqI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -88,16 +89,16 @@ class GetParameters_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (names_count,) = _unpack_0(raw, 4)
+            head, names_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             message.names, _ = unpack_strings(raw, 8, names_count)
             return message
         except Fault as error:
@@ -177,16 +178,16 @@ class GetParameters_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (values_count,) = _unpack_0(raw, 4)
+            head, values_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 42 * values_count, raw)
             values: list[ParameterValue] = []
@@ -203,13 +204,12 @@ class GetParameters_Response(Message):
                     string_value_count,
                 ) = _unpack_2(raw, pos)
                 pos += 20
-                end = pos + string_value_count
-                if raw[end - 1]:
+                end = pos + string_value_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                value.string_value = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (byte_array_value_count,) = _unpack_0(raw, pos)
+                value.string_value = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (byte_array_value_count,) = _unpack_3(raw, pos)
                 pos += 4
                 value.byte_array_value = frombuffer(
                     view,
@@ -219,7 +219,7 @@ class GetParameters_Response(Message):
                 )
                 pos += byte_array_value_count
                 pos = pos + 3 & -4
-                (bool_array_value_count,) = _unpack_0(raw, pos)
+                (bool_array_value_count,) = _unpack_3(raw, pos)
                 pos += 4
                 value.bool_array_value = view_of_bools(
                     view,
@@ -228,7 +228,7 @@ class GetParameters_Response(Message):
                 )
                 pos += bool_array_value_count
                 pos = pos + 3 & -4
-                (integer_array_value_count,) = _unpack_0(raw, pos)
+                (integer_array_value_count,) = _unpack_3(raw, pos)
                 pos += 4
                 if integer_array_value_count:
                     pos = (pos + 3 & -8) + 4
@@ -239,7 +239,7 @@ class GetParameters_Response(Message):
                     pos,
                 )
                 pos += 8 * integer_array_value_count
-                (double_array_value_count,) = _unpack_0(raw, pos)
+                (double_array_value_count,) = _unpack_3(raw, pos)
                 pos += 4
                 if double_array_value_count:
                     pos = (pos + 3 & -8) + 4
@@ -250,7 +250,7 @@ class GetParameters_Response(Message):
                     pos,
                 )
                 pos += 8 * double_array_value_count
-                (string_array_value_count,) = _unpack_0(raw, pos)
+                (string_array_value_count,) = _unpack_3(raw, pos)
                 pos += 4
                 (
                     value.string_array_value,
@@ -378,24 +378,25 @@ class GetParameters_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_3(raw, 4)
+            ) = _unpack_4(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -407,11 +408,11 @@ class GetParameters_Event(Message):
                 request_item = new(GetParameters_Request)
                 request.append(request_item)
                 pos = pos + 3 & -4
-                (names_count,) = _unpack_0(raw, pos)
+                (names_count,) = _unpack_3(raw, pos)
                 pos += 4
                 request_item.names, pos = unpack_strings(raw, pos, names_count)
             pos = pos + 3 & -4
-            (response_count,) = _unpack_0(raw, pos)
+            (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -422,7 +423,7 @@ class GetParameters_Event(Message):
                 response_item = new(GetParameters_Response)
                 response.append(response_item)
                 pos = pos + 3 & -4
-                (values_count,) = _unpack_0(raw, pos)
+                (values_count,) = _unpack_3(raw, pos)
                 pos += 4
                 within(pos + 42 * values_count, raw)
                 values: list[ParameterValue] = []
@@ -439,13 +440,12 @@ class GetParameters_Event(Message):
                         string_value_count,
                     ) = _unpack_2(raw, pos)
                     pos += 20
-                    end = pos + string_value_count
-                    if raw[end - 1]:
+                    end = pos + string_value_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    value.string_value = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (byte_array_value_count,) = _unpack_0(raw, pos)
+                    value.string_value = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (byte_array_value_count,) = _unpack_3(raw, pos)
                     pos += 4
                     value.byte_array_value = frombuffer(
                         view,
@@ -455,7 +455,7 @@ class GetParameters_Event(Message):
                     )
                     pos += byte_array_value_count
                     pos = pos + 3 & -4
-                    (bool_array_value_count,) = _unpack_0(raw, pos)
+                    (bool_array_value_count,) = _unpack_3(raw, pos)
                     pos += 4
                     value.bool_array_value = view_of_bools(
                         view,
@@ -464,7 +464,7 @@ class GetParameters_Event(Message):
                     )
                     pos += bool_array_value_count
                     pos = pos + 3 & -4
-                    (integer_array_value_count,) = _unpack_0(raw, pos)
+                    (integer_array_value_count,) = _unpack_3(raw, pos)
                     pos += 4
                     if integer_array_value_count:
                         pos = (pos + 3 & -8) + 4
@@ -475,7 +475,7 @@ class GetParameters_Event(Message):
                         pos,
                     )
                     pos += 8 * integer_array_value_count
-                    (double_array_value_count,) = _unpack_0(raw, pos)
+                    (double_array_value_count,) = _unpack_3(raw, pos)
                     pos += 4
                     if double_array_value_count:
                         pos = (pos + 3 & -8) + 4
@@ -486,7 +486,7 @@ class GetParameters_Event(Message):
                         pos,
                     )
                     pos += 8 * double_array_value_count
-                    (string_array_value_count,) = _unpack_0(raw, pos)
+                    (string_array_value_count,) = _unpack_3(raw, pos)
                     pos += 4
                     (
                         value.string_array_value,

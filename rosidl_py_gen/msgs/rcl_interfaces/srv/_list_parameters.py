@@ -47,12 +47,13 @@ __all__ = [
 
 _pack_0 = Struct("<HxxI").pack
 _pack_1 = packers("Q", 8)
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
 _unpack_1 = Struct("<Q").unpack_from
 _pack_2 = packers("I", 4)
+_unpack_2 = Struct("<I").unpack_from
 _pack_3 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_4 = Struct("<I").pack
-_unpack_2 = Struct("<B3xiI20xqI").unpack_from
+_unpack_3 = Struct("<HxxB3xiI20xqI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -89,16 +90,16 @@ class ListParameters_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (prefixes_count,) = _unpack_0(raw, 4)
+            head, prefixes_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             message.prefixes, pos = unpack_strings(raw, 8, prefixes_count)
             pos = (pos + 3 & -8) + 4
             (message.depth,) = _unpack_1(raw, pos)
@@ -142,20 +143,20 @@ class ListParameters_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.result = result = new(ListParametersResult)
-            (names_count,) = _unpack_0(raw, 4)
+            head, names_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             result.names, pos = unpack_strings(raw, 8, names_count)
             pos = pos + 3 & -4
-            (prefixes_count,) = _unpack_0(raw, pos)
+            (prefixes_count,) = _unpack_2(raw, pos)
             pos += 4
             result.prefixes, _ = unpack_strings(raw, pos, prefixes_count)
             return message
@@ -248,24 +249,25 @@ class ListParameters_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_2(raw, 4)
+            ) = _unpack_3(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -276,13 +278,13 @@ class ListParameters_Event(Message):
             for _ in range(request_count):
                 request_item = new(ListParameters_Request)
                 request.append(request_item)
-                (prefixes_count,) = _unpack_0(raw, pos)
+                (prefixes_count,) = _unpack_2(raw, pos)
                 pos += 4
                 request_item.prefixes, pos = unpack_strings(raw, pos, prefixes_count)
                 pos = (pos + 3 & -8) + 4
                 (request_item.depth,) = _unpack_1(raw, pos)
                 pos += 8
-            (response_count,) = _unpack_0(raw, pos)
+            (response_count,) = _unpack_2(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -294,11 +296,11 @@ class ListParameters_Event(Message):
                 response.append(response_item)
                 response_item.result = result = new(ListParametersResult)
                 pos = pos + 3 & -4
-                (names_count,) = _unpack_0(raw, pos)
+                (names_count,) = _unpack_2(raw, pos)
                 pos += 4
                 result.names, pos = unpack_strings(raw, pos, names_count)
                 pos = pos + 3 & -4
-                (prefixes_count_,) = _unpack_0(raw, pos)
+                (prefixes_count_,) = _unpack_2(raw, pos)
                 pos += 4
                 result.prefixes, pos = unpack_strings(raw, pos, prefixes_count_)
             return message

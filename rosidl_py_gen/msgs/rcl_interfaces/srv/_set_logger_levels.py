@@ -49,12 +49,13 @@ __all__ = [
 _pack_0 = Struct("<HxxI").pack
 _pack_1 = Struct("<I").pack
 _pack_2 = packers("I", 4, nul=True)
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
+_unpack_1 = Struct("<I").unpack_from
 _pack_3 = Struct("<?").pack
 _pack_4 = packers("I", 4)
-_unpack_1 = Struct("<?").unpack_from
+_unpack_2 = Struct("<?").unpack_from
 _pack_5 = Struct("<HxxB3xiI16s4xqI").pack
-_unpack_2 = Struct("<B3xiI20xqI").unpack_from
+_unpack_3 = Struct("<HxxB3xiI20xqI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -92,16 +93,16 @@ class SetLoggerLevels_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (levels_count,) = _unpack_0(raw, 4)
+            head, levels_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 8 * levels_count, raw)
             levels: list[LoggerLevel] = []
@@ -109,15 +110,14 @@ class SetLoggerLevels_Request(Message):
             for _ in range(levels_count):
                 level = new(LoggerLevel)
                 levels.append(level)
-                (name_count,) = _unpack_0(raw, pos)
+                (name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count
-                if raw[end - 1]:
+                end = pos + name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                level.name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (level.level,) = _unpack_0(raw, pos)
+                level.name = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (level.level,) = _unpack_1(raw, pos)
                 pos += 4
             return message
         except Fault as error:
@@ -161,16 +161,16 @@ class SetLoggerLevels_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (results_count,) = _unpack_0(raw, 4)
+            head, results_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 5 * results_count, raw)
             results: list[SetLoggerLevelsResult] = []
@@ -178,16 +178,16 @@ class SetLoggerLevels_Response(Message):
             for _ in range(results_count):
                 result = new(SetLoggerLevelsResult)
                 results.append(result)
-                (result.successful,) = _unpack_1(raw, pos)
+                (result.successful,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (reason_count,) = _unpack_0(raw, pos)
+                (reason_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + reason_count
-                if raw[end - 1]:
+                end = pos + reason_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                result.reason = raw[pos : end - 1].decode()
-                pos = end
+                result.reason = raw[pos:end].decode()
+                pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -283,24 +283,25 @@ class SetLoggerLevels_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_2(raw, 4)
+            ) = _unpack_3(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -311,7 +312,7 @@ class SetLoggerLevels_Event(Message):
             for _ in range(request_count):
                 request_item = new(SetLoggerLevels_Request)
                 request.append(request_item)
-                (levels_count,) = _unpack_0(raw, pos)
+                (levels_count,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 8 * levels_count, raw)
                 levels: list[LoggerLevel] = []
@@ -319,17 +320,16 @@ class SetLoggerLevels_Event(Message):
                 for _ in range(levels_count):
                     level = new(LoggerLevel)
                     levels.append(level)
-                    (name_count,) = _unpack_0(raw, pos)
+                    (name_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + name_count
-                    if raw[end - 1]:
+                    end = pos + name_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    level.name = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (level.level,) = _unpack_0(raw, pos)
+                    level.name = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (level.level,) = _unpack_1(raw, pos)
                     pos += 4
-            (response_count,) = _unpack_0(raw, pos)
+            (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -340,7 +340,7 @@ class SetLoggerLevels_Event(Message):
                 response_item = new(SetLoggerLevels_Response)
                 response.append(response_item)
                 pos = pos + 3 & -4
-                (results_count,) = _unpack_0(raw, pos)
+                (results_count,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 5 * results_count, raw)
                 results: list[SetLoggerLevelsResult] = []
@@ -348,16 +348,16 @@ class SetLoggerLevels_Event(Message):
                 for _ in range(results_count):
                     result = new(SetLoggerLevelsResult)
                     results.append(result)
-                    (result.successful,) = _unpack_1(raw, pos)
+                    (result.successful,) = _unpack_2(raw, pos)
                     pos += 1
                     pos = pos + 3 & -4
-                    (reason_count,) = _unpack_0(raw, pos)
+                    (reason_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + reason_count
-                    if raw[end - 1]:
+                    end = pos + reason_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    result.reason = raw[pos : end - 1].decode()
-                    pos = end
+                    result.reason = raw[pos:end].decode()
+                    pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

@@ -63,15 +63,16 @@ _pack_2 = Struct("<xB?").pack
 _pack_3 = packers("qdI", 8)
 _pack_4 = packers("I", 4, nul=True)
 _pack_5 = Struct("<I").pack
-_unpack_0 = Struct("<I").unpack_from
-_unpack_1 = Struct("<B?").unpack_from
-_unpack_2 = Struct("<qdI").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
+_unpack_1 = Struct("<I").unpack_from
+_unpack_2 = Struct("<B?").unpack_from
+_unpack_3 = Struct("<qdI").unpack_from
 _pack_6 = Struct("<Hxx?3xI").pack
-_unpack_3 = Struct("<?3xI").unpack_from
+_unpack_4 = Struct("<Hxx?3xI").unpack_from
 _pack_7 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_8 = Struct("<?").pack
-_unpack_4 = Struct("<B3xiI20xqI").unpack_from
-_unpack_5 = Struct("<?").unpack_from
+_unpack_5 = Struct("<HxxB3xiI20xqI").unpack_from
+_unpack_6 = Struct("<?").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -153,16 +154,16 @@ class SetParametersAtomically_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (parameters_count,) = _unpack_0(raw, 4)
+            head, parameters_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             pos = 8
             within(pos + 46 * parameters_count, raw)
             parameters: list[Parameter] = []
@@ -171,30 +172,29 @@ class SetParametersAtomically_Request(Message):
                 parameter = new(Parameter)
                 parameters.append(parameter)
                 pos = pos + 3 & -4
-                (name_count,) = _unpack_0(raw, pos)
+                (name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count
-                if raw[end - 1]:
+                end = pos + name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                parameter.name = raw[pos : end - 1].decode()
-                pos = end
+                parameter.name = raw[pos:end].decode()
                 parameter.value = value = new(ParameterValue)
-                value.type, value.bool_value = _unpack_1(raw, pos)
+                pos = end + 1
+                value.type, value.bool_value = _unpack_2(raw, pos)
                 pos += 2
                 pos = (pos + 3 & -8) + 4
                 (
                     value.integer_value,
                     value.double_value,
                     string_value_count,
-                ) = _unpack_2(raw, pos)
+                ) = _unpack_3(raw, pos)
                 pos += 20
-                end = pos + string_value_count
-                if raw[end - 1]:
+                end = pos + string_value_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                value.string_value = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (byte_array_value_count,) = _unpack_0(raw, pos)
+                value.string_value = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (byte_array_value_count,) = _unpack_1(raw, pos)
                 pos += 4
                 value.byte_array_value = frombuffer(
                     view,
@@ -204,7 +204,7 @@ class SetParametersAtomically_Request(Message):
                 )
                 pos += byte_array_value_count
                 pos = pos + 3 & -4
-                (bool_array_value_count,) = _unpack_0(raw, pos)
+                (bool_array_value_count,) = _unpack_1(raw, pos)
                 pos += 4
                 value.bool_array_value = view_of_bools(
                     view,
@@ -213,7 +213,7 @@ class SetParametersAtomically_Request(Message):
                 )
                 pos += bool_array_value_count
                 pos = pos + 3 & -4
-                (integer_array_value_count,) = _unpack_0(raw, pos)
+                (integer_array_value_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_array_value_count:
                     pos = (pos + 3 & -8) + 4
@@ -224,7 +224,7 @@ class SetParametersAtomically_Request(Message):
                     pos,
                 )
                 pos += 8 * integer_array_value_count
-                (double_array_value_count,) = _unpack_0(raw, pos)
+                (double_array_value_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if double_array_value_count:
                     pos = (pos + 3 & -8) + 4
@@ -235,7 +235,7 @@ class SetParametersAtomically_Request(Message):
                     pos,
                 )
                 pos += 8 * double_array_value_count
-                (string_array_value_count,) = _unpack_0(raw, pos)
+                (string_array_value_count,) = _unpack_1(raw, pos)
                 pos += 4
                 (
                     value.string_array_value,
@@ -272,21 +272,21 @@ class SetParametersAtomically_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.result = result = new(SetParametersResult)
-            result.successful, reason_count = _unpack_3(raw, 4)
-            pos = 12 + reason_count
-            if raw[pos - 1]:
+            head, result.successful, reason_count = _unpack_4(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 11 + reason_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            result.reason = raw[12 : pos - 1].decode()
+            result.reason = raw[12:end].decode()
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -423,24 +423,25 @@ class SetParametersAtomically_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_4(raw, 4)
+            ) = _unpack_5(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -452,7 +453,7 @@ class SetParametersAtomically_Event(Message):
                 request_item = new(SetParametersAtomically_Request)
                 request.append(request_item)
                 pos = pos + 3 & -4
-                (parameters_count,) = _unpack_0(raw, pos)
+                (parameters_count,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 46 * parameters_count, raw)
                 parameters: list[Parameter] = []
@@ -461,30 +462,29 @@ class SetParametersAtomically_Event(Message):
                     parameter = new(Parameter)
                     parameters.append(parameter)
                     pos = pos + 3 & -4
-                    (name_count,) = _unpack_0(raw, pos)
+                    (name_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + name_count
-                    if raw[end - 1]:
+                    end = pos + name_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    parameter.name = raw[pos : end - 1].decode()
-                    pos = end
+                    parameter.name = raw[pos:end].decode()
                     parameter.value = value = new(ParameterValue)
-                    value.type, value.bool_value = _unpack_1(raw, pos)
+                    pos = end + 1
+                    value.type, value.bool_value = _unpack_2(raw, pos)
                     pos += 2
                     pos = (pos + 3 & -8) + 4
                     (
                         value.integer_value,
                         value.double_value,
                         string_value_count,
-                    ) = _unpack_2(raw, pos)
+                    ) = _unpack_3(raw, pos)
                     pos += 20
-                    end = pos + string_value_count
-                    if raw[end - 1]:
+                    end = pos + string_value_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    value.string_value = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (byte_array_value_count,) = _unpack_0(raw, pos)
+                    value.string_value = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (byte_array_value_count,) = _unpack_1(raw, pos)
                     pos += 4
                     value.byte_array_value = frombuffer(
                         view,
@@ -494,7 +494,7 @@ class SetParametersAtomically_Event(Message):
                     )
                     pos += byte_array_value_count
                     pos = pos + 3 & -4
-                    (bool_array_value_count,) = _unpack_0(raw, pos)
+                    (bool_array_value_count,) = _unpack_1(raw, pos)
                     pos += 4
                     value.bool_array_value = view_of_bools(
                         view,
@@ -503,7 +503,7 @@ class SetParametersAtomically_Event(Message):
                     )
                     pos += bool_array_value_count
                     pos = pos + 3 & -4
-                    (integer_array_value_count,) = _unpack_0(raw, pos)
+                    (integer_array_value_count,) = _unpack_1(raw, pos)
                     pos += 4
                     if integer_array_value_count:
                         pos = (pos + 3 & -8) + 4
@@ -514,7 +514,7 @@ class SetParametersAtomically_Event(Message):
                         pos,
                     )
                     pos += 8 * integer_array_value_count
-                    (double_array_value_count,) = _unpack_0(raw, pos)
+                    (double_array_value_count,) = _unpack_1(raw, pos)
                     pos += 4
                     if double_array_value_count:
                         pos = (pos + 3 & -8) + 4
@@ -525,14 +525,14 @@ class SetParametersAtomically_Event(Message):
                         pos,
                     )
                     pos += 8 * double_array_value_count
-                    (string_array_value_count,) = _unpack_0(raw, pos)
+                    (string_array_value_count,) = _unpack_1(raw, pos)
                     pos += 4
                     (
                         value.string_array_value,
                         pos,
                     ) = unpack_strings(raw, pos, string_array_value_count)
             pos = pos + 3 & -4
-            (response_count,) = _unpack_0(raw, pos)
+            (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -543,16 +543,16 @@ class SetParametersAtomically_Event(Message):
                 response_item = new(SetParametersAtomically_Response)
                 response.append(response_item)
                 response_item.result = result = new(SetParametersResult)
-                (result.successful,) = _unpack_5(raw, pos)
+                (result.successful,) = _unpack_6(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (reason_count,) = _unpack_0(raw, pos)
+                (reason_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + reason_count
-                if raw[end - 1]:
+                end = pos + reason_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                result.reason = raw[pos : end - 1].decode()
-                pos = end
+                result.reason = raw[pos:end].decode()
+                pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

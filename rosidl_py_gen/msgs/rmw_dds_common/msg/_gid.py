@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["Gid"]
 
 _pack_0 = Struct("<Hxx16s").pack
-_unpack_0 = Struct("<16x").unpack_from
+_unpack_0 = Struct("<Hxx16x").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -46,16 +46,16 @@ class Gid(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            _unpack_0(raw, 4)
+            (head,) = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             message.data = frombuffer(view, UINT8, 16, 4)
             return message
         except Fault as error:

@@ -30,7 +30,8 @@ _pack_0 = Struct("<HxxI").pack
 _pack_1 = packers("I", 4, nul=True)
 _pack_2 = Struct("<16s").pack
 _pack_3 = Struct("<I").pack
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
+_unpack_1 = Struct("<I").unpack_from
 _iter_0 = Struct("<16x").iter_unpack
 
 
@@ -94,30 +95,29 @@ class NodeEntitiesInfo(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (node_namespace_count,) = _unpack_0(raw, 4)
-            pos = 8 + node_namespace_count
-            if raw[pos - 1]:
+            head, node_namespace_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 7 + node_namespace_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.node_namespace = raw[8 : pos - 1].decode()
-            pos = pos + 3 & -4
-            (node_name_count,) = _unpack_0(raw, pos)
+            message.node_namespace = raw[8:end].decode()
+            pos = end + 4 & -4
+            (node_name_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + node_name_count
-            if raw[end - 1]:
+            end = pos + node_name_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.node_name = raw[pos : end - 1].decode()
-            pos = end
-            pos = pos + 3 & -4
-            (reader_gid_seq_count,) = _unpack_0(raw, pos)
+            message.node_name = raw[pos:end].decode()
+            pos = end + 4 & -4
+            (reader_gid_seq_count,) = _unpack_1(raw, pos)
             pos += 4
             end = pos + 16 * reader_gid_seq_count
             within(end, raw)
@@ -128,7 +128,7 @@ class NodeEntitiesInfo(Message):
                 reader_gid_seq.append(reader_gid_seq_item)
                 reader_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
                 pos += 16
-            (writer_gid_seq_count,) = _unpack_0(raw, pos)
+            (writer_gid_seq_count,) = _unpack_1(raw, pos)
             pos += 4
             end = pos + 16 * writer_gid_seq_count
             within(end, raw)

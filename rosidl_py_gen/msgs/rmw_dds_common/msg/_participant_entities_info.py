@@ -31,7 +31,7 @@ _pack_0 = Struct("<Hxx16sI").pack
 _pack_1 = Struct("<I").pack
 _pack_2 = packers("I", 4, nul=True)
 _pack_3 = Struct("<16s").pack
-_unpack_0 = Struct("<16xI").unpack_from
+_unpack_0 = Struct("<Hxx16xI").unpack_from
 _unpack_1 = Struct("<I").unpack_from
 _iter_0 = Struct("<16x").iter_unpack
 
@@ -103,17 +103,17 @@ class ParticipantEntitiesInfo(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.gid = gid = new(Gid)
-            (node_entities_info_seq_count,) = _unpack_0(raw, 4)
+            head, node_entities_info_seq_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             gid.data = frombuffer(view, UINT8, 16, 4)
             pos = 24
             within(pos + 16 * node_entities_info_seq_count, raw)
@@ -124,20 +124,18 @@ class ParticipantEntitiesInfo(Message):
                 node_entities_info_seq.append(node_entities_info_seq_item)
                 (node_namespace_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + node_namespace_count
-                if raw[end - 1]:
+                end = pos + node_namespace_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                node_entities_info_seq_item.node_namespace = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
+                node_entities_info_seq_item.node_namespace = raw[pos:end].decode()
+                pos = end + 4 & -4
                 (node_name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + node_name_count
-                if raw[end - 1]:
+                end = pos + node_name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                node_entities_info_seq_item.node_name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
+                node_entities_info_seq_item.node_name = raw[pos:end].decode()
+                pos = end + 4 & -4
                 (reader_gid_seq_count,) = _unpack_1(raw, pos)
                 pos += 4
                 end = pos + 16 * reader_gid_seq_count

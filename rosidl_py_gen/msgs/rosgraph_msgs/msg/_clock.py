@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["Clock"]
 
 _pack_0 = Struct("<HxxiI").pack
-_unpack_0 = Struct("<iI").unpack_from
+_unpack_0 = Struct("<HxxiI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -43,17 +43,17 @@ class Clock(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.clock = clock = new(Time)
-            clock.sec, clock.nanosec = _unpack_0(raw, 4)
+            head, clock.sec, clock.nanosec = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 __all__ = ["ServiceEventInfo"]
 
 _pack_0 = Struct("<HxxB3xiI16s4xq").pack
-_unpack_0 = Struct("<B3xiI20xq").unpack_from
+_unpack_0 = Struct("<HxxB3xiI20xq").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -84,22 +84,23 @@ class ServiceEventInfo(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.stamp = stamp = new(Time)
             (
+                head,
                 message.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 message.sequence_number,
-            ) = _unpack_0(raw, 4)
+            ) = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             message.client_gid = frombuffer(view, UINT8, 16, 16)
             return message
         except Fault as error:

@@ -18,9 +18,10 @@ _pack_0 = Struct("<HxxI").pack
 _pack_1 = Struct("<xB").pack
 _pack_2 = packers("2QI", 8)
 _pack_3 = packers("I", 4, nul=True)
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
 _unpack_1 = Struct("<B").unpack_from
 _unpack_2 = Struct("<2QI").unpack_from
+_unpack_3 = Struct("<I").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -74,21 +75,22 @@ class Field(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (name_count,) = _unpack_0(raw, 4)
-            pos = 8 + name_count
-            if raw[pos - 1]:
+            head, name_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 7 + name_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.name = raw[8 : pos - 1].decode()
+            message.name = raw[8:end].decode()
             message.type = type_ = new(FieldType)
+            pos = end + 1
             (type_.type_id,) = _unpack_1(raw, pos)
             pos += 1
             pos = (pos + 3 & -8) + 4
@@ -98,18 +100,17 @@ class Field(Message):
                 nested_type_name_count,
             ) = _unpack_2(raw, pos)
             pos += 20
-            end = pos + nested_type_name_count
-            if raw[end - 1]:
+            end = pos + nested_type_name_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            type_.nested_type_name = raw[pos : end - 1].decode()
-            pos = end
-            pos = pos + 3 & -4
-            (default_value_count,) = _unpack_0(raw, pos)
+            type_.nested_type_name = raw[pos:end].decode()
+            pos = end + 4 & -4
+            (default_value_count,) = _unpack_3(raw, pos)
             pos += 4
-            end = pos + default_value_count
-            if raw[end - 1]:
+            end = pos + default_value_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.default_value = raw[pos : end - 1].decode()
+            message.default_value = raw[pos:end].decode()
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["FieldType"]
 
 _pack_0 = Struct("<HxxB7x2QI").pack
-_unpack_0 = Struct("<B7x2QI").unpack_from
+_unpack_0 = Struct("<HxxB7x2QI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -180,25 +180,26 @@ class FieldType(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             (
+                head,
                 message.type_id,
                 message.capacity,
                 message.string_capacity,
                 nested_type_name_count,
-            ) = _unpack_0(raw, 4)
-            pos = 32 + nested_type_name_count
-            if raw[pos - 1]:
+            ) = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 31 + nested_type_name_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.nested_type_name = raw[32 : pos - 1].decode()
+            message.nested_type_name = raw[32:end].decode()
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

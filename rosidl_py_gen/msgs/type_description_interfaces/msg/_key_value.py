@@ -15,7 +15,8 @@ __all__ = ["KeyValue"]
 
 _pack_0 = Struct("<HxxI").pack
 _pack_1 = packers("I", 4, nul=True)
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
+_unpack_1 = Struct("<I").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -51,27 +52,27 @@ class KeyValue(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (key_count,) = _unpack_0(raw, 4)
-            pos = 8 + key_count
-            if raw[pos - 1]:
+            head, key_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 7 + key_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.key = raw[8 : pos - 1].decode()
-            pos = pos + 3 & -4
-            (value_count,) = _unpack_0(raw, pos)
+            message.key = raw[8:end].decode()
+            pos = end + 4 & -4
+            (value_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + value_count
-            if raw[end - 1]:
+            end = pos + value_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.value = raw[pos : end - 1].decode()
+            message.value = raw[pos:end].decode()
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

@@ -32,9 +32,10 @@ _pack_1 = packers("I", 4, nul=True)
 _pack_2 = packers("I", 4)
 _pack_3 = Struct("<xB").pack
 _pack_4 = packers("2QI", 8)
-_unpack_0 = Struct("<I").unpack_from
-_unpack_1 = Struct("<B").unpack_from
-_unpack_2 = Struct("<2QI").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
+_unpack_1 = Struct("<I").unpack_from
+_unpack_2 = Struct("<B").unpack_from
+_unpack_3 = Struct("<2QI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -162,23 +163,23 @@ class TypeDescription(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.type_description = type_description = new(IndividualTypeDescription)
-            (type_name_count,) = _unpack_0(raw, 4)
-            pos = 8 + type_name_count
-            if raw[pos - 1]:
+            head, type_name_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 7 + type_name_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            type_description.type_name = raw[8 : pos - 1].decode()
-            pos = pos + 3 & -4
-            (fields_count,) = _unpack_0(raw, pos)
+            type_description.type_name = raw[8:end].decode()
+            pos = end + 4 & -4
+            (fields_count,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 29 * fields_count, raw)
             fields: list[Field] = []
@@ -187,38 +188,37 @@ class TypeDescription(Message):
                 field = new(Field)
                 fields.append(field)
                 pos = pos + 3 & -4
-                (name_count,) = _unpack_0(raw, pos)
+                (name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count
-                if raw[end - 1]:
+                end = pos + name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                field.name = raw[pos : end - 1].decode()
-                pos = end
+                field.name = raw[pos:end].decode()
                 field.type = type_ = new(FieldType)
-                (type_.type_id,) = _unpack_1(raw, pos)
+                pos = end + 1
+                (type_.type_id,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = (pos + 3 & -8) + 4
                 (
                     type_.capacity,
                     type_.string_capacity,
                     nested_type_name_count,
-                ) = _unpack_2(raw, pos)
+                ) = _unpack_3(raw, pos)
                 pos += 20
-                end = pos + nested_type_name_count
-                if raw[end - 1]:
+                end = pos + nested_type_name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                type_.nested_type_name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (default_value_count,) = _unpack_0(raw, pos)
+                type_.nested_type_name = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (default_value_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + default_value_count
-                if raw[end - 1]:
+                end = pos + default_value_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                field.default_value = raw[pos : end - 1].decode()
-                pos = end
+                field.default_value = raw[pos:end].decode()
+                pos = end + 1
             pos = pos + 3 & -4
-            (referenced_type_descriptions,) = _unpack_0(raw, pos)
+            (referenced_type_descriptions,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 8 * referenced_type_descriptions, raw)
             referenced_type_descriptions_: list[IndividualTypeDescription] = []
@@ -227,15 +227,14 @@ class TypeDescription(Message):
                 referenced_type_description = new(IndividualTypeDescription)
                 referenced_type_descriptions_.append(referenced_type_description)
                 pos = pos + 3 & -4
-                (type_name_count_,) = _unpack_0(raw, pos)
+                (type_name_count_,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + type_name_count_
-                if raw[end - 1]:
+                end = pos + type_name_count_ - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                referenced_type_description.type_name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (fields_count_,) = _unpack_0(raw, pos)
+                referenced_type_description.type_name = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (fields_count_,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 29 * fields_count_, raw)
                 fields_: list[Field] = []
@@ -244,36 +243,35 @@ class TypeDescription(Message):
                     field_ = new(Field)
                     fields_.append(field_)
                     pos = pos + 3 & -4
-                    (name_count_,) = _unpack_0(raw, pos)
+                    (name_count_,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + name_count_
-                    if raw[end - 1]:
+                    end = pos + name_count_ - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    field_.name = raw[pos : end - 1].decode()
-                    pos = end
+                    field_.name = raw[pos:end].decode()
                     field_.type = type_2 = new(FieldType)
-                    (type_2.type_id,) = _unpack_1(raw, pos)
+                    pos = end + 1
+                    (type_2.type_id,) = _unpack_2(raw, pos)
                     pos += 1
                     pos = (pos + 3 & -8) + 4
                     (
                         type_2.capacity,
                         type_2.string_capacity,
                         nested_type_name_count_,
-                    ) = _unpack_2(raw, pos)
+                    ) = _unpack_3(raw, pos)
                     pos += 20
-                    end = pos + nested_type_name_count_
-                    if raw[end - 1]:
+                    end = pos + nested_type_name_count_ - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    type_2.nested_type_name = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (default_value_count_,) = _unpack_0(raw, pos)
+                    type_2.nested_type_name = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (default_value_count_,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + default_value_count_
-                    if raw[end - 1]:
+                    end = pos + default_value_count_ - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    field_.default_value = raw[pos : end - 1].decode()
-                    pos = end
+                    field_.default_value = raw[pos:end].decode()
+                    pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

@@ -15,7 +15,8 @@ __all__ = ["TypeSource"]
 
 _pack_0 = Struct("<HxxI").pack
 _pack_1 = packers("I", 4, nul=True)
-_unpack_0 = Struct("<I").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
+_unpack_1 = Struct("<I").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -64,35 +65,34 @@ class TypeSource(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (type_name_count,) = _unpack_0(raw, 4)
-            pos = 8 + type_name_count
-            if raw[pos - 1]:
+            head, type_name_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 7 + type_name_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.type_name = raw[8 : pos - 1].decode()
-            pos = pos + 3 & -4
-            (encoding_count,) = _unpack_0(raw, pos)
+            message.type_name = raw[8:end].decode()
+            pos = end + 4 & -4
+            (encoding_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + encoding_count
-            if raw[end - 1]:
+            end = pos + encoding_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.encoding = raw[pos : end - 1].decode()
-            pos = end
-            pos = pos + 3 & -4
-            (raw_file_contents_count,) = _unpack_0(raw, pos)
+            message.encoding = raw[pos:end].decode()
+            pos = end + 4 & -4
+            (raw_file_contents_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + raw_file_contents_count
-            if raw[end - 1]:
+            end = pos + raw_file_contents_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.raw_file_contents = raw[pos : end - 1].decode()
+            message.raw_file_contents = raw[pos:end].decode()
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

@@ -56,18 +56,19 @@ __all__ = [
 _pack_0 = Struct("<HxxI").pack
 _pack_1 = packers("I", 4, nul=True)
 _pack_2 = Struct("<x?").pack
-_unpack_0 = Struct("<I").unpack_from
-_unpack_1 = Struct("<?").unpack_from
+_unpack_0 = Struct("<HxxI").unpack_from
+_unpack_1 = Struct("<I").unpack_from
+_unpack_2 = Struct("<?").unpack_from
 _pack_3 = Struct("<Hxx?3xI").pack
 _pack_4 = packers("I", 4)
 _pack_5 = Struct("<xB").pack
 _pack_6 = packers("2QI", 8)
-_unpack_2 = Struct("<?3xI").unpack_from
-_unpack_3 = Struct("<B").unpack_from
-_unpack_4 = Struct("<2QI").unpack_from
+_unpack_3 = Struct("<Hxx?3xI").unpack_from
+_unpack_4 = Struct("<B").unpack_from
+_unpack_5 = Struct("<2QI").unpack_from
 _pack_7 = Struct("<HxxB3xiI16s4xqI").pack
 _pack_8 = Struct("<?").pack
-_unpack_5 = Struct("<B3xiI20xqI").unpack_from
+_unpack_6 = Struct("<HxxB3xiI20xqI").unpack_from
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -112,29 +113,29 @@ class GetTypeDescription_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            (type_name_count,) = _unpack_0(raw, 4)
-            pos = 8 + type_name_count
-            if raw[pos - 1]:
+            head, type_name_count = _unpack_0(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 7 + type_name_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.type_name = raw[8 : pos - 1].decode()
-            pos = pos + 3 & -4
-            (type_hash_count,) = _unpack_0(raw, pos)
+            message.type_name = raw[8:end].decode()
+            pos = end + 4 & -4
+            (type_hash_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + type_hash_count
-            if raw[end - 1]:
+            end = pos + type_hash_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.type_hash = raw[pos : end - 1].decode()
-            pos = end
-            (message.include_type_sources,) = _unpack_1(raw, pos)
+            message.type_hash = raw[pos:end].decode()
+            pos = end + 1
+            (message.include_type_sources,) = _unpack_2(raw, pos)
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -321,34 +322,33 @@ class GetTypeDescription_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
             else:
                 raw = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
-            message.successful, failure_reason_count = _unpack_2(raw, 4)
-            pos = 12 + failure_reason_count
-            if raw[pos - 1]:
+            head, message.successful, failure_reason_count = _unpack_3(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
+            end = 11 + failure_reason_count
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.failure_reason = raw[12 : pos - 1].decode()
+            message.failure_reason = raw[12:end].decode()
             message.type_description = type_description = new(TypeDescription)
             type_description.type_description = type_description_ = new(
                 IndividualTypeDescription,
             )
-            pos = pos + 3 & -4
-            (type_name_count,) = _unpack_0(raw, pos)
+            pos = end + 4 & -4
+            (type_name_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + type_name_count
-            if raw[end - 1]:
+            end = pos + type_name_count - 1
+            if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            type_description_.type_name = raw[pos : end - 1].decode()
-            pos = end
-            pos = pos + 3 & -4
-            (fields_count,) = _unpack_0(raw, pos)
+            type_description_.type_name = raw[pos:end].decode()
+            pos = end + 4 & -4
+            (fields_count,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 29 * fields_count, raw)
             fields: list[Field] = []
@@ -357,38 +357,37 @@ class GetTypeDescription_Response(Message):
                 field = new(Field)
                 fields.append(field)
                 pos = pos + 3 & -4
-                (name_count,) = _unpack_0(raw, pos)
+                (name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + name_count
-                if raw[end - 1]:
+                end = pos + name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                field.name = raw[pos : end - 1].decode()
-                pos = end
+                field.name = raw[pos:end].decode()
                 field.type = type_ = new(FieldType)
-                (type_.type_id,) = _unpack_3(raw, pos)
+                pos = end + 1
+                (type_.type_id,) = _unpack_4(raw, pos)
                 pos += 1
                 pos = (pos + 3 & -8) + 4
                 (
                     type_.capacity,
                     type_.string_capacity,
                     nested_type_name_count,
-                ) = _unpack_4(raw, pos)
+                ) = _unpack_5(raw, pos)
                 pos += 20
-                end = pos + nested_type_name_count
-                if raw[end - 1]:
+                end = pos + nested_type_name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                type_.nested_type_name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (default_value_count,) = _unpack_0(raw, pos)
+                type_.nested_type_name = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (default_value_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + default_value_count
-                if raw[end - 1]:
+                end = pos + default_value_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                field.default_value = raw[pos : end - 1].decode()
-                pos = end
+                field.default_value = raw[pos:end].decode()
+                pos = end + 1
             pos = pos + 3 & -4
-            (referenced_type_descriptions,) = _unpack_0(raw, pos)
+            (referenced_type_descriptions,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 8 * referenced_type_descriptions, raw)
             referenced_type_descriptions_: list[IndividualTypeDescription] = []
@@ -399,15 +398,14 @@ class GetTypeDescription_Response(Message):
                 referenced_type_description = new(IndividualTypeDescription)
                 referenced_type_descriptions_.append(referenced_type_description)
                 pos = pos + 3 & -4
-                (type_name_count_,) = _unpack_0(raw, pos)
+                (type_name_count_,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + type_name_count_
-                if raw[end - 1]:
+                end = pos + type_name_count_ - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                referenced_type_description.type_name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (fields_count_,) = _unpack_0(raw, pos)
+                referenced_type_description.type_name = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (fields_count_,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 29 * fields_count_, raw)
                 fields_: list[Field] = []
@@ -416,38 +414,37 @@ class GetTypeDescription_Response(Message):
                     field_ = new(Field)
                     fields_.append(field_)
                     pos = pos + 3 & -4
-                    (name_count_,) = _unpack_0(raw, pos)
+                    (name_count_,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + name_count_
-                    if raw[end - 1]:
+                    end = pos + name_count_ - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    field_.name = raw[pos : end - 1].decode()
-                    pos = end
+                    field_.name = raw[pos:end].decode()
                     field_.type = type_2 = new(FieldType)
-                    (type_2.type_id,) = _unpack_3(raw, pos)
+                    pos = end + 1
+                    (type_2.type_id,) = _unpack_4(raw, pos)
                     pos += 1
                     pos = (pos + 3 & -8) + 4
                     (
                         type_2.capacity,
                         type_2.string_capacity,
                         nested_type_name_count_,
-                    ) = _unpack_4(raw, pos)
+                    ) = _unpack_5(raw, pos)
                     pos += 20
-                    end = pos + nested_type_name_count_
-                    if raw[end - 1]:
+                    end = pos + nested_type_name_count_ - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    type_2.nested_type_name = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (default_value_count_,) = _unpack_0(raw, pos)
+                    type_2.nested_type_name = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (default_value_count_,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + default_value_count_
-                    if raw[end - 1]:
+                    end = pos + default_value_count_ - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    field_.default_value = raw[pos : end - 1].decode()
-                    pos = end
+                    field_.default_value = raw[pos:end].decode()
+                    pos = end + 1
             pos = pos + 3 & -4
-            (type_sources_count,) = _unpack_0(raw, pos)
+            (type_sources_count,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 12 * type_sources_count, raw)
             type_sources: list[TypeSource] = []
@@ -456,31 +453,29 @@ class GetTypeDescription_Response(Message):
                 type_source = new(TypeSource)
                 type_sources.append(type_source)
                 pos = pos + 3 & -4
-                (type_name_count_2,) = _unpack_0(raw, pos)
+                (type_name_count_2,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + type_name_count_2
-                if raw[end - 1]:
+                end = pos + type_name_count_2 - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                type_source.type_name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (encoding_count,) = _unpack_0(raw, pos)
+                type_source.type_name = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (encoding_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + encoding_count
-                if raw[end - 1]:
+                end = pos + encoding_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                type_source.encoding = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (raw_file_contents_count,) = _unpack_0(raw, pos)
+                type_source.encoding = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (raw_file_contents_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + raw_file_contents_count
-                if raw[end - 1]:
+                end = pos + raw_file_contents_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                type_source.raw_file_contents = raw[pos : end - 1].decode()
-                pos = end
+                type_source.raw_file_contents = raw[pos:end].decode()
+                pos = end + 1
             pos = pos + 3 & -4
-            (extra_information_count,) = _unpack_0(raw, pos)
+            (extra_information_count,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 8 * extra_information_count, raw)
             extra_information: list[KeyValue] = []
@@ -489,21 +484,20 @@ class GetTypeDescription_Response(Message):
                 extra_information_item = new(KeyValue)
                 extra_information.append(extra_information_item)
                 pos = pos + 3 & -4
-                (key_count,) = _unpack_0(raw, pos)
+                (key_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + key_count
-                if raw[end - 1]:
+                end = pos + key_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                extra_information_item.key = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (value_count,) = _unpack_0(raw, pos)
+                extra_information_item.key = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (value_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + value_count
-                if raw[end - 1]:
+                end = pos + value_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                extra_information_item.value = raw[pos : end - 1].decode()
-                pos = end
+                extra_information_item.value = raw[pos:end].decode()
+                pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)
@@ -731,24 +725,25 @@ class GetTypeDescription_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
             else:
                 raw = view = data
-            if raw[1] != 1 or raw[0]:
-                return recover_decode(cls, data, copy)
             message = new(cls)
             message.info = info = new(ServiceEventInfo)
             info.stamp = stamp = new(Time)
             (
+                head,
                 info.event_type,
                 stamp.sec,
                 stamp.nanosec,
                 info.sequence_number,
                 request_count,
-            ) = _unpack_5(raw, 4)
+            ) = _unpack_6(raw)
+            if head != 256:  # the bytes 00 01
+                return recover_decode(cls, data, copy)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -760,25 +755,24 @@ class GetTypeDescription_Event(Message):
                 request_item = new(GetTypeDescription_Request)
                 request.append(request_item)
                 pos = pos + 3 & -4
-                (type_name_count,) = _unpack_0(raw, pos)
+                (type_name_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + type_name_count
-                if raw[end - 1]:
+                end = pos + type_name_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                request_item.type_name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (type_hash_count,) = _unpack_0(raw, pos)
+                request_item.type_name = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (type_hash_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + type_hash_count
-                if raw[end - 1]:
+                end = pos + type_hash_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                request_item.type_hash = raw[pos : end - 1].decode()
-                pos = end
-                (request_item.include_type_sources,) = _unpack_1(raw, pos)
+                request_item.type_hash = raw[pos:end].decode()
+                pos = end + 1
+                (request_item.include_type_sources,) = _unpack_2(raw, pos)
                 pos += 1
             pos = pos + 3 & -4
-            (response_count,) = _unpack_0(raw, pos)
+            (response_count,) = _unpack_1(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
@@ -788,30 +782,28 @@ class GetTypeDescription_Event(Message):
             for _ in range(response_count):
                 response_item = new(GetTypeDescription_Response)
                 response.append(response_item)
-                (response_item.successful,) = _unpack_1(raw, pos)
+                (response_item.successful,) = _unpack_2(raw, pos)
                 pos += 1
                 pos = pos + 3 & -4
-                (failure_reason_count,) = _unpack_0(raw, pos)
+                (failure_reason_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + failure_reason_count
-                if raw[end - 1]:
+                end = pos + failure_reason_count - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                response_item.failure_reason = raw[pos : end - 1].decode()
-                pos = end
+                response_item.failure_reason = raw[pos:end].decode()
                 response_item.type_description = type_description = new(TypeDescription)
                 type_description.type_description = type_description_ = new(
                     IndividualTypeDescription,
                 )
-                pos = pos + 3 & -4
-                (type_name_count_,) = _unpack_0(raw, pos)
+                pos = end + 4 & -4
+                (type_name_count_,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + type_name_count_
-                if raw[end - 1]:
+                end = pos + type_name_count_ - 1
+                if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                type_description_.type_name = raw[pos : end - 1].decode()
-                pos = end
-                pos = pos + 3 & -4
-                (fields_count,) = _unpack_0(raw, pos)
+                type_description_.type_name = raw[pos:end].decode()
+                pos = end + 4 & -4
+                (fields_count,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 29 * fields_count, raw)
                 fields: list[Field] = []
@@ -820,38 +812,37 @@ class GetTypeDescription_Event(Message):
                     field = new(Field)
                     fields.append(field)
                     pos = pos + 3 & -4
-                    (name_count,) = _unpack_0(raw, pos)
+                    (name_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + name_count
-                    if raw[end - 1]:
+                    end = pos + name_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    field.name = raw[pos : end - 1].decode()
-                    pos = end
+                    field.name = raw[pos:end].decode()
                     field.type = type_ = new(FieldType)
-                    (type_.type_id,) = _unpack_3(raw, pos)
+                    pos = end + 1
+                    (type_.type_id,) = _unpack_4(raw, pos)
                     pos += 1
                     pos = (pos + 3 & -8) + 4
                     (
                         type_.capacity,
                         type_.string_capacity,
                         nested_type_name_count,
-                    ) = _unpack_4(raw, pos)
+                    ) = _unpack_5(raw, pos)
                     pos += 20
-                    end = pos + nested_type_name_count
-                    if raw[end - 1]:
+                    end = pos + nested_type_name_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    type_.nested_type_name = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (default_value_count,) = _unpack_0(raw, pos)
+                    type_.nested_type_name = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (default_value_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + default_value_count
-                    if raw[end - 1]:
+                    end = pos + default_value_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    field.default_value = raw[pos : end - 1].decode()
-                    pos = end
+                    field.default_value = raw[pos:end].decode()
+                    pos = end + 1
                 pos = pos + 3 & -4
-                (referenced_type_descriptions,) = _unpack_0(raw, pos)
+                (referenced_type_descriptions,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 8 * referenced_type_descriptions, raw)
                 referenced_type_descriptions_: list[IndividualTypeDescription] = []
@@ -862,15 +853,14 @@ class GetTypeDescription_Event(Message):
                     referenced_type_description = new(IndividualTypeDescription)
                     referenced_type_descriptions_.append(referenced_type_description)
                     pos = pos + 3 & -4
-                    (type_name_count_2,) = _unpack_0(raw, pos)
+                    (type_name_count_2,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + type_name_count_2
-                    if raw[end - 1]:
+                    end = pos + type_name_count_2 - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    referenced_type_description.type_name = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (fields_count_,) = _unpack_0(raw, pos)
+                    referenced_type_description.type_name = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (fields_count_,) = _unpack_1(raw, pos)
                     pos += 4
                     within(pos + 29 * fields_count_, raw)
                     fields_: list[Field] = []
@@ -879,38 +869,37 @@ class GetTypeDescription_Event(Message):
                         field_ = new(Field)
                         fields_.append(field_)
                         pos = pos + 3 & -4
-                        (name_count_,) = _unpack_0(raw, pos)
+                        (name_count_,) = _unpack_1(raw, pos)
                         pos += 4
-                        end = pos + name_count_
-                        if raw[end - 1]:
+                        end = pos + name_count_ - 1
+                        if raw[end]:
                             raise ValueError("a string does not end in NUL")
-                        field_.name = raw[pos : end - 1].decode()
-                        pos = end
+                        field_.name = raw[pos:end].decode()
                         field_.type = type_2 = new(FieldType)
-                        (type_2.type_id,) = _unpack_3(raw, pos)
+                        pos = end + 1
+                        (type_2.type_id,) = _unpack_4(raw, pos)
                         pos += 1
                         pos = (pos + 3 & -8) + 4
                         (
                             type_2.capacity,
                             type_2.string_capacity,
                             nested_type_name_count_,
-                        ) = _unpack_4(raw, pos)
+                        ) = _unpack_5(raw, pos)
                         pos += 20
-                        end = pos + nested_type_name_count_
-                        if raw[end - 1]:
+                        end = pos + nested_type_name_count_ - 1
+                        if raw[end]:
                             raise ValueError("a string does not end in NUL")
-                        type_2.nested_type_name = raw[pos : end - 1].decode()
-                        pos = end
-                        pos = pos + 3 & -4
-                        (default_value_count_,) = _unpack_0(raw, pos)
+                        type_2.nested_type_name = raw[pos:end].decode()
+                        pos = end + 4 & -4
+                        (default_value_count_,) = _unpack_1(raw, pos)
                         pos += 4
-                        end = pos + default_value_count_
-                        if raw[end - 1]:
+                        end = pos + default_value_count_ - 1
+                        if raw[end]:
                             raise ValueError("a string does not end in NUL")
-                        field_.default_value = raw[pos : end - 1].decode()
-                        pos = end
+                        field_.default_value = raw[pos:end].decode()
+                        pos = end + 1
                 pos = pos + 3 & -4
-                (type_sources_count,) = _unpack_0(raw, pos)
+                (type_sources_count,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 12 * type_sources_count, raw)
                 type_sources: list[TypeSource] = []
@@ -919,31 +908,29 @@ class GetTypeDescription_Event(Message):
                     type_source = new(TypeSource)
                     type_sources.append(type_source)
                     pos = pos + 3 & -4
-                    (type_name_count_3,) = _unpack_0(raw, pos)
+                    (type_name_count_3,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + type_name_count_3
-                    if raw[end - 1]:
+                    end = pos + type_name_count_3 - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    type_source.type_name = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (encoding_count,) = _unpack_0(raw, pos)
+                    type_source.type_name = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (encoding_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + encoding_count
-                    if raw[end - 1]:
+                    end = pos + encoding_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    type_source.encoding = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (raw_file_contents_count,) = _unpack_0(raw, pos)
+                    type_source.encoding = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (raw_file_contents_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + raw_file_contents_count
-                    if raw[end - 1]:
+                    end = pos + raw_file_contents_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    type_source.raw_file_contents = raw[pos : end - 1].decode()
-                    pos = end
+                    type_source.raw_file_contents = raw[pos:end].decode()
+                    pos = end + 1
                 pos = pos + 3 & -4
-                (extra_information_count,) = _unpack_0(raw, pos)
+                (extra_information_count,) = _unpack_1(raw, pos)
                 pos += 4
                 within(pos + 8 * extra_information_count, raw)
                 extra_information: list[KeyValue] = []
@@ -952,21 +939,20 @@ class GetTypeDescription_Event(Message):
                     extra_information_item = new(KeyValue)
                     extra_information.append(extra_information_item)
                     pos = pos + 3 & -4
-                    (key_count,) = _unpack_0(raw, pos)
+                    (key_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + key_count
-                    if raw[end - 1]:
+                    end = pos + key_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    extra_information_item.key = raw[pos : end - 1].decode()
-                    pos = end
-                    pos = pos + 3 & -4
-                    (value_count,) = _unpack_0(raw, pos)
+                    extra_information_item.key = raw[pos:end].decode()
+                    pos = end + 4 & -4
+                    (value_count,) = _unpack_1(raw, pos)
                     pos += 4
-                    end = pos + value_count
-                    if raw[end - 1]:
+                    end = pos + value_count - 1
+                    if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    extra_information_item.value = raw[pos : end - 1].decode()
-                    pos = end
+                    extra_information_item.value = raw[pos:end].decode()
+                    pos = end + 1
             return message
         except Fault as error:
             return recover_decode(cls, data, copy, error)

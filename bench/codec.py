@@ -1,0 +1,235 @@
+"""Compare encode and decode with other Python CDR libraries, in one process, interleaved.
+
+Usage: ``python bench/codec.py [--seconds 0.15] [--markdown] [--generation]``
+
+Prints microseconds a message and the peers' times as multiples of ours. The peers are what is installed of rosbags, pycdr2 and
+mcap-ros2-support; "copy" is ``bytes(payload)`` of the encoded message. Times of one machine say little; compare within a run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import math
+import subprocess
+import sys
+import tempfile
+import time
+import timeit
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from peers import Peer, available_peers
+
+from rosidl_py_gen.generate import generate
+from rosidl_py_gen.spec.find import search_path
+
+PACKAGES = ["sensor_msgs", "nav_msgs", "tf2_msgs"]
+BULK = ("Image 1080p", "PointCloud2 1 MB")
+
+
+@dataclass
+class Row:
+    """One message and one direction: microseconds by library."""
+
+    message: str
+    direction: str
+    micros: dict[str, float] = field(default_factory=dict)
+
+    def ratio(self, peer: str) -> float:
+        return self.micros[peer] / self.micros["ours"]
+
+
+def messages() -> dict[str, Any]:
+    """The messages of the table, filled with plausible values."""
+    std, geometry, sensor, nav, tf2 = (
+        importlib.import_module(f"{name}.msg")
+        for name in ("std_msgs", "geometry_msgs", "sensor_msgs", "nav_msgs", "tf2_msgs")
+    )
+    time_type = type(std.Header().stamp)
+    random = np.random.default_rng(1)
+
+    def header(frame: str = "base_link") -> Any:
+        return std.Header(stamp=time_type(1700000000, 123456789), frame_id=frame)
+
+    def pose() -> Any:
+        x, y, z, qx, qy, qz, qw = random.random(7).tolist()
+        return geometry.Pose(geometry.Point(x, y, z), geometry.Quaternion(qx, qy, qz, qw))
+
+    def twist() -> Any:
+        a, b, c, d, e, f = random.random(6).tolist()
+        return geometry.Twist(geometry.Vector3(a, b, c), geometry.Vector3(d, e, f))
+
+    def stamped_transform(index: int) -> Any:
+        value = pose()
+        shift = geometry.Vector3(value.position.x, value.position.y, value.position.z)
+        transform = geometry.Transform(shift, value.orientation)
+        return geometry.TransformStamped(header("odom"), f"link_{index}", transform)
+
+    points = [
+        sensor.PointField(name=name, offset=4 * index, datatype=7, count=1) for index, name in enumerate("xyz")
+    ] + [sensor.PointField(name="intensity", offset=12, datatype=7, count=1)]
+    return {
+        "String 11 B": std.String(data="hello world"),
+        "Twist": twist(),
+        "PoseStamped": geometry.PoseStamped(header(), pose()),
+        "TFMessage x10": tf2.TFMessage(transforms=[stamped_transform(index) for index in range(10)]),
+        "JointState x12": sensor.JointState(
+            header(), [f"joint_{index}" for index in range(12)], random.random(12), random.random(12), random.random(12)
+        ),
+        "Imu": sensor.Imu(
+            header(),
+            pose().orientation,
+            random.random(9),
+            twist().linear,
+            random.random(9),
+            twist().linear,
+            random.random(9),
+        ),
+        "Odometry": nav.Odometry(
+            header(),
+            "base_link",
+            geometry.PoseWithCovariance(pose(), random.random(36)),
+            geometry.TwistWithCovariance(twist(), random.random(36)),
+        ),
+        "LaserScan x1080": sensor.LaserScan(
+            header=header("laser"),
+            angle_min=-1.5,
+            angle_max=1.5,
+            ranges=random.random(1080).astype(np.float32),
+            intensities=random.random(1080).astype(np.float32),
+        ),
+        "PoseArray x1000": geometry.PoseArray(header(), [pose() for _ in range(1000)]),
+        "Path x1000": nav.Path(header(), [geometry.PoseStamped(header(), pose()) for _ in range(1000)]),
+        "Image 1080p": sensor.Image(
+            header=header("camera"),
+            height=1080,
+            width=1920,
+            encoding="rgb8",
+            step=5760,
+            data=random.integers(0, 255, 1920 * 1080 * 3, np.uint8),
+        ),
+        "PointCloud2 1 MB": sensor.PointCloud2(
+            header=header("lidar"),
+            height=1,
+            width=65536,
+            fields=points,
+            point_step=16,
+            row_step=1 << 20,
+            data=random.integers(0, 255, 1 << 20, np.uint8),
+            is_dense=True,
+        ),
+    }
+
+
+def measure(calls: dict[str, Callable[[], Any]], seconds: float) -> dict[str, float]:
+    """Best microseconds of each call; the calls take turns so that a noisy moment hits all alike."""
+    repeats = {}
+    for name, call in calls.items():
+        once = timeit.timeit(call, number=1) + 1e-7
+        repeats[name] = max(1, int(seconds / 8 / max(once, timeit.timeit(call, number=3) / 3)))
+    best = dict.fromkeys(calls, math.inf)
+    for _ in range(8):
+        for name, call in calls.items():
+            best[name] = min(best[name], timeit.timeit(call, number=repeats[name]) / repeats[name])
+    return {name: value * 1e6 for name, value in best.items()}
+
+
+def rows(peers: list[Peer], seconds: float) -> list[Row]:
+    table: list[Row] = []
+    for name, message in messages().items():
+        payload = message.encode()
+        copied = memoryview(bytearray(payload))
+        encode: dict[str, Callable[[], Any]] = {"ours": message.encode}
+        decode: dict[str, Callable[[], Any]] = {"ours": lambda cls=type(message), data=payload: cls.decode(data)}
+        for peer in peers:
+            pair = peer.pair(message, payload)
+            if pair is not None:
+                encode[peer.name], decode[peer.name] = pair
+        encode["copy"] = decode["copy"] = lambda data=copied: bytes(data)
+        for direction, calls in (("encode", encode), ("decode", decode)):
+            table.append(Row(name, direction, measure(calls, seconds)))
+            print(".", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    return table
+
+
+def geometric_mean(values: list[float]) -> float:
+    return math.exp(sum(map(math.log, values)) / len(values))
+
+
+def show(table: list[Row], peers: list[str], markdown: bool) -> None:
+    columns = ["message", "", "ours us", *(f"{peer}" for peer in peers), "copy us"]
+    lines = []
+    for row in table:
+        cells = [row.message, row.direction, f"{row.micros['ours']:.2f}"]
+        cells += [f"{row.ratio(peer):.1f}x" if peer in row.micros else "-" for peer in peers]
+        lines.append([*cells, f"{row.micros['copy']:.2f}"])
+    if markdown:
+        print("| " + " | ".join(columns) + " |\n|" + "---|" * len(columns))
+        for cells in lines:
+            print("| " + " | ".join(cells) + " |")
+    else:
+        widths = [max(len(row[index]) for row in [columns, *lines]) for index in range(len(columns))]
+        for cells in [columns, *lines]:
+            print("  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)))
+    print()
+    for direction in ("encode", "decode"):
+        chosen = [row for row in table if row.direction == direction and row.message not in BULK]
+        for peer in peers:
+            ratios = [row.ratio(peer) for row in chosen if peer in row.micros]
+            if ratios:
+                print(
+                    f"{direction} against {peer}: geometric mean {geometric_mean(ratios):.1f}x, least {min(ratios):.1f}x"
+                )
+    for row in table:
+        if row.message in BULK:
+            versus = row.micros["ours"] / row.micros["copy"]
+            print(f"{row.direction} {row.message}: {row.micros['ours']:.1f} us, {versus:.2f} of a copy")
+
+
+def generation(folder: Path) -> None:
+    """Time and memory of generating everything cold, and of importing a package, each in a fresh process."""
+    code = (
+        "import resource, sys, time; start = time.perf_counter(); from rosidl_py_gen.cli import main\n"
+        f"try: main(['--out', {str(folder / 'all')!r}])\n"
+        "except SystemExit: pass\n"
+        "peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024\n"
+        "print(f'generate every bundled package: {time.perf_counter() - start:.2f} s, peak {peak:.0f} MB')"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    code = (
+        "import numpy, sys, time; start = time.perf_counter(); import sensor_msgs.msg\n"
+        "print(f'import sensor_msgs.msg on top of numpy: {(time.perf_counter() - start) * 1e3:.1f} ms')"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=folder / "all")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=0.15, help="time spent on each cell")
+    parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
+    parser.add_argument("--generation", action="store_true", help="measure the compiler and imports instead")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        if arguments.generation:
+            generation(folder)
+            return
+        generate(search_path(), PACKAGES, folder)
+        sys.path.insert(0, name)
+        start = time.perf_counter()
+        peers = available_peers()
+        table = rows(peers, arguments.seconds)
+        print(f"CPython {sys.version.split()[0]}, numpy {np.__version__}, {time.perf_counter() - start:.0f} s")
+        show(table, [peer.name for peer in peers], arguments.markdown)
+
+
+if __name__ == "__main__":
+    main()
