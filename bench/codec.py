@@ -2,8 +2,9 @@
 
 Usage: ``python bench/codec.py [--seconds 0.15] [--markdown] [--generation]``
 
-Prints microseconds a message and the peers' times as multiples of ours. The peers are what is installed of rosbags, pycdr2 and
-mcap-ros2-support; "copy" is ``bytes(payload)`` of the encoded message. Times of one machine say little; compare within a run.
+Prints microseconds a message and the peers' times as multiples of ours. The peers are what is installed of rosbags,
+pycdr2 and mcap-ros2-support; "copy" is ``bytes(payload)`` of the encoded message. Times of one machine say little;
+compare within a run.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import time
 import timeit
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -147,12 +149,12 @@ def rows(peers: list[Peer], seconds: float) -> list[Row]:
         payload = message.encode()
         copied = memoryview(bytearray(payload))
         encode: dict[str, Callable[[], Any]] = {"ours": message.encode}
-        decode: dict[str, Callable[[], Any]] = {"ours": lambda cls=type(message), data=payload: cls.decode(data)}
+        decode: dict[str, Callable[[], Any]] = {"ours": partial(type(message).decode, payload)}
         for peer in peers:
             pair = peer.pair(message, payload)
             if pair is not None:
                 encode[peer.name], decode[peer.name] = pair
-        encode["copy"] = decode["copy"] = lambda data=copied: bytes(data)
+        encode["copy"] = decode["copy"] = partial(bytes, copied)
         for direction, calls in (("encode", encode), ("decode", decode)):
             table.append(Row(name, direction, measure(calls, seconds)))
             print(".", end="", file=sys.stderr, flush=True)

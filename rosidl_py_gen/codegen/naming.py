@@ -90,7 +90,7 @@ class Imports:
                 lines.append(f"from {module} import {', '.join(sorted(words, key=sort_key))}")
         for lines in groups:
             lines.sort(key=lambda line: line.startswith("from "))
-        # Where generated packages lie decides which of them a linter takes for first-party code, so they are kept apart.
+        # Where generated packages lie decides which of them a linter takes for first-party code: they are kept apart.
         result = [*groups[0], *([""] if groups[0] and groups[1] else []), *groups[1]]
         for lines in groups[2:]:
             result += [*(["", "# isort: split"] if result and lines else []), *lines]

@@ -170,8 +170,8 @@ class Store:
 
 
 Statement = (
-    Load | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align | Create | Unpack | ReadText | CheckHeader | Within
-    | NewList | ReadHeavy | For | Store
+    Load | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align | Create | Unpack | ReadText
+    | CheckHeader | Within | NewList | ReadHeavy | For | Store
 )  # fmt: skip
 
 

@@ -220,7 +220,7 @@ def _class_scope_names(imports: Imports, heavy: bool) -> dict[str, str]:
         imports.use(_CDR, word, in_class=False)
     names["dataclass"] = imports.use("dataclasses", "dataclass")
     names["ClassVar"] = imports.use("typing", "ClassVar")
-    names["TYPE_CHECKING"] = imports.use("typing", "TYPE_CHECKING")
+    names["TYPE_CHECKING"] = imports.use("typing", "TYPE_CHECKING", in_class=False)
     names["Self"] = imports.use(_SUPPORT, "Self", for_typing=True)
     names["Readable"] = imports.use(_SUPPORT, "Readable", for_typing=True)
     return names
