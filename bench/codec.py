@@ -187,9 +187,8 @@ def show(table: list[Row], peers: list[str], markdown: bool) -> None:
         for peer in peers:
             ratios = [row.ratio(peer) for row in chosen if peer in row.micros]
             if ratios:
-                print(
-                    f"{direction} against {peer}: geometric mean {geometric_mean(ratios):.1f}x, least {min(ratios):.1f}x"
-                )
+                mean, least = geometric_mean(ratios), min(ratios)
+                print(f"{direction} against {peer}: geometric mean {mean:.1f}x, least {least:.1f}x")
     for row in table:
         if row.message in BULK:
             versus = row.micros["ours"] / row.micros["copy"]

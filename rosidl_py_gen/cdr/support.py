@@ -92,6 +92,8 @@ _PACK_U32 = Struct("<I").pack
 _UNPACK_U32 = Struct("<I").unpack_from
 # The terminating NUL of a string and the padding before the next length prefix, by `length including NUL & 3`.
 _NUL_PAD4 = tuple(b"\0" + bytes(-n % 4) for n in range(4))
+# Length prefix, characters, NUL and padding in one call, for the usual short strings; by length without NUL.
+_PACK_SHORT = tuple(Struct(f"<I{n}s{1 + -(n + 1) % 4}x").pack for n in range(64))
 
 
 def packers(code: str, align: int, nul: bool = False) -> tuple[Callable[..., bytes], ...]:
@@ -164,16 +166,17 @@ def pack_strings(values: Any) -> bytes:
         raise ValueProblem(f"expected a list of str, found {shorten(values)}")
     parts: list[bytes] = []
     append = parts.append
-    length = 0
+    length = -1
     for value in values:
         text = utf8(value)
-        length = len(text) + 1
-        append(_PACK_U32(length))
-        append(text)
-        append(_NUL_PAD4[length & 3])
-    if parts:
-        parts[-1] = b"\0"
-    return b"".join(parts)
+        length = len(text)
+        if length < 64:
+            append(_PACK_SHORT[length](length + 1, text))
+        else:
+            append(_PACK_U32(length + 1) + text + _NUL_PAD4[length + 1 & 3])
+    packed = b"".join(parts)
+    excess = -(length + 1) & 3
+    return packed[:-excess] if excess else packed
 
 
 def unpack_strings(data: bytes | bytearray, pos: int, count: int) -> tuple[list[str], int]:
@@ -181,14 +184,16 @@ def unpack_strings(data: bytes | bytearray, pos: int, count: int) -> tuple[list[
     within(pos + 4 * count, data)
     values: list[str] = []
     append = values.append
+    pos -= 1
     for _ in range(count):
-        start = (pos + 3 & -4) + 4
-        (length,) = _UNPACK_U32(data, start - 4)
-        pos = start + length
-        if data[pos - 1]:
+        pos = pos + 4 & -4
+        (length,) = _UNPACK_U32(data, pos)
+        end = pos + 3 + length
+        if data[end]:
             raise ValueProblem("a string does not end in NUL")
-        append(data[start : pos - 1].decode())
-    return values, pos
+        append(data[pos + 4 : end].decode())
+        pos = end
+    return values, pos + 1
 
 
 def utf16(value: str) -> bytes:
