@@ -138,7 +138,8 @@ def _get(text: str, kind: str, base: type[T], path: tuple[str, ...]) -> type[T]:
             cls = cls or _from_definitions(name, path)
             _by_name[full_name, path] = cls
     if not issubclass(cls, base):
-        raise TypeNotFoundError(f"{full_name} is a {cls.__mro__[-3].__name__.lower()}, not a {base.__name__.lower()}")
+        found = next(one.__name__ for one in (Message, Service, Action) if issubclass(cls, one))
+        raise TypeNotFoundError(f"{full_name} is a {found.lower()}, not a {base.__name__.lower()}")
     return cls
 
 

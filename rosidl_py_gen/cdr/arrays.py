@@ -130,7 +130,7 @@ def _pack(value: Sequence[Any], code: str) -> Array:
         if code == "?":
             return np.frombuffer(bytes([BOOL_BYTE[item] for item in items]), np.bool_)
         return np.frombuffer(struct.pack(f"<{len(items)}{code}", *items), DTYPES[code])
-    except (struct.error, OverflowError, TypeError, KeyError, ValueError):
+    except Exception:  # as in scalar_problem
         for index, item in enumerate(items):
             reason = scalar_problem(item, code)
             if reason:
@@ -142,11 +142,12 @@ def scalar_problem(value: object, code: str) -> str:
     """Why `value` cannot be written with this struct code; empty when it can."""
     try:
         if code == "?":
-            if value.__hash__ is not None and value in BOOL_BYTE:
-                return ""
+            BOOL_BYTE[value]
+        else:
+            struct.pack("<" + code, value)
+    except Exception:  # a caller's own __index__, __float__ or __hash__ may raise anything
+        if code == "?":
             return f"expected bool, found {shorten(value)}"
-        struct.pack("<" + code, value)
-    except (struct.error, OverflowError, TypeError, ValueError):
         dtype = DTYPES[code]
         if dtype.kind == "f":
             is_number = isinstance(value, (int, float))
@@ -161,7 +162,7 @@ def scalar_problem(value: object, code: str) -> str:
 def sequence_converter(code: str) -> Callable[[object], Any]:
     """The function generated code calls on a sequence field: returns a buffer whose `len` is the element count.
 
-    A right numpy array is returned as it is, possibly not contiguous; joining it then raises BufferError, which the
+    A right numpy array is returned as it is, possibly not contiguous; joining it then raises TypeError, which the
     slow path mends (asking for contiguity here would cost more than the other tests together).
     """
     dtype = DTYPES[code]

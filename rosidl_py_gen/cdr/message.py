@@ -151,12 +151,18 @@ def _equal(left: Any, right: Any, kind: FieldType) -> bool:
     if kind.arity is Arity.SCALAR:
         return bool(left == right)
     if kind.primitive is not None:
-        # Lists are welcome in array fields, so [1, 2] equals array([1, 2]).
+        # Lists are welcome in array fields, so [1, 2] equals array([1, 2]); and so are bytes.
         try:
-            return bool(np.array_equal(np.asarray(left), np.asarray(right)))
+            return bool(np.array_equal(_as_array(left), _as_array(right)))
         except ValueError:  # ragged lists are equal to nothing
             return False
+    if not isinstance(left, (list, tuple)) or not isinstance(right, (list, tuple)):
+        return bool(left == right)  # a wrong value, which only encoding complains about
     return len(left) == len(right) and all(a == b for a, b in zip(left, right, strict=True))
+
+
+def _as_array(value: Any) -> Any:
+    return np.frombuffer(value, np.uint8) if isinstance(value, (bytes, bytearray)) else np.asarray(value)
 
 
 def _shown(value: Any) -> str:

@@ -129,6 +129,8 @@ def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, bytes | byt
 def _flat(data: object) -> memoryview:
     try:
         view = memoryview(data)  # type: ignore[arg-type]
+        if not view.c_contiguous:
+            raise BufferError("it has gaps")
         if view.ndim != 1 or view.itemsize != 1 or view.format != "B":
             view = view.cast("B")
         return view.toreadonly()
@@ -140,6 +142,12 @@ def expect(value: object, cls: type) -> None:
     """Accept an instance of a subclass; anything else is a wrong value that the slow path will name."""
     if not isinstance(value, cls):
         raise ValueProblem(f"expected {cls.__name__}, found {shorten(value)}")
+
+
+def expect_list(value: object) -> None:
+    """Accept a tuple or a subclass of list where messages are expected; what else has a length is a wrong value."""
+    if not isinstance(value, (list, tuple)):
+        raise ValueProblem(f"expected a list of messages, found {shorten(value)}")
 
 
 def limit(count: int, most: int) -> None:

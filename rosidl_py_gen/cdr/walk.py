@@ -113,20 +113,24 @@ def recover_encode(message: Message, error: Exception) -> bytes:
     if isinstance(error, EncodeError):
         raise error
     validate(message)
-    if isinstance(error, BufferError):
-        return _contiguous(message)._encode()
+    strided: list[str] = []
+    clone = _contiguous(message, strided)
+    if strided:
+        return clone._encode()
     raise EncodeError(message._TYPE.name, f"cannot be encoded: {error}") from error
 
 
-def _contiguous(message: M) -> M:
+def _contiguous(message: M, strided: list[str]) -> M:
+    """A copy that shares all but strided arrays; `strided` receives the names of their fields."""
     clone = object.__new__(type(message))
     for field in message._TYPE.fields:
         value = getattr(message, field.py_name)
-        if isinstance(value, np.ndarray):
+        if isinstance(value, np.ndarray) and not value.flags.c_contiguous:
+            strided.append(field.ros_name)
             value = np.ascontiguousarray(value)
         elif field.cls is not None:
             scalar = field.type.arity is Arity.SCALAR
-            value = _contiguous(value) if scalar else [_contiguous(item) for item in value]
+            value = _contiguous(value, strided) if scalar else [_contiguous(item, strided) for item in value]
         setattr(clone, field.py_name, value)
     return clone
 
@@ -198,10 +202,9 @@ class _Reader:
         kind = field.type
         if kind.arity is Arity.SCALAR:
             return self.element(field, path)
-        start = self.pos
         count = kind.capacity if kind.arity is Arity.ARRAY else self.count(path, "an element count")
         if kind.arity is Arity.BOUNDED and count > kind.capacity:
-            raise DecodeError(path, start, f"expected at most {kind.capacity} elements, found {count}")
+            raise DecodeError(path, self.pos - 4, f"expected at most {kind.capacity} elements, found {count}")
         if kind.primitive is not None:
             return self.numbers(kind.primitive.code, count, path)
         # Every string takes at least its length prefix, every message at least one byte.

@@ -39,6 +39,7 @@ from rosidl_py_gen.codegen.statements import (
     Limit,
     LimitEach,
     Load,
+    LoadList,
     Move,
     Part,
     Statement,
@@ -257,6 +258,9 @@ class _Writer:
             return f"len({name}) >> 2" if wide else f"len({name}) + 1"
         if isinstance(step, Numbers):
             out.append(Assign(name, f"{self.support(NUMPY_FIXED[step.code].removeprefix('fixed_'))}({source})"))
+        elif isinstance(step, Loop):
+            self.support("expect_list")
+            out.append(LoadList(name, source))
         else:
             out.append(Assign(name, source))
         if kind.arity is Arity.BOUNDED:

@@ -48,11 +48,12 @@ class Folder:
         head, imported, names = line.partition(" import ")
         if imported and head.lstrip().startswith("from "):
             line = f"{head} import ({names})"
-        plain = _wrap_plain_value(line)
-        if plain:
-            self.overflow |= len(plain) == 1
-            return plain
-        line = _parenthesise(line)
+        if not line.lstrip().startswith("def "):
+            plain = _wrap_plain_value(line)
+            if plain:
+                self.overflow |= len(plain) == 1
+                return plain
+            line = _parenthesise(line)
         text = line.lstrip()
         place = None if text.startswith("if ") else _bracket(line)
         items = _split(line[place[0] + 1 : place[1]]) if place else []
@@ -62,8 +63,9 @@ class Folder:
         start, end = place
         pad = " " * (len(line) - len(line.lstrip()))
         result = [line[: start + 1]]
+        comma = "" if len(items) == 1 and _is_not_a_list(line, start, end) else ","
         for item in items:
-            result += self.line(f"{pad}    {item},")
+            result += self.line(f"{pad}    {item}{comma}")
         # What follows the bracket belongs to the closing line and may need breaking in turn.
         return result + self.line(pad + line[end:])
 
@@ -108,6 +110,15 @@ def _bracket(line: str) -> tuple[int, int] | None:
     if line[: first[0]].strip() in ("", "for"):  # a target list in parentheses
         return first
     return found[-1]
+
+
+def _is_not_a_list(line: str, start: int, end: int) -> bool:
+    """Whether the bracket holds one expression that a comma would turn into a tuple: an index, slice or parentheses."""
+    if line[end - 1] == "," or line[:start].endswith(" import "):
+        return False
+    before = line[start - 1 : start]
+    follows_name = before.isalnum() or before in ("_", "]", ")")
+    return follows_name if line[start] == "[" else line[start] == "(" and not follows_name
 
 
 def _code(line: str) -> list[tuple[int, str]]:

@@ -7,6 +7,7 @@ literal of a plain type or as text inside a docstring. The spelling is the one `
 from __future__ import annotations
 
 import math
+import textwrap
 import unicodedata
 from collections.abc import Iterable
 
@@ -22,6 +23,7 @@ def py_literal(value: bool | int | float | str) -> str:
             return 'float("nan")'
         if math.isinf(value):
             return 'float("inf")' if value > 0 else 'float("-inf")'
+        return repr(value).replace("e+", "e")
     return repr(value)
 
 
@@ -52,11 +54,20 @@ def docstring(lines: Iterable[str], indent: str) -> str:
     if not safe:
         return '""""""'
     safe[0] = safe[0].lstrip()
+    if safe[0].startswith('"'):  # what formatters do with four quotes in a row
+        safe[0] = " " + safe[0]
     if len(safe) == 1:
-        end = " " if safe[0].endswith('"') else ""
+        open_quote = safe[0].endswith('"') and not safe[0].endswith('\\"\\"\\"')  # the second is escaped
+        end = " " if open_quote else ""
         return f'"""{safe[0]}{end}"""'
-    body = "\n".join(indent + line if line else "" for line in safe[1:])
+    rest = textwrap.dedent("\n".join(safe[1:])).split("\n")  # formatters put the least indented line at the margin
+    body = "\n".join(indent + line if line else "" for line in rest)
     return f'"""{safe[0]}\n{body}\n{indent}"""'
+
+
+def visible(lines: tuple[str, ...]) -> tuple[str, ...]:
+    """The lines, or none when a docstring of them would be empty."""
+    return lines if any(_doc_line(line) for line in lines) else ()
 
 
 def _doc_line(line: str) -> str:

@@ -85,9 +85,7 @@ class Imports:
             lines = groups[0 if top in _STDLIB else 1 if top in _LIBRARIES else 2 + (top == self.package)]
             if "" in table[module]:
                 lines.append(f"import {module} as {table[module]['']}")
-            words = [name if name == alias else f"{name} as {alias}" for name, alias in table[module].items() if name]
-            if words:
-                lines.append(f"from {module} import {', '.join(sorted(words, key=sort_key))}")
+            lines += _from_import(module, table[module])
         for lines in groups:
             lines.sort(key=lambda line: line.startswith("from "))
         # Where generated packages lie decides which of them a linter takes for first-party code: they are kept apart.
@@ -95,6 +93,16 @@ class Imports:
         for lines in groups[2:]:
             result += [*(["", "# isort: split"] if result and lines else []), *lines]
         return result
+
+
+def _from_import(module: str, names: dict[str, str]) -> list[str]:
+    """What is renamed stands alone, the rest together, in the order of the first name: what isort's defaults do."""
+    plain = sorted((name for name, alias in names.items() if name == alias), key=sort_key)
+    statements = [([name], f"{name} as {alias}") for name, alias in names.items() if name and name != alias]
+    if plain:
+        statements.append((plain, ", ".join(plain)))
+    statements.sort(key=lambda statement: sort_key(statement[0][0]))
+    return [f"from {module} import {words}" for _, words in statements]
 
 
 _STDLIB = {"builtins", "dataclasses", "struct", "typing"}

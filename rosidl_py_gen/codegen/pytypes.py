@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.codegen.literals import py_literal
+from rosidl_py_gen.codegen.literals import py_literal, visible
 from rosidl_py_gen.descriptions import default_text
 from rosidl_py_gen.fieldtype import Arity, FieldType
 from rosidl_py_gen.names import py_name
@@ -56,11 +56,11 @@ def constant_view(item: ConstantDef, imports: Imports) -> ConstantView:
 
 
 def _doc(item: FieldDef | ConstantDef) -> tuple[str, ...]:
-    lines = item.comment
+    lines = visible(item.comment)
     if item.unit:
         unit = f"[{item.unit}]"
         lines = (*lines[:-1], f"{lines[-1]} {unit}".strip()) if lines else (unit,)
-    return lines
+    return visible(lines)
 
 
 def _annotation(kind: FieldType, imports: Imports, classes: dict[str, str]) -> str:

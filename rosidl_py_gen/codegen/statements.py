@@ -21,6 +21,15 @@ class Load:
 
 
 @dataclass(frozen=True, slots=True)
+class LoadList:
+    """Fetch the messages of a sequence or array and make sure that they are in a list or tuple."""
+
+    kind: ClassVar[str] = "load_list"
+    var: str
+    expression: str
+
+
+@dataclass(frozen=True, slots=True)
 class Assign:
     kind: ClassVar[str] = "assign"
     target: str
@@ -170,7 +179,7 @@ class Store:
 
 
 Statement = (
-    Load | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align | Create | Unpack | ReadText
+    Load | LoadList | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align | Create | Unpack | ReadText
     | CheckHeader | Within | NewList | ReadHeavy | For | Store
 )  # fmt: skip
 

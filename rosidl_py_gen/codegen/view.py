@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.codegen.decode import DecoderView, decoder_view
 from rosidl_py_gen.codegen.encode import EncoderView, encoder_view
-from rosidl_py_gen.codegen.literals import py_string
+from rosidl_py_gen.codegen.literals import py_string, visible
 from rosidl_py_gen.codegen.naming import Imports, sort_key
 from rosidl_py_gen.codegen.pytypes import ConstantView, FieldView, constant_view, defaults_text, field_view
 from rosidl_py_gen.codegen.statements import Structs
@@ -181,7 +181,7 @@ def _message(
     return MessageView(
         classes[full_name],
         full_name,
-        message.comment or (f"{full_name}.",),
+        visible(message.comment) or (f"{full_name}.",),
         constants,
         fields,
         _type_info(message, name["TypeInfo"], target.hashes(full_name), classes),
@@ -209,7 +209,7 @@ def _table_row(name: str, kind: str, cls: str | None) -> str:
 
 def _class_scope_names(imports: Imports, heavy: bool) -> dict[str, str]:
     """What the template itself mentions inside a class, as it is called there."""
-    builtins = ("bool", "bytes", "classmethod") + (("int", "list", "memoryview", "tuple") if heavy else ())
+    builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple") if heavy else ())
     names = {word: imports.builtin(word) for word in builtins}
     if heavy:
         names["bytearray"] = imports.builtin("bytearray")
@@ -266,7 +266,7 @@ def _group(
 
 def _service(service: ServiceDef, doc: tuple[str, ...], imports: Imports, target: Target) -> GroupView:
     parts = [("Request", service.request.name), ("Response", service.response.name), ("Event", service.event.name)]
-    return _group(service.name, "Service", 2, parts, doc or (f"{service.name}.",), imports, target)
+    return _group(service.name, "Service", 2, parts, visible(doc) or (f"{service.name}.",), imports, target)
 
 
 def _action(action: ActionDef, imports: Imports, target: Target) -> GroupView:
@@ -278,7 +278,7 @@ def _action(action: ActionDef, imports: Imports, target: Target) -> GroupView:
         ("SendGoal", action.send_goal.name),
         ("GetResult", action.get_result.name),
     ]
-    return _group(action.name, "Action", 3, parts, action.goal.comment or (f"{action.name}.",), imports, target)
+    return _group(action.name, "Action", 3, parts, visible(action.goal.comment) or (f"{action.name}.",), imports, target)
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,7 +47,7 @@ class Package:
         for kind in KINDS:
             for entry in _entries(self.folder / kind):
                 stem, suffix = os.path.splitext(entry.name)
-                if suffix in (".idl", "." + kind) and entry.is_file():
+                if suffix in (".idl", "." + kind) and os.path.isfile(entry.path):
                     name = RosName(self.name, kind, stem)
                     if suffix != ".idl" or name not in found:
                         found[name] = Path(entry.path)
@@ -145,11 +145,8 @@ def _descend(folder: Path, origin: str, found: list[Package], visited: set[str],
             found.append(Package(_package_name(manifest, folder), folder, origin))
         return
     for entry in _entries(folder):
-        try:
-            is_folder = entry.is_dir()
-        except OSError:  # a link to itself
-            continue
-        if is_folder and not entry.name.startswith("."):
+        # Not entry.is_dir(): that raises for a link to itself.
+        if os.path.isdir(entry.path) and not entry.name.startswith("."):
             _descend(Path(entry.path), origin, found, visited, depth + 1)
 
 

@@ -98,23 +98,22 @@ def _read_line(
         return
     try:
         element = _element(parse_element(text, number), name, source)
-    except _Wrong as wrong:
-        findings.add(Location(source, number, wrong.column), wrong.text)
-        return
-    except SyntaxProblem as problem:
+    except (_Wrong, SyntaxProblem) as problem:
         findings.add(Location(source, number, problem.column), _explain(text, problem))
         return
     done.append(_Pending(element, list(waiting)))
     waiting.clear()
 
 
-def _explain(text: str, problem: SyntaxProblem) -> str:
+def _explain(text: str, problem: _Wrong | SyntaxProblem) -> str:
     if text[0] == " ":
         return "expected the element to begin in column 1, found blanks before it"
     if text[0] == "\ufeff":
         return "found a byte order mark; save the file as UTF-8 without one"
     if text[0] == "@":
         return "annotations exist in .idl files only"
+    if problem.column > 1 and text[problem.column - 1 :].startswith("=") and problem.text.startswith("expected the end"):
+        return 'a "=" makes the line a constant, so a default value cannot contain one'
     return problem.text
 
 

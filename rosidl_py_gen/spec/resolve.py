@@ -43,11 +43,13 @@ class Library:
         self.search = search
         self.findings = Findings()
         self._interfaces: dict[RosName, Interface | None] = {}
+        self._texts: set[RosName] = set()
         self._messages: dict[str, MessageDef] = {}
         self._hashes: dict[str, str] = {}
 
     def add_text(self, name: RosName, source: Source) -> Interface | None:
         """Parse text that comes from no file of the search path; it hides a file of the same name."""
+        self._texts.add(name)
         return self._keep(name, parse_interface(name, source, self.findings))
 
     def interface(self, name: RosName) -> Interface | None:
@@ -60,7 +62,7 @@ class Library:
 
     def exists(self, name: RosName) -> bool:
         """Whether there is a file or text of this name, however broken."""
-        return name in self._interfaces or self.search.file(name) is not None
+        return name in self._texts or self.search.file(name) is not None
 
     def message(self, full_name: str) -> MessageDef | None:
         """A message by full name, derived ones (``pkg/srv/X_Request``) included."""

@@ -1,0 +1,68 @@
+"""The interfaces in the checkout and the recorded vectors, for tests that go through all of them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from reference_cdr import Reference
+
+from rosidl_py_gen import Message, get_message
+from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.spec.model import messages_of
+from rosidl_py_gen.spec.resolve import Library, check, raise_findings, select
+
+TESTS = Path(__file__).resolve().parent
+INTERFACES = TESTS / "interfaces"
+_SEARCH = (str(INTERFACES),)
+
+
+@dataclass(frozen=True)
+class Vector:
+    """Bytes another implementation wrote, and the plain value it wrote them from."""
+
+    type: str
+    value: dict[str, Any]
+    cdr: bytes
+
+
+@lru_cache(maxsize=1)
+def vectors() -> tuple[Vector, ...]:
+    lines = (TESTS / "vectors" / "cdr_vectors.jsonl").read_text(encoding="utf-8").splitlines()
+    rows = map(json.loads, lines)
+    return tuple(Vector(row["type"], row["value"], bytes.fromhex(row["cdr"])) for row in rows)
+
+
+def vectors_by_type() -> dict[str, list[Vector]]:
+    found: dict[str, list[Vector]] = {}
+    for vector in vectors():
+        found.setdefault(vector.type, []).append(vector)
+    return found
+
+
+@lru_cache(maxsize=1)
+def library() -> Library:
+    """The bundled interfaces and those below tests/interfaces."""
+    return Library(search_path(_SEARCH, ament=""))
+
+
+def reference() -> Reference:
+    return Reference(library().message)
+
+
+@lru_cache(maxsize=1)
+def message_names() -> tuple[str, ...]:
+    """Every message in `library`, those of services and actions included."""
+    names = select(library(), [])
+    check(library(), names)
+    raise_findings(library())
+    interfaces = [library().interface(name) for name in names]
+    return tuple(str(message.name) for one in interfaces if one is not None for message in messages_of(one))
+
+
+def message(name: str) -> type[Message]:
+    """The class of any message in `library`."""
+    return get_message(name, path=_SEARCH)

@@ -1,0 +1,279 @@
+"""Random worlds of message definitions, and random values for them.
+
+A world is a few messages in two packages that use each other, as a person with bad taste could have written them:
+fields named after keywords, builtins and our own helpers, every type in every arity, defaults, constants, empty
+messages, and messages of so many fields that their code is not printed in line.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+from hypothesis import strategies as st
+from reference_cdr import NUMBERS, Reference
+
+from rosidl_py_gen import compile_text
+from rosidl_py_gen.fieldtype import INTEGER_RANGES, Arity, FieldType
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.spec.find import SearchPath
+from rosidl_py_gen.spec.model import Source
+from rosidl_py_gen.spec.resolve import Library, check, raise_findings
+
+INTEGERS = tuple(kind for kind in NUMBERS if kind[0] in "ui" or kind in ("byte", "char"))
+FLOATS = ("float32", "float64")
+
+# Names that a generator could trip over: keywords, builtins, dunder-less internals, parameters and locals of its own.
+NASTY = (
+    *("encode", "decode", "data", "self", "cls", "field", "list", "np", "int", "bytes", "bool", "str", "float"),
+    *("from", "class", "import", "pass", "lambda", "def", "none", "async", "print", "type", "len", "range", "copy"),
+    *("pos", "parts", "append", "end", "raw", "view", "message", "new", "limit", "within", "utf8", "frombuffer"),
+    *("classmethod", "memoryview", "dataclass", "object", "tuple", "x", "value", "values", "error", "module", "fields"),
+    *("recover_encode", "recover_decode", "pos2", "x_count", "x_item", "bytearray", "expect", "exactly", "builtins"),
+)
+CONSTANTS = ("LIMIT", "BOOL", "T", "PAD4", "A_1", "TYPE_CHECKING", "UINT8", "FLOAT64")
+SAFE = tuple(f"{word}_{number}" for number in range(8) for word in ("alpha", "beta", "gamma", "delta"))
+TYPE_NAMES = (
+    "Alpha",
+    "Message",
+    "TypeInfo",
+    "ClassVar",
+    "None",
+    "ValueError",
+    "NDArray",
+    "Exception",
+    "Struct",
+    "Self",
+)
+SAFE_TYPE_NAMES = ("Alpha", "Beta", "Gamma", "Delta", "Epsilon")
+
+_PACKAGES = ("<first>", "<second>")  # replaced by names made from the content, so that equal names mean equal text
+
+
+@dataclass(frozen=True)
+class World:
+    """Definitions in dependency order; the last one is the top, which uses some of the others.
+
+    Attributes:
+        texts: full name and .msg text.
+        defaults: what a new message of the top type holds in the fields that have an explicit default.
+    """
+
+    texts: tuple[tuple[str, str], ...]
+    defaults: tuple[tuple[str, Any], ...]
+
+    @property
+    def top(self) -> str:
+        return self.texts[-1][0]
+
+    @property
+    def text(self) -> str:
+        """The ros2msg text of the top type."""
+        parts = [self.texts[-1][1]]
+        for name, text in self.texts[:-1]:
+            parts.append("=" * 80 + f"\nMSG: {name.replace('/msg/', '/')}\n{text}")
+        return "\n".join(parts)
+
+    def compile(self) -> type[Any]:
+        return compile_text(self.top, self.text)
+
+    def reference(self) -> Reference:
+        library = Library(SearchPath({}, [], []))
+        for name, text in self.texts:
+            library.add_text(split_ros_name(name), Source(f"<{name}>", text, "msg"))
+        check(library, [split_ros_name(name) for name, _ in self.texts])
+        raise_findings(library)
+        return Reference(library.message)
+
+    def __repr__(self) -> str:
+        return f"World({self.top!r}):\n{self.text}"
+
+
+# --- values -----------------------------------------------------------------------------------------------------------
+
+
+def numbers(kind: str) -> st.SearchStrategy[Any]:
+    """A scalar of a primitive type."""
+    if kind == "bool":
+        return st.booleans()
+    if kind in FLOATS:
+        return st.floats(width=32 if kind == "float32" else 64)
+    low, high = INTEGER_RANGES[NUMBERS[kind][0]]
+    return st.one_of(st.integers(low, high), st.sampled_from((low, high)))
+
+
+def texts(bound: int = 0) -> st.SearchStrategy[str]:
+    """A string: NULs, quotes and characters outside the basic plane included, lone surrogates not."""
+    return st.text(st.characters(exclude_categories=("Cs",)), max_size=min(bound, 12) if bound else 12)
+
+
+@st.composite
+def many_numbers(draw: st.DrawFn, kind: str, count: int | None, most: int) -> list[Any]:
+    """A numeric list: short ones element by element, long ones from raw bytes."""
+    size = draw(st.integers(0, min(most, 9))) if count is None else count
+    letter, width = NUMBERS[kind]
+    if size <= 9:
+        return [draw(numbers(kind)) for _ in range(size)]
+    block = draw(st.binary(min_size=width * 8, max_size=width * 8))
+    items = [value != 0 for value in block[:8]] if kind == "bool" else list(struct.unpack(f"<8{letter}", block))
+    return (items * (size // 8 + 1))[:size]
+
+
+@st.composite
+def values(draw: st.DrawFn, reference: Reference, name: str) -> dict[str, Any]:
+    """A plain value of a message."""
+    result: dict[str, Any] = {}
+    for item in reference.definition(name).fields:
+        result[item.name] = draw(_value(reference, item.type))
+    return result
+
+
+def _value(reference: Reference, kind: FieldType) -> st.SearchStrategy[Any]:
+    count = kind.capacity if kind.arity is Arity.ARRAY else None
+    most = kind.capacity if kind.arity is Arity.BOUNDED else 5
+    if kind.base in NUMBERS:
+        return numbers(kind.base) if kind.arity is Arity.SCALAR else many_numbers(kind.base, count, most)
+    one = texts(kind.string_bound) if kind.is_string else values(reference, kind.base)
+    if kind.arity is Arity.SCALAR:
+        return one
+    return st.lists(one, min_size=count or 0, max_size=count if count is not None else min(most, 3))
+
+
+# --- definitions ------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class _Made:
+    """A message so far: its text, and the leaves one instance holds at least (bounds the size of values)."""
+
+    name: str
+    leaves: int
+
+
+@st.composite
+def worlds(draw: st.DrawFn, *, nasty: bool = True, wide: bool = True, exotic: bool = True) -> World:
+    """A world.
+
+    Args:
+        nasty: names and text a generator could trip over; without it every generator of the world should cope.
+        wide: wstrings too.
+        exotic: bounded strings, empty messages and defaults too.
+    """
+    made: list[_Made] = []
+    bodies: list[str] = []
+    owners: list[str] = []
+    defaults: dict[str, Any] = {}
+    type_names = draw(st.permutations(TYPE_NAMES if nasty else SAFE_TYPE_NAMES))
+    for index in range(draw(st.integers(1, 4))):
+        package = draw(st.sampled_from(_PACKAGES))
+        body, leaves, defaults = draw(_body(package, made, nasty, wide, exotic))
+        name = type_names[index // 2] if nasty and index and owners[-1] != package else type_names[index + 1]
+        if any(one.name == f"{package}/{name}" for one in made):
+            name = f"{name}{index}"
+        made.append(_Made(f"{package}/{name}", leaves))
+        bodies.append(body)
+        owners.append(package)
+    digest = hashlib.sha256("\0".join([*bodies, *(one.name for one in made)]).encode("utf-8", "replace")).hexdigest()
+
+    def named(text: str) -> str:
+        return text.replace("<first>", f"p{digest[:16]}").replace("<second>", f"q{digest[:16]}")
+
+    full = [named(one.name).replace("/", "/msg/") for one in made]
+    return World(tuple(zip(full, map(named, bodies), strict=True)), tuple(defaults.items()))
+
+
+@st.composite
+def _body(
+    draw: st.DrawFn, package: str, made: list[_Made], nasty: bool, wide: bool, exotic: bool
+) -> tuple[str, int, dict[str, Any]]:
+    heavy = draw(st.integers(0, 9)) == 9
+    count = draw(st.integers(0 if exotic else 1, 7)) + (50 if heavy else 0)
+    pool = [*NASTY, *SAFE] if nasty else list(SAFE)
+    names = draw(st.lists(st.sampled_from(pool), min_size=min(count, 7), max_size=min(count, 7), unique=True))
+    names += [f"more_{number}" for number in range(count - len(names))]
+    lines: list[str] = []
+    leaves = 1
+    defaults: dict[str, Any] = {}
+    if nasty and draw(st.booleans()):
+        lines += [draw(_comment()), f"uint8 {draw(st.sampled_from(CONSTANTS))}=7"]
+    for position, name in enumerate(names):
+        if position >= 7:  # the bulk of a heavy message
+            lines.append(f"{draw(st.sampled_from(('uint8', 'float64', 'int16', 'bool')))} {name}")
+            leaves += 1
+            continue
+        text, one, default, value = draw(_field(package, made, leaves, wide, exotic))
+        lines.append(f"{text} {name}{' ' if default else ''}{default}")
+        if default:
+            defaults[name] = value
+        if nasty and draw(st.integers(0, 7)) == 7:
+            lines[-1] += "  " + draw(_comment())
+        leaves += one
+    return "\n".join(lines) + "\n", leaves, defaults
+
+
+def _comment() -> st.SearchStrategy[str]:
+    pieces = (
+        '"""',
+        "\\",
+        "{{ x }}",
+        "{% raw %}",
+        "'",
+        "[m/s]",
+        "text",
+        "\x00",
+        "#",
+        "é",
+        "${a}",
+        "%s",
+        "\\N{DASH}",
+        "",
+    )
+    return st.lists(st.sampled_from(pieces), max_size=4).map(lambda parts: "# " + " ".join(parts))
+
+
+@st.composite
+def _field(
+    draw: st.DrawFn, package: str, made: list[_Made], used: int, wide: bool, exotic: bool
+) -> tuple[str, int, str, Any]:
+    """The text of a type, the leaves it adds, the text of its default and what that means."""
+    arity = draw(st.sampled_from(("", "", "[n]", "[]", "[<=n]")))
+    small = [one for one in made if one.leaves <= 40]
+    what = draw(st.integers(0, 9))
+    if small and what >= 6:
+        target = draw(st.sampled_from(small))
+        most = max(1, min(3, 60 // target.leaves))
+        size = draw(st.integers(1, most))
+        owner, _, short = target.name.partition("/")
+        base = short if owner == package and draw(st.booleans()) else f"{owner}/{short}"
+        return base + arity.replace("n", str(size)), target.leaves * (size if arity == "[n]" else 1), "", None
+    if what >= 4:
+        base = draw(st.sampled_from(("string", "wstring") if wide else ("string",)))
+        bound = draw(st.sampled_from((0, 0, 1, 5))) if exotic else 0
+        size = draw(st.integers(1, 3))
+        text = f"{base}<={bound}" if bound else base
+        if exotic and not arity and not bound and draw(st.booleans()):
+            value = draw(st.sampled_from(("", "plain", "it's {x} %s", "é€")))
+            return text, 1, f'"{value}"', value
+        return text + arity.replace("n", str(size)), size, "", None
+    base = draw(st.sampled_from(tuple(NUMBERS)))
+    size = draw(st.sampled_from((1, 2, 3, 3, 5, 9, 16, 129, 1025)))
+    text = base + arity.replace("n", str(size))
+    if exotic and size <= 5 and draw(st.booleans()):
+        if not arity:
+            value = draw(_finite(base))
+            return text, 1, _spelled(value), value
+        number = size if arity == "[n]" else draw(st.integers(0, size))
+        value = [draw(_finite(base)) for _ in range(number)]
+        return text, 1, "[" + ", ".join(map(_spelled, value)) + "]", value
+    return text, 1, "", None
+
+
+def _finite(kind: str) -> st.SearchStrategy[Any]:
+    return numbers(kind).filter(lambda value: not isinstance(value, float) or math.isfinite(value))
+
+
+def _spelled(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else repr(value)
