@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeVar
 
-from rosidl_py_gen.cdr.message import Message
+from rosidl_py_gen.cdr.message import Message, require_message
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr.support import Readable
@@ -19,10 +19,15 @@ def encode(message: Message) -> bytes:
 
     Raises:
         EncodeError: a value does not fit its type; names the field path. Nothing is changed.
+        TypeNotFoundError: not a generated message.
 
     Source: protocol.md 2.
     """
-    return message._encode()
+    try:
+        return message._encode()
+    except AttributeError:
+        require_message(message)
+        raise
 
 
 def decode(cls: type[M], data: Readable, *, copy: bool = False) -> M:
@@ -38,4 +43,8 @@ def decode(cls: type[M], data: Readable, *, copy: bool = False) -> M:
 
     Source: protocol.md 2.
     """
-    return cls._decode(data, copy)
+    try:
+        return cls._decode(data, copy)
+    except AttributeError:
+        require_message(cls)
+        raise

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rosidl_py_gen.cdr.arrays import DTYPES, ValueProblem, coerce, shorten
-from rosidl_py_gen.cdr.message import Field, Message
+from rosidl_py_gen.cdr.message import Field, Message, require_message
 from rosidl_py_gen.cdr.walk import validate
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.fieldtype import Arity
@@ -26,13 +26,27 @@ _SPECIAL = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
 
 
 def to_dict(message: Message) -> dict[str, Any]:
-    """The message as dicts, lists and scalars; arrays become lists. The inverse of `from_dict`."""
+    """The message as dicts, lists and scalars; arrays become lists. The inverse of `from_dict`.
+
+    Raises:
+        EncodeError: a value that does not fit its type; names the path.
+        TypeNotFoundError: not a generated message.
+    """
+    try:
+        return _plain_message(message)
+    except (AttributeError, TypeError):
+        validate(message)
+        raise
+
+
+def _plain_message(message: Message) -> dict[str, Any]:
     return {field.ros_name: _plain(getattr(message, field.py_name), field) for field in message._TYPE.fields}
 
 
 def _plain(value: Any, field: Field) -> Any:
     if field.cls is not None:
-        return to_dict(value) if field.type.arity is Arity.SCALAR else [to_dict(item) for item in value]
+        scalar = field.type.arity is Arity.SCALAR
+        return _plain_message(value) if scalar else [_plain_message(item) for item in value]
     if isinstance(value, np.ndarray):
         return value.tolist()
     if field.type.arity is not Arity.SCALAR:
@@ -41,8 +55,12 @@ def _plain(value: Any, field: Field) -> Any:
 
 
 def to_json(message: Message, *, indent: int | None = None) -> str:
-    """The message as JSON text. The inverse of `from_json`."""
-    return json.dumps(_json_value(to_dict(message)), ensure_ascii=False, allow_nan=False, indent=indent)
+    """The message as JSON text. The inverse of `from_json`; errors as `to_dict`."""
+    try:
+        return json.dumps(_json_value(to_dict(message)), ensure_ascii=False, allow_nan=False, indent=indent)
+    except TypeError:
+        validate(message)
+        raise
 
 
 def _json_value(value: Any) -> Any:
@@ -61,9 +79,10 @@ def from_json(cls: type[M], text: str | bytes) -> M:
     Raises:
         EncodeError: not JSON, or as `from_dict`.
     """
+    require_message(cls)
     try:
         values = json.loads(text)
-    except (ValueError, RecursionError) as error:
+    except (ValueError, TypeError, RecursionError) as error:
         raise EncodeError(cls._TYPE.name, f"expected JSON, found something else: {error}") from None
     return from_dict(cls, values)
 
@@ -74,6 +93,7 @@ def from_dict(cls: type[M], values: Mapping[str, Any]) -> M:
     Raises:
         EncodeError: an unknown key, or a value that does not fit; names the path.
     """
+    require_message(cls)
     message = _build(cls, values, cls._TYPE.name)
     validate(message)
     return message

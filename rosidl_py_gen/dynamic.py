@@ -6,6 +6,7 @@ imported only when this tool generated them, because importing runs code and nam
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 import threading
@@ -15,51 +16,53 @@ from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from rosidl_py_gen.cdr.message import Action, Message, Service
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem, TypeNotFoundError
 from rosidl_py_gen.names import RosName, did_you_mean, py_name, split_ros_name
+from rosidl_py_gen.typesupport import constants, referenced_classes, type_description, type_hash
 
 if TYPE_CHECKING:
-    import os
     from collections.abc import Sequence
 
     from rosidl_py_gen.spec.find import SearchPath
     from rosidl_py_gen.spec.resolve import Library
 
 T = TypeVar("T")
+Folders: TypeAlias = "Sequence[str | os.PathLike[str]] | str | os.PathLike[str]"
 
 _MEMORY = "rosidl_py_gen_memory"  # top of the module names of classes compiled in memory
 _lock = threading.RLock()
-_loaded: dict[tuple[str, str], type] = {}  # (full name, RIHS01) -> class
+_loaded: dict[str, list[type]] = {}  # full name -> classes in use for it, one for each different definition
 _by_name: dict[tuple[str, tuple[str, ...]], type] = {}
 _libraries: dict[tuple[str, ...], Library] = {}
 _worlds = 0
 
 
-def get_message(name: str, *, path: Sequence[str | os.PathLike[str]] = ()) -> type[Message]:
+def get_message(name: str, *, path: Folders = ()) -> type[Message]:
     """The class of ``std_msgs/msg/String`` (or short ``std_msgs/String``).
 
     The generated class if it is importable, else compiled in memory from `path`, AMENT_PREFIX_PATH or the bundled
-    interfaces. Messages of services and actions have names too: ``std_srvs/srv/SetBool_Request``.
+    interfaces. Messages of services and actions have names too: ``std_srvs/srv/SetBool_Request``. The answer is kept:
+    definitions edited, and packages that become importable later, are not noticed.
 
     Raises:
         InvalidNameError: the name has another shape.
         TypeNotFoundError: there is no such message.
         DefinitionError: its definition has problems.
     """
-    return _get(name, "msg", Message, tuple(str(entry) for entry in path))
+    return _get(name, "msg", Message, path)
 
 
-def get_service(name: str, *, path: Sequence[str | os.PathLike[str]] = ()) -> type[Service[Any, Any]]:
+def get_service(name: str, *, path: Folders = ()) -> type[Service[Any, Any]]:
     """The class of ``std_srvs/srv/SetBool``; errors as `get_message`."""
-    return _get(name, "srv", Service, tuple(str(entry) for entry in path))
+    return _get(name, "srv", Service, path)
 
 
-def get_action(name: str, *, path: Sequence[str | os.PathLike[str]] = ()) -> type[Action[Any, Any, Any]]:
+def get_action(name: str, *, path: Folders = ()) -> type[Action[Any, Any, Any]]:
     """The class of ``example_interfaces/action/Fibonacci``; errors as `get_message`."""
-    return _get(name, "action", Action, tuple(str(entry) for entry in path))
+    return _get(name, "action", Action, path)
 
 
 def compile_text(name: str, text: str) -> type[Any]:
@@ -82,17 +85,40 @@ def compile_text(name: str, text: str) -> type[Any]:
     from rosidl_py_gen.spec.model import Source
     from rosidl_py_gen.spec.resolve import Library, check, raise_findings
 
+    if not isinstance(text, str):
+        raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
     top = split_ros_name(name, "msg")
-    defaults = _library(()).search
-    library = Library(SearchPath(defaults.packages, [], ["the text", *defaults.searched]))
-    names = []
-    for part, body, is_idl in _parts(top, text):
-        library.add_text(part, Source(f"<{part}>", body, "idl" if is_idl else part.kind))
-        names.append(part)
     with _lock:
+        defaults = _library(()).search
+        library = Library(SearchPath(defaults.packages, [], ["the text", *defaults.searched]))
+        names = []
+        for part, body, is_idl in _parts(top, text):
+            name_in_file, kind = _read_as(part, body, is_idl)
+            library.add_text(name_in_file, Source(f"<{part}>", body, kind))
+            names.append(name_in_file)
         check(library, names)
         raise_findings(library)
+        if library.owner(top) is None or not library.knows(str(top)):
+            raise DefinitionError(Problem(f"<{top}>", 0, 0, f"the text does not define {top}"))
         return _class(library, top)
+
+
+def _read_as(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
+    """Which interface a text defines, and its format.
+
+    Topics of derived types (``X_Event``, ``A_FeedbackMessage``) carry either the text of the service or action, or that
+    of the derived message alone; the number of separators tells.
+    """
+    from rosidl_py_gen.spec.interface import separators
+
+    if is_idl:
+        return name, "idl"
+    if separators(text) != {"msg": 0, "srv": 1, "action": 2}[name.kind]:
+        plain = separators(text) == 0 and "_" in name.name
+        return name, "msg" if plain else name.kind
+    if name.kind == "msg" or "_" not in name.name:
+        return name, name.kind
+    return name._replace(name=name.name.split("_")[0]), name.kind
 
 
 _SEPARATOR = re.compile(r"^=+[ \t]*$")
@@ -128,26 +154,29 @@ def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
 # --- by name ----------------------------------------------------------------------------------------------------------
 
 
-def _get(text: str, kind: str, base: type[T], path: tuple[str, ...]) -> type[T]:
+def _get(text: str, kind: str, base: type[T], path: Folders) -> type[T]:
+    if not isinstance(text, str):
+        raise InvalidNameError(f"expected the name of an interface, found {type(text).__name__}")
+    folders = [path] if isinstance(path, (str, os.PathLike)) else path
+    entries = tuple(str(entry) for entry in folders)
     name = split_ros_name(text, kind)
     full_name = str(name)
     with _lock:
-        cls: type | None = _by_name.get((full_name, path))
+        cls: type | None = _by_name.get((full_name, entries))
         if cls is None:
-            cls = None if path else _importable(name)
-            cls = cls or _from_definitions(name, path)
-            _by_name[full_name, path] = cls
+            cls = None if entries else _importable(name)
+            cls = cls or _from_definitions(name, entries)
+            _by_name[full_name, entries] = cls
     if not issubclass(cls, base):
-        found = next(one.__name__ for one in (Message, Service, Action) if issubclass(cls, one))
-        raise TypeNotFoundError(f"{full_name} is a {found.lower()}, not a {base.__name__.lower()}")
+        kinds = {Message: "a message", Service: "a service", Action: "an action"}
+        found = next(words for one, words in kinds.items() if issubclass(cls, one))
+        raise TypeNotFoundError(f"{full_name} is {found}, not {kinds[base]}")
     return cls
 
 
-def _importable(name: RosName, wanted_hash: str = "") -> type | None:
+def _importable(name: RosName) -> type | None:
     """The generated class that `import` finds, without importing anything this tool did not generate."""
     for root in ("", "rosidl_py_gen.msgs."):
-        if root == "rosidl_py_gen.msgs." and find_spec(root + name.package) is None:
-            continue
         if not _is_ours(root + name.package):
             continue
         try:
@@ -155,9 +184,7 @@ def _importable(name: RosName, wanted_hash: str = "") -> type | None:
             cls = getattr(package, py_name(name.name), None)
         except ImportError:
             continue
-        info = getattr(cls, "_TYPE", None)
-        right = getattr(info, "name", "") == str(name) and wanted_hash in ("", getattr(info, "hash", ""))
-        if isinstance(cls, type) and right:
+        if isinstance(cls, type) and getattr(getattr(cls, "_TYPE", None), "name", "") == str(name):
             return cls
     return None
 
@@ -181,35 +208,27 @@ def _library(path: tuple[str, ...]) -> Library:
     from rosidl_py_gen.spec.find import search_path
     from rosidl_py_gen.spec.resolve import Library
 
-    if path not in _libraries:
-        _libraries[path] = Library(search_path(path))
-    return _libraries[path]
+    key = (*path, os.environ.get("AMENT_PREFIX_PATH", ""))
+    if key not in _libraries:
+        _libraries[key] = Library(search_path(path))
+    return _libraries[key]
 
 
 def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
     from rosidl_py_gen.spec.resolve import check, raise_findings
 
     library = _library(path)
-    top = _interface_of(library, name)
+    top = library.owner(name)
     if top is None:
         raise TypeNotFoundError(_not_found(library.search, name))
-    interface_problems = len(library.findings.problems)
     check(library, [top])
-    if len(library.findings.problems) > interface_problems or library.interface(top) is None:
+    if library.findings.problems:
+        # What was read half must not be used later: the next call reads it again, and fails again.
+        _libraries.clear()
         raise_findings(library)
+    if not library.knows(str(name)):
+        raise TypeNotFoundError(_not_found(library.search, name))
     return _class(library, name)
-
-
-def _interface_of(library: Library, name: RosName) -> RosName | None:
-    """The file a name comes from: its own, or for X_Request that of X."""
-    stem = name.name
-    while True:
-        candidate = name._replace(name=stem)
-        if library.exists(candidate):
-            return candidate
-        stem, underscore, _ = stem.rpartition("_")
-        if not underscore:
-            return None
 
 
 def _not_found(search: SearchPath, name: RosName) -> str:
@@ -225,21 +244,27 @@ def _not_found(search: SearchPath, name: RosName) -> str:
 
 
 def _class(library: Library, name: RosName) -> type:
-    """The class of a checked type: loaded already, importable, or compiled now."""
-    key = str(name), library.type_hash(str(name))
-    if key not in _loaded:
-        _loaded[key] = _existing(library, name) or _compile(library, name)
-    return _loaded[key]
+    """The class of a checked type: in use already, importable, or compiled now."""
+    in_use = _loaded.setdefault(str(name), [])
+    found = next((cls for cls in in_use if _says_the_same(library, str(name), cls)), None)
+    if found is None:
+        found = _importable(name)
+        if found is None or not _says_the_same(library, str(name), found):
+            return _compile(library, name)
+        in_use.append(found)
+    return found
 
 
-def _existing(library: Library, name: RosName) -> type | None:
-    from rosidl_py_gen.generate import own_classes
-
-    cls = _importable(name, library.type_hash(str(name)))
-    if cls is not None and cls.__module__.startswith("rosidl_py_gen.msgs."):
-        interface = _interface_of(library, name) or name
-        return cls if own_classes(library)(str(interface)) else None
-    return cls
+def _says_the_same(library: Library, full_name: str, cls: type) -> bool:
+    """Whether a class has the same fields, default values and constants, down to the last nested type."""
+    if type_hash(cls) != library.type_hash(full_name):
+        return False
+    description, constants_of = library.facts(full_name)
+    own = {
+        name: {key: repr(value) for key, value in constants(nested).items()}
+        for name, nested in referenced_classes(cls).items()
+    }
+    return type_description(cls) == description and own == constants_of
 
 
 def _compile(library: Library, name: RosName) -> type:
@@ -260,7 +285,7 @@ def _compile(library: Library, name: RosName) -> type:
             modules[full_name] = cls.__module__ if cls else root + module_path(full_name)
         return modules[full_name]
 
-    top = _interface_of(library, name)
+    top = library.owner(name)
     interface = library.interface(top) if top else None
     assert top is not None and interface is not None
     own = {str(message.name) for message in messages_of(interface)}
@@ -270,8 +295,8 @@ def _compile(library: Library, name: RosName) -> type:
     module = _run(root + module_path(str(top)), source)
     for exported in module.__all__:
         cls = getattr(module, exported)
-        _loaded[cls._TYPE.name, cls._TYPE.hash] = cls
-    return _loaded[str(name), library.type_hash(str(name))]
+        _loaded.setdefault(cls._TYPE.name, []).append(cls)
+    return next(cls for cls in _loaded[str(name)] if cls.__module__ == module.__name__)
 
 
 def _run(module_name: str, source: str) -> ModuleType:

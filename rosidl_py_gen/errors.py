@@ -39,18 +39,23 @@ class Problem:
         where = self.path
         if self.line:
             where += f":{self.line}:{self.column or 1}"
-        return f"{where}: {self.text}"
+        return printable(f"{where}: {self.text}")
 
     def with_caret(self, width: int = 100) -> str:
         """The problem, the source line and a caret under the column; very long lines are cut around the column."""
         if not self.source:
             return str(self)
         start = max(0, self.column - 1 - width // 2) if len(self.source) > width else 0
-        shown = self.source[start : start + width]
+        shown = printable(self.source[start : start + width])
         left = "..." if start else ""
         right = "..." if start + width < len(self.source) else ""
         caret = " " * (len(left) + max(0, self.column - 1 - start)) + "^"
         return f"{self}\n    {left}{shown}{right}\n    {caret}"
+
+
+def printable(text: str) -> str:
+    """The text with what could steer a terminal replaced; definition files and names in them are not trusted."""
+    return text if text.isprintable() else "".join(char if char.isprintable() else "\ufffd" for char in text)
 
 
 class DefinitionError(RosidlError):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rosidl_py_gen.codegen import Target, module_name, module_path, package_sources
-from rosidl_py_gen.codegen.write import Changes, apply_changes, ours_below, plan_changes
+from rosidl_py_gen.codegen.write import Changes, apply_changes, our_packages, ours_below, plan_changes
 from rosidl_py_gen.errors import Problem
 from rosidl_py_gen.names import RosName, py_name
 from rosidl_py_gen.resources import interfaces_dir
@@ -117,7 +117,9 @@ def generate(
         Target(root, known, library.type_hash),
         lambda name: progress(name, next(done), len(names)),
     )
-    packages = sorted({name.package for name in names})
+    # Whoever asks for a package, or for everything, wants nothing of it left that no definition stands for.
+    asked = our_packages(folder) if not wanted else [text for text in wanted if "/" not in text]
+    packages = sorted({*asked, *(name.package for name in names)})
     vanished = [path for path in ours_below(folder, packages) if path not in files]
     changes = plan_changes(folder, files, vanished)
     if not dry:

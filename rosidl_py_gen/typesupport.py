@@ -53,19 +53,37 @@ def type_description(subject: object) -> Description:
     Raises:
         TypeNotFoundError: not a generated class.
     """
-    cls, name, _ = _info(subject)
-    classes: dict[str, type] = {name: cls}
+    _, name, _ = _info(subject)
+    classes = referenced_classes(subject)
 
     def rows(full_name: str) -> list[FieldRow]:
         found = classes[full_name]
-        for nested in _referenced(found):
-            classes.setdefault(_info(nested)[1], nested)
         if issubclass(found, Message):
             info = found._TYPE
             return [(field.ros_name, field.type, info.defaults.get(field.ros_name, "")) for field in info.fields]
         return list(service_rows(full_name) if issubclass(found, Service) else action_rows(full_name))
 
     return describe(name, rows)
+
+
+def referenced_classes(subject: object) -> dict[str, type]:
+    """The class itself and every class its fields or parts lead to, by type name."""
+    found: dict[str, type] = {}
+    pending = [_info(subject)[0]]
+    while pending:
+        one = pending.pop()
+        name = _info(one)[1]
+        if name not in found:
+            found[name] = one
+            pending += _referenced(one)
+    return found
+
+
+def constants(cls: type) -> dict[str, bool | int | float | str]:
+    """The constants of a generated class by name."""
+    annotations: dict[str, object] = getattr(cls, "__annotations__", {})
+    names = (name for name, kind in annotations.items() if "ClassVar" in str(kind) and name != "_TYPE")
+    return {name: getattr(cls, name) for name in names}
 
 
 def _referenced(cls: type) -> list[type]:

@@ -153,7 +153,7 @@ def scalar_problem(value: object, code: str) -> str:
             is_number = isinstance(value, (int, float))
             return f"expected float{f' that fits {dtype.name}' if is_number else ''}, found {shorten(value)}"
         low, high = INTEGER_RANGES[code]
-        if isinstance(value, int):
+        if isinstance(value, (int, np.integer)):
             return f"expected {dtype.name} in {low}..{high}, found {shorten(value)}"
         return f"expected int, found {shorten(value)}"
     return ""

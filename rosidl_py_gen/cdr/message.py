@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias,
 
 import numpy as np
 
+from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.fieldtype import Arity, FieldType, parse_field_type
 from rosidl_py_gen.names import py_name
 
@@ -98,9 +99,9 @@ class Message:
         if "_encode" in cls.__dict__:
             names = {field[0] for field in cls._TYPE._spec}
             if "encode" not in names:
-                cls.encode = cls.__dict__["_encode"]  # type: ignore[method-assign]
+                cls.encode = _public(cls, "encode")  # type: ignore[method-assign]
             if "decode" not in names:
-                cls.decode = cls.__dict__["_decode"]  # type: ignore[method-assign]
+                cls.decode = _public(cls, "decode")  # type: ignore[method-assign]
 
     def encode(self) -> bytes:
         """The message as XCDR1 little endian with its 4-byte header, exact size, no padding behind.
@@ -147,6 +148,15 @@ class Message:
         return f"{type(self).__name__}({inside})"
 
 
+def _public(cls: type[Message], name: str) -> Any:
+    """The generated method under its public name, documented as in the base class."""
+    method = cls.__dict__["_" + name]
+    function = getattr(method, "__func__", method)
+    function.__name__, function.__qualname__ = name, f"{cls.__qualname__}.{name}"
+    function.__doc__ = Message.__dict__[name].__doc__
+    return method
+
+
 def _equal(left: Any, right: Any, kind: FieldType) -> bool:
     if kind.arity is Arity.SCALAR:
         return bool(left == right)
@@ -178,6 +188,17 @@ def _shown(value: Any) -> str:
     if isinstance(value, str) and len(value) > 400:
         return f"{value[:200]!r}... {len(value)} characters"
     return repr(value)
+
+
+def require_message(subject: object) -> None:
+    """Refuse what is neither a generated message class nor an instance of one.
+
+    Raises:
+        TypeNotFoundError: says what was found.
+    """
+    cls = subject if isinstance(subject, type) else type(subject)
+    if not issubclass(cls, Message) or not hasattr(cls, "_TYPE"):
+        raise TypeNotFoundError(f"expected a generated message, found {subject!r:.100}")
 
 
 class ServiceInfo:

@@ -126,6 +126,18 @@ def readable(data: Readable, copy: bool) -> tuple[bytes | bytearray, bytes | byt
     return bytes(view), view
 
 
+def viewable(data: Readable, copy: bool) -> bytes | bytearray | memoryview:
+    """The input as one buffer that is never copied (unless `copy`): for messages with sequences that may be large.
+
+    Raises:
+        TypeError: not a contiguous buffer.
+    """
+    view = _flat(data)
+    if copy:
+        return bytearray(view)
+    return view.obj if type(view.obj) is bytes and len(view.obj) == len(view) else view
+
+
 def _flat(data: object) -> memoryview:
     try:
         view = memoryview(data)  # type: ignore[arg-type]
@@ -162,7 +174,7 @@ def exactly(count: int, wanted: int) -> None:
         raise ValueProblem(f"expected exactly {wanted} elements, found {count}")
 
 
-def within(end: int, data: bytes | bytearray) -> None:
+def within(end: int, data: bytes | bytearray | memoryview) -> None:
     """Refuse a count that the bytes left cannot hold, before anything is allocated for it."""
     if end > len(data):
         raise ValueProblem("the data end inside a sequence")
@@ -187,8 +199,10 @@ def pack_strings(values: Any) -> bytes:
     return packed[:-excess] if excess else packed
 
 
-def unpack_strings(data: bytes | bytearray, pos: int, count: int) -> tuple[list[str], int]:
+def unpack_strings(data: bytes | bytearray | memoryview, pos: int, count: int) -> tuple[list[str], int]:
     """`count` strings from offset `pos` (any alignment), and the offset behind the last."""
+    if type(data) is memoryview:  # has no decode; such messages are small where it matters
+        data = bytes(data)
     within(pos + 4 * count, data)
     values: list[str] = []
     append = values.append
@@ -210,7 +224,7 @@ def utf16(value: str) -> bytes:
     return units.astype("<u4").tobytes()
 
 
-def from_utf16(data: bytes | bytearray, pos: int, count: int) -> str:
+def from_utf16(data: bytes | bytearray | memoryview, pos: int, count: int) -> str:
     """The inverse of `utf16`: `count` code units from offset `pos`."""
     within(pos + 4 * count, data)
     units = np.frombuffer(data, "<u4", count, pos)
@@ -231,7 +245,7 @@ def pack_wstrings(values: Any) -> bytes:
     return b"".join(parts)
 
 
-def unpack_wstrings(data: bytes | bytearray, pos: int, count: int) -> tuple[list[str], int]:
+def unpack_wstrings(data: bytes | bytearray | memoryview, pos: int, count: int) -> tuple[list[str], int]:
     """`count` wstrings from offset `pos` (any alignment), and the offset behind the last."""
     within(pos + 4 * count, data)
     values: list[str] = []

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from rosidl_py_gen.cdr.arrays import DTYPES, EMPTY, ValueProblem, coerce, scalar_problem, shorten, view_of_bools
-from rosidl_py_gen.cdr.message import Field, Message
+from rosidl_py_gen.cdr.message import Field, Message, require_message
 from rosidl_py_gen.cdr.support import readable
 from rosidl_py_gen.errors import DecodeError, EncodeError
 from rosidl_py_gen.fieldtype import Arity, FieldType
@@ -32,7 +32,9 @@ def validate(message: Message) -> None:
 
     Raises:
         EncodeError: for the first wrong value in definition order; `path` names it from the message type on.
+        TypeNotFoundError: not a generated message.
     """
+    require_message(message)
     _check_message(message, message._TYPE.name)
 
 

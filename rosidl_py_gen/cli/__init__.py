@@ -6,6 +6,7 @@ runs, so that ``--help`` is quick.
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import click
 
 from rosidl_py_gen import __version__
-from rosidl_py_gen.errors import DefinitionError, RosidlError
+from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
 
 _PATH = click.option(
     "--path",
@@ -35,12 +36,24 @@ class _Failure(Exception):
 
 
 def _run(module: str, **arguments: Any) -> None:
+    above: dict[str, Any] = click.get_current_context().obj or {}
+    arguments["paths"] = above.get("paths", ()) + arguments["paths"]
+    arguments["as_json"] = arguments["as_json"] or above.get("as_json", False)
     code = import_module(f"rosidl_py_gen.cli.{module}").run(**arguments)
     if code:
         raise _Failure(code)
 
 
-@click.group(invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+class _Group(click.Group):
+    """Knows what people mean who give package names where a command is expected."""
+
+    def resolve_command(self, context: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
+        if args and self.get_command(context, args[0]) is None:
+            context.fail(f'no command "{args[0]}"; packages and interfaces are chosen with --filter {args[0]}')
+        return super().resolve_command(context, args)
+
+
+@click.group(cls=_Group, invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="rosidl-py-gen")
 @_PATH
 @click.option(
@@ -64,8 +77,24 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
     rosidl-py-gen --filter std_msgs:geometry_msgs
     rosidl-py-gen --path ~/robot_ws/src --filter my_msgs --out generated
     """
+    if os.environ.get("NO_COLOR"):
+        context.color = False
     if context.invoked_subcommand is None:
+        if arguments["selection"] and not arguments["selection"].strip(":;, "):
+            context.fail(f"--filter {arguments['selection']!r} names nothing")
         _run("generate", **arguments)
+        return
+    given = [name for name in ("out", "check", "listing") if _is_typed(context, name)]
+    if _is_typed(context, "selection") and context.invoked_subcommand != "check":
+        given.append("selection")
+    if given:
+        option = {"out": "--out", "check": "--check", "listing": "--list", "selection": "--filter"}[given[0]]
+        context.fail(f"{option} has no meaning for the command {context.invoked_subcommand}")
+    context.obj = arguments
+
+
+def _is_typed(context: click.Context, name: str) -> bool:
+    return context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
 
 
 @_cli.command()
@@ -87,8 +116,10 @@ def plan(**arguments: Any) -> None:
 def check(**arguments: Any) -> None:
     """Read definitions and report their problems, generating nothing.
 
-    NAMES are packages or interfaces; everything found when there are none.
+    NAMES are packages or interfaces; without any, those of IDL_PACKAGE_FILTER, else everything found.
     """
+    selection = (click.get_current_context().obj or {}).get("selection", "")
+    arguments["names"] = arguments["names"] or tuple(part for part in selection.replace(";", ":").split(":") if part)
     _run("check", **arguments)
 
 
@@ -115,6 +146,10 @@ def main(arguments: list[str] | None = None) -> None:
     except RosidlError as error:
         _report(error, as_json)
         sys.exit(1)
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        _report(RosidlError(f"{place}{error.strerror or error}"), as_json)
+        sys.exit(1)
     except click.exceptions.Exit as done:
         sys.exit(done.exit_code)
     except click.ClickException as wrong:
@@ -133,13 +168,14 @@ def _report(error: RosidlError, as_json: bool) -> None:
         rows = [{"path": p.path, "line": p.line, "column": p.column, "text": p.text} for p in problems]
         click.echo(json.dumps({"errors": rows or [{"path": "", "line": 0, "column": 0, "text": str(error)}]}, indent=2))
         return
+    color = False if os.environ.get("NO_COLOR") else None
     for problem in problems:
         first, *rest = problem.with_caret().split("\n")
-        where = first.removesuffix(problem.text)
-        click.echo(click.style(where, bold=True) + click.style(problem.text, fg="red"), err=True)
+        where = first.removesuffix(printable(problem.text))
+        click.echo(click.style(where, bold=True) + click.style(first[len(where) :], fg="red"), err=True, color=color)
         for line in rest:
             click.echo(line, err=True)
     if len(problems) > 1:
         click.echo(f"{len(problems)} problems; nothing was written", err=True)
     elif not problems:
-        click.echo(click.style(f"error: {error}", fg="red"), err=True)
+        click.echo(click.style(f"error: {error}", fg="red"), err=True, color=color)

@@ -26,7 +26,7 @@ def run(paths: tuple[str, ...], selection: str, out: str, check: bool, listing: 
     """Returns the exit code."""
     search = search_path(paths)
     if listing:
-        _list(search, as_json)
+        _list(search, split_filter(selection), as_json)
         return 0
     progress = _Progress()
     try:
@@ -89,8 +89,10 @@ def _print(result: Run, out: str, check: bool, as_json: bool) -> None:
     )
 
 
-def _list(search: SearchPath, as_json: bool) -> None:
-    rows = [(package, True) for package in search.packages.values()] + [(package, False) for package in search.hidden]
+def _list(search: SearchPath, wanted: list[str], as_json: bool) -> None:
+    chosen = {text.split("/")[0] for text in wanted} or {*search.packages}
+    every = [(package, True) for package in search.packages.values()] + [(package, False) for package in search.hidden]
+    rows = [row for row in every if row[0].name in chosen]
     rows.sort(key=lambda row: (row[0].name, not row[1]))
     if as_json:
         click.echo(

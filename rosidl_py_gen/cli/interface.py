@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
 
 import click
 
@@ -12,9 +11,7 @@ from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.generate import load
 from rosidl_py_gen.names import RosName, split_ros_name
 from rosidl_py_gen.spec.find import search_path
-
-if TYPE_CHECKING:
-    from rosidl_py_gen.spec.resolve import Library
+from rosidl_py_gen.spec.resolve import Library
 
 _LINE = "=" * 80
 
@@ -22,15 +19,19 @@ _LINE = "=" * 80
 def run(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> int:
     """Returns the exit code."""
     top = split_ros_name(name, "msg")
-    library, _ = load(search_path(paths), [str(top)])
+    search = search_path(paths)
+    owner = Library(search).owner(top) or top
+    library, _ = load(search, [str(owner)])
+    if not library.knows(str(top)):
+        raise TypeNotFoundError(f"{owner} has no {top}")
     if as_json:
         click.echo(json.dumps({"hash": library.type_hash(str(top)), **describe(str(top), library.rows)}, indent=2))
         return 0
     if full:
-        click.echo(full_text(library, top), nl=False)
+        click.echo(full_text(library, owner), nl=False)
         return 0
     click.echo(click.style(f"# {top}  {library.type_hash(str(top))}", bold=True))
-    click.echo(_text(library, top), nl=False)
+    click.echo(_text(library, owner), nl=False)
     return 0
 
 

@@ -31,6 +31,8 @@ from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.generate import load
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.spec.model import messages_of
+from rosidl_py_gen.spec.resolve import Library
 
 Row = tuple[int, str, str, str, str]  # depth, offset, size in bytes, what, contents
 
@@ -38,11 +40,13 @@ Row = tuple[int, str, str, str, str]  # depth, offset, size in bytes, what, cont
 def run(name: str, paths: tuple[str, ...], as_json: bool) -> int:
     """Returns the exit code."""
     top = split_ros_name(name, "msg")
-    stem = top.name.split("_")[0] if top.kind != "msg" else top.name
-    library, _ = load(search_path(paths), [str(top._replace(name=stem))])
+    search = search_path(paths)
+    owner = Library(search).owner(top) or top
+    library, _ = load(search, [str(owner)])
     if library.message(str(top)) is None:
-        parts = ", ".join(f"{top}_{part}" for part in ("Request", "Response", "Goal", "Result", "Feedback"))
-        raise TypeNotFoundError(f"{top} is not a message; its messages have plans, such as {parts}")
+        interface = library.interface(owner)
+        parts = ", ".join(str(message.name) for message in messages_of(interface)) if interface else "none"
+        raise TypeNotFoundError(f"{top} is not a message; the messages of {owner} are {parts}")
     plan = Layouts(library.message).plan(str(top))
     rows = list(_rows(plan.steps, 0))
     columns = ("depth", "offset", "bytes", "step", "contents")

@@ -68,21 +68,25 @@ class DecoderView:
         statements: the body.
         uses_view: it takes array views, so it needs `view` besides `raw`.
         checks_header: the first run reads the encapsulation header too.
+        bulk: it has numeric sequences, which may be megabytes, so a buffer that is not bytes is never copied: `raw` may
+            then be a memoryview, and strings are read in a way that is a little slower.
     """
 
     statements: tuple[Statement, ...]
     uses_view: bool
     checks_header: bool
+    bulk: bool
 
 
 def decoder_view(plan: Plan, imports: Imports, structs: Structs, classes: dict[str, str]) -> DecoderView:
     """The decoder of one message; for a heavy one the body of `_read`."""
     first = next(step for step in plan.steps if not isinstance(step, Enter))
     with_header = not plan.heavy and isinstance(first, Run)
-    reader = _Reader(imports, structs, classes, header=with_header)
+    bulk = not plan.heavy and any(isinstance(step, Numbers) for step in plan.steps)
+    reader = _Reader(imports, structs, classes, header=with_header, bulk=bulk)
     reader.objects[0] = "message"
     body = reader.scope(plan.steps, keep_pos=plan.heavy)
-    return DecoderView(tuple(body), reader.uses_view or plan.heavy, with_header)
+    return DecoderView(tuple(body), reader.uses_view or plan.heavy, with_header, bulk)
 
 
 @dataclass(slots=True)
@@ -91,6 +95,7 @@ class _Reader:
     structs: Structs
     classes: dict[str, str]
     header: bool = False  # the next run begins with the encapsulation header
+    bulk: bool = False
     late: bool = False  # the position is `end + 1`, behind a string's NUL, and `pos` does not say so yet
     uses_view: bool = False
     objects: dict[int, str] = field(default_factory=dict)
@@ -236,7 +241,8 @@ class _Reader:
             if needed:
                 self.move(at, f"4 * {count}", out)
             return
-        out.append(ReadText(target, at, f"pos + {count} - 1" if at == "pos" else f"{int(at) - 1} + {count}"))
+        nul = f"pos + {count} - 1" if at == "pos" else f"{int(at) - 1} + {count}"
+        out.append(ReadText(target, at, nul, self.bulk))
         self.late = needed
 
     def numbers(self, step: Numbers, needed: bool, out: list[Statement]) -> None:

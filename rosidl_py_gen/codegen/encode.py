@@ -305,8 +305,8 @@ class _Writer:
             self.part(zeros if certain else f'{zeros} if len({value}) else b""', out)
         if content:
             self.part(content, out)
-        if not needed:
-            return
+        if not needed or (certain and start.static is not None and not isinstance(step, Strings)):
+            return  # what follows an array of fixed size knows its own place
         if step.align > 1:
             moved = f"({self.pos} + {step.align - 1} & -{step.align}) + {size}"
             self.position_if(value if not certain else "", moved, self.pos, out)

@@ -7,9 +7,10 @@ never count bytes. A struct has no alignment of its own, so a nested message is 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.codegen.growing import MAX_ALIGN, OpenRun, repeat, struct_code, up
 from rosidl_py_gen.codegen.plan import (
     Block,
     Call,
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
 INLINE_WEIGHT = 48
 # A fixed array of more bytes than this is joined as it is instead of being copied through a struct.
 BLOCK_BYTES = 1024
-_MAX_ALIGN = 8
 
 
 class Layouts:
@@ -64,7 +64,7 @@ class Layouts:
         """The plan of a message whose references all exist."""
         if name not in self._plans:
             heavy = self.is_heavy(name)
-            builder = _Builder(self, Start(None, 1, 0) if heavy else Start(0, _MAX_ALIGN, 0))
+            builder = _Builder(self, Start(None, 1, 0) if heavy else Start(0, MAX_ALIGN, 0))
             builder.message(name, 0, "")
             builder.close()
             largest = self.max_size(name)
@@ -102,7 +102,7 @@ class Layouts:
         Only the offset modulo 8 matters. An array's elements soon repeat their remainders, so sizes of huge arrays are
         found without walking them.
         """
-        key = (name, offset % _MAX_ALIGN)
+        key = (name, offset % MAX_ALIGN)
         if key not in self._sizes:
             position: int | None = key[1]
             fields = self.message(name).fields
@@ -118,11 +118,11 @@ class Layouts:
         if kind.arity is Arity.UNBOUNDED:
             return None
         if kind.arity is Arity.BOUNDED:
-            position = _up(position, 4) + 4
+            position = up(position, 4) + 4
         primitive = kind.primitive
         if primitive is not None:
-            return _up(position, primitive.size) + primitive.size * count if count else position
-        return _repeat(position, count, lambda at: self._max_element(kind, at))
+            return up(position, primitive.size) + primitive.size * count if count else position
+        return repeat(position, count, lambda at: self._max_element(kind, at))
 
     def _max_element(self, kind: FieldType, position: int) -> int | None:
         if kind.is_string:
@@ -130,7 +130,7 @@ class Layouts:
                 return None
             # A character takes up to 4 bytes of UTF-8, or two UTF-16 units of 4 bytes each.
             per = 8 * kind.string_bound if kind.base == "wstring" else 4 * kind.string_bound + 1
-            return _up(position, 4) + 4 + per
+            return up(position, 4) + 4 + per
         size = self.max_size(kind.base, position)
         return None if size is None else position + size
 
@@ -149,58 +149,6 @@ class Layouts:
         return self._least[name]
 
 
-def _up(position: int, align: int) -> int:
-    return position + -position % align
-
-
-def _repeat(position: int, count: int, step: Callable[[int], int | None]) -> int | None:
-    """Apply `step` `count` times; remainders modulo 8 repeat after at most 8 steps."""
-    seen: dict[int, tuple[int, int]] = {}
-    done = 0
-    while done < count:
-        remainder = position % _MAX_ALIGN
-        if remainder in seen:
-            since, at = seen[remainder]
-            period, growth = done - since, position - at
-            whole = (count - done) // period
-            if whole:
-                position += whole * growth
-                done += whole * period
-                seen = {}
-                continue
-        seen[remainder] = (done, position)
-        following = step(position)
-        if following is None:
-            return None
-        position = following
-        done += 1
-    return position
-
-
-@dataclass(slots=True)
-class _OpenRun:
-    """A run that still grows."""
-
-    start: Start
-    nul: bool
-    items: list[Item] = field(default_factory=list)
-    pack: list[tuple[str, int]] = field(default_factory=list)  # code and repeat; pads have code x
-    unpack: list[tuple[str, int]] = field(default_factory=list)
-    size: int = 0
-    align: int = 1
-
-    def put(self, code: str, count: int, read: str = "") -> None:
-        for codes, letter in ((self.pack, code), (self.unpack, read or code)):
-            if codes and codes[-1][0] == letter and letter != "s":
-                codes[-1] = (letter, codes[-1][1] + count)
-            else:
-                codes.append((letter, count))
-
-
-def _struct_code(codes: list[tuple[str, int]]) -> str:
-    return "".join(letter if count == 1 else f"{count}{letter}" for letter, count in codes)
-
-
 class _Builder:
     """Walks the fields of a message once and emits steps; `now` is what is known of the position."""
 
@@ -208,7 +156,7 @@ class _Builder:
         self.layouts = layouts
         self.now = start
         self.steps: list[Step] = []
-        self.run: _OpenRun | None = None
+        self.run: OpenRun | None = None
         self.nul = False  # a string's terminator is still to be written
         self.objects = first_object
 
@@ -235,7 +183,7 @@ class _Builder:
         if gap is None and self.run is not None:
             self.end_run()
         if self.run is None:
-            self.run = _OpenRun(self.now, self.nul)
+            self.run = OpenRun(self.now, self.nul)
             if self.nul:
                 self.nul = False
                 self._advance(1)
@@ -258,7 +206,7 @@ class _Builder:
         run = self.run
         if run is not None:
             self.run = None
-            codes = _struct_code(run.pack), _struct_code(run.unpack)
+            codes = struct_code(run.pack), struct_code(run.unpack)
             self.steps.append(Run(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
 
     def close(self) -> None:

@@ -119,12 +119,16 @@ class Unpack:
 
 @dataclass(frozen=True, slots=True)
 class ReadText:
-    """Read a string whose characters begin at `start`; `nul` is the offset of its NUL, kept as `end`."""
+    """Read a string whose characters begin at `start`; `nul` is the offset of its NUL, kept as `end`.
+
+    `any_buffer`: `raw` may be a memoryview, which has no `decode`.
+    """
 
     kind: ClassVar[str] = "read_text"
     target: str
     start: str
     nul: str
+    any_buffer: bool
 
 
 @dataclass(frozen=True, slots=True)

@@ -176,7 +176,7 @@ def _message(
     constants = tuple(constant_view(item, imports) for item in message.constants)
     encoder = encoder_view(plan, imports, structs, classes)
     decoder = decoder_view(plan, imports, structs, classes)
-    imports.use(_SUPPORT, "readable", in_class=False)
+    imports.use(_SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
     imports.use(_SUPPORT, "new", in_class=False)
     return MessageView(
         classes[full_name],
@@ -278,7 +278,9 @@ def _action(action: ActionDef, imports: Imports, target: Target) -> GroupView:
         ("SendGoal", action.send_goal.name),
         ("GetResult", action.get_result.name),
     ]
-    return _group(action.name, "Action", 3, parts, visible(action.goal.comment) or (f"{action.name}.",), imports, target)
+    return _group(
+        action.name, "Action", 3, parts, visible(action.goal.comment) or (f"{action.name}.",), imports, target
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,17 +53,19 @@ def plan_changes(folder: Path, files: dict[str, str], vanished: list[str]) -> Ch
     foreign: list[str] = []
     for name, text in files.items():
         target = folder / name
-        blocker = next((part for part in _parents(folder, name) if part.exists() and not part.is_dir()), None)
+        blocker = next((one for one in _parents(folder, name) if os.path.lexists(one) and not os.path.isdir(one)), None)
         if blocker is not None:
             foreign.append(f"{blocker} is a file; expected a folder")
         elif not os.path.lexists(target):
             written.append(name)
-        elif not target.is_file() or not owns(target):
+        elif not os.path.isfile(target) or not owns(target):
             foreign.append(f"{target} exists and was not written by rosidl-py-gen")
         elif target.read_bytes() != text.encode():
             written.append(name)
     if foreign:
-        raise OutputError("\n".join([*foreign, "Choose another folder with --out, or move these files away."]))
+        raise OutputError(
+            "\n".join([*dict.fromkeys(foreign), "Choose another folder with --out, or move these files away."])
+        )
     return Changes(tuple(written), tuple(vanished), len(files) - len(written))
 
 
@@ -109,13 +112,31 @@ def _umask() -> int:
     return mask
 
 
-def ours_below(folder: Path, packages: list[str]) -> list[str]:
-    """Relative paths of the module files of ours in the given packages, in order."""
+def ours_below(folder: Path, packages: Iterable[str]) -> list[str]:
+    """Relative paths of the files of ours in the given packages, innermost first.
+
+    Raises:
+        OutputError: a folder cannot be read.
+    """
     found: list[str] = []
-    for package in packages:
-        for kind in ("msg", "srv", "action"):
-            below = folder / package / kind
-            if below.is_dir():
-                paths = sorted(path for path in below.iterdir() if path.suffix == ".py" and owns(path))
-                found += [f"{package}/{kind}/{path.name}" for path in paths]
+    try:
+        for package in packages:
+            for part in (f"{package}/msg", f"{package}/srv", f"{package}/action", package):
+                below = folder / part
+                if os.path.isdir(below):
+                    names = sorted(os.listdir(below))
+                    found += [f"{part}/{name}" for name in names if _is_source(name) and owns(below / name)]
+    except OSError as error:
+        raise OutputError(f"cannot read {error.filename or folder}: {error.strerror or error}") from error
     return found
+
+
+def our_packages(folder: Path) -> list[str]:
+    """Packages in a folder whose ``__init__`` is ours."""
+    if not os.path.isdir(folder):
+        return []
+    return [name for name in sorted(os.listdir(folder)) if owns(folder / name / "__init__.py")]
+
+
+def _is_source(name: str) -> bool:
+    return name.endswith(".py") or name == "py.typed"

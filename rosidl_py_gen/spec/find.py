@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DefinitionError, Problem
-from rosidl_py_gen.names import KINDS, RosName, is_package_name
+from rosidl_py_gen.names import KINDS, PACKAGE_RULE, RosName, is_package_name
 from rosidl_py_gen.resources import interfaces_dir
 
 if TYPE_CHECKING:
@@ -62,11 +62,13 @@ class SearchPath:
         packages: by name, in name order; each from the first entry that has it.
         hidden: packages of the same name found later, for `--list`.
         searched: the entries, as shown in errors.
+        refused: packages whose name is not legal, by that name; an error only for who asks for them.
     """
 
     packages: dict[str, Package]
     hidden: list[Package] = field(default_factory=list)
     searched: list[str] = field(default_factory=list)
+    refused: dict[str, Problem] = field(default_factory=dict)
 
     def file(self, name: RosName) -> Path | None:
         package = self.packages.get(name.package)
@@ -84,11 +86,11 @@ def search_path(
         bundled: whether the interfaces shipped with this package come last.
 
     Raises:
-        DefinitionError: a folder does not exist, holds no package, or holds two of one name.
+        DefinitionError: a folder does not exist, cannot be read, holds no package, or holds two of one name.
     """
     found = SearchPath({})
     for folder in folders:
-        _add(found, str(folder), _packages_below(Path(folder)))
+        _add(found, str(folder), _packages_below(Path(folder), found.refused))
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "") if ament is None else ament
     for prefix in filter(None, prefixes.split(os.pathsep)):
         share = Path(prefix) / "share"
@@ -97,7 +99,7 @@ def search_path(
     if bundled:
         holders = (Path(entry.path) for entry in _entries(interfaces_dir()))
         _add(found, "bundled", (Package(path.name, path, "bundled") for path in holders if _holds_interfaces(path)))
-    return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched)
+    return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
 
 
 def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
@@ -112,53 +114,74 @@ def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
 
 
 def _entries(folder: Path) -> list[os.DirEntry[str]]:
+    """Directory entries by name; none when there is no such folder.
+
+    Raises:
+        DefinitionError: the folder is there and cannot be read; taking it for empty would lose definitions.
+    """
     try:
         with os.scandir(folder) as entries:
             return sorted(entries, key=lambda entry: entry.name)
-    except OSError:  # missing, unreadable or not a folder: it holds nothing
+    except (FileNotFoundError, NotADirectoryError):
         return []
+    except OSError as error:
+        text = f"the folder cannot be read: {error.strerror or error}"
+        raise DefinitionError(Problem(str(folder), 0, 0, text)) from error
 
 
 def _holds_interfaces(folder: Path) -> bool:
-    return any((folder / kind).is_dir() for kind in KINDS)
+    return any(os.path.isdir(folder / kind) for kind in KINDS)
 
 
-def _packages_below(root: Path) -> list[Package]:
+def _groups_packages(folder: Path) -> bool:
+    """Whether folders called msg, srv or action hold packages instead of interface files."""
+    inside = [Path(entry.path) for kind in KINDS for entry in _entries(folder / kind)]
+    return any(os.path.isfile(path / "package.xml") for path in inside)
+
+
+def _packages_below(root: Path, refused: dict[str, Problem]) -> list[Package]:
     if not root.is_dir():
         raise DefinitionError(Problem(str(root), 0, 0, "expected a folder with interface packages, found none"))
     found: list[Package] = []
-    _descend(root, str(root), found, set(), 0)
-    if not found:
+    _descend(root, str(root), found, refused, set(), 0)
+    if not found and not refused:
         text = "expected a package (package.xml, or a folder with msg, srv or action), found none in this folder"
         raise DefinitionError(Problem(str(root), 0, 0, text))
     return found
 
 
-def _descend(folder: Path, origin: str, found: list[Package], visited: set[str], depth: int) -> None:
+def _descend(
+    folder: Path, origin: str, found: list[Package], refused: dict[str, Problem], visited: set[str], depth: int
+) -> None:
     real = os.path.realpath(folder)  # links may form loops
-    if real in visited or depth > _MAX_DEPTH or any((folder / mark).exists() for mark in _IGNORE_MARKS):
+    if real in visited or depth > _MAX_DEPTH or any(os.path.exists(folder / mark) for mark in _IGNORE_MARKS):
         return
     visited.add(real)
     manifest = folder / "package.xml"
-    if manifest.is_file() or _holds_interfaces(folder):
+    is_package = os.path.isfile(manifest)
+    if is_package or (_holds_interfaces(folder) and not _groups_packages(folder)):
         if _holds_interfaces(folder):
-            found.append(Package(_package_name(manifest, folder), folder, origin))
+            name = _package_name(manifest, folder)
+            if is_package_name(name):
+                found.append(Package(name, folder, origin))
+            else:
+                shown = str(manifest if is_package else folder)
+                refused[name] = Problem(shown, 0, 0, f'"{name[:80]}" is not a legal package name; {PACKAGE_RULE}')
         return
     for entry in _entries(folder):
         # Not entry.is_dir(): that raises for a link to itself.
-        if os.path.isdir(entry.path) and not entry.name.startswith("."):
-            _descend(Path(entry.path), origin, found, visited, depth + 1)
+        if os.path.isdir(entry.path) and not entry.name.startswith(".") and os.access(entry.path, os.R_OK | os.X_OK):
+            _descend(Path(entry.path), origin, found, refused, visited, depth + 1)
 
 
 def _package_name(manifest: Path, folder: Path) -> str:
-    name, shown = Path(os.path.realpath(folder)).name, str(folder)
-    if manifest.is_file():
-        shown = str(manifest)
+    """What package.xml calls the package, else the folder's name."""
+    try:
         with manifest.open("rb") as file:
             text = file.read(_MAX_XML_BYTES).decode(errors="replace")
-        tag = _NAME_TAG.search(re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
-        if tag:
-            name = tag[1]
-    if not is_package_name(name):
-        raise DefinitionError(Problem(shown, 0, 0, f'"{name[:80]}" is not a legal package name'))
-    return name
+    except (FileNotFoundError, IsADirectoryError):
+        text = ""
+    except OSError as error:
+        raise DefinitionError(Problem(str(manifest), 0, 0, f"cannot be read: {error.strerror or error}")) from error
+    tag = _NAME_TAG.search(re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
+    return tag[1] if tag else Path(os.path.realpath(folder)).name

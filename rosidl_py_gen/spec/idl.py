@@ -218,6 +218,8 @@ def _evaluate(expression: IdlExpression, scope: _Scope, depth: int) -> Scalar:
         case _:
             const = scope.constant(expression.text)
             if const is None or depth > _MAX_TYPEDEFS:
+                if expression.text in ("true", "false"):
+                    return expression.text == "true"
                 if expression.text in ("inf", "nan"):  # how the reference writes these defaults of a .msg
                     return float(expression.text)
                 raise _Wrong(expression.at, f'unknown constant "{expression.text}"')

@@ -10,7 +10,6 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import Problem
-from rosidl_py_gen.names import INTERFACE_RULE, is_interface_name
 from rosidl_py_gen.spec import derive
 from rosidl_py_gen.spec.idl import parse_idl_interface
 from rosidl_py_gen.spec.lines import parse_section
@@ -59,19 +58,21 @@ def parse_interface(name: RosName, source: Source, findings: Findings) -> Interf
     Returns:
         None when nothing usable came out; then `findings` says why.
     """
-    if not is_interface_name(name.name):
-        findings.add(Location(source, 1, 1), f'"{name.name}" is not an interface name; expected {INTERFACE_RULE}')
-        return None
     if source.format == "idl":
         return parse_idl_interface(name, source, findings)
-    sections = _split(name.kind, source, findings)
+    sections = _split(source.format, source, findings)
     if sections is None:
         return None
     messages: list[MessageDef] = []
-    for suffix, (first_line, lines) in zip(_SECTIONS[name.kind], sections, strict=True):
+    for suffix, (first_line, lines) in zip(_SECTIONS[source.format], sections, strict=True):
         own = derive.derived_name(name, suffix) if suffix else name
         messages.append(parse_section(own, lines, first_line, source, findings))
     return derive.assemble(name, messages, source)
+
+
+def separators(text: str) -> int:
+    """How many lines separate sections."""
+    return sum(line == "---" for line in text.splitlines())
 
 
 def _split(kind: str, source: Source, findings: Findings) -> list[tuple[int, list[str]]] | None:

@@ -110,9 +110,15 @@ def _explain(text: str, problem: _Wrong | SyntaxProblem) -> str:
         return "expected the element to begin in column 1, found blanks before it"
     if text[0] == "\ufeff":
         return "found a byte order mark; save the file as UTF-8 without one"
+    if text.startswith("---"):
+        return 'a separator is exactly "---", and only in .srv and .action files'
     if text[0] == "@":
         return "annotations exist in .idl files only"
-    if problem.column > 1 and text[problem.column - 1 :].startswith("=") and problem.text.startswith("expected the end"):
+    if (
+        problem.column > 1
+        and text[problem.column - 1 :].startswith("=")
+        and problem.text.startswith("expected the end")
+    ):
         return 'a "=" makes the line a constant, so a default value cannot contain one'
     return problem.text
 

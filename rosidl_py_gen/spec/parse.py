@@ -67,6 +67,15 @@ _WORDS = {
     "$END": "the end",
 }
 
+# What IDL knows and rosidl does not, by the word or sign that gives it away.
+_UNSUPPORTED = {
+    **{word: f"{word}s are" for word in ("union", "bitmask", "bitset", "interface", "valuetype", "exception", "map")},
+    **{word: f'"{word}" is' for word in ("fixed", "any", "native", "typename", "wchar_t")},
+    ":": "inheritance is",
+    **dict.fromkeys("+*/%|&^~", "constant expressions are"),
+    **dict.fromkeys(("<<", ">>"), "constant expressions are"),
+}
+
 
 def parse_element(text: str, line: int) -> ElementSyntax:
     """One element line of a .msg section.
@@ -126,6 +135,13 @@ def _translate(error: LarkError, text: str, line: int) -> SyntaxProblem:
     if column < 1:
         lines = text.splitlines() or [""]
         row, column = (row, len(text) + 1) if line else (len(lines), len(lines[-1]) + 1)
+    unsupported = "" if line else _UNSUPPORTED.get(found.strip('"').split(" ")[0], "")
+    if not line and text.splitlines()[row - 1][column - 1 :].startswith("/*"):
+        return SyntaxProblem(row, column, "the comment is never closed")
+    if unsupported:
+        return SyntaxProblem(row, column, f"{unsupported} not supported in ROS interfaces, found {found}")
+    if line and "_SPACE" in names and found == "the end of the line":
+        return SyntaxProblem(row, column, "expected a type, a space and a name, found no name")
     words = sorted({_WORDS.get(name, f'"{name.lower()}"') for name in names if not name.startswith("__IGNORE")})
     expected = " or ".join(words) if words else "something else"
     return SyntaxProblem(row, column, f"expected {expected}, found {found}")

@@ -11,15 +11,16 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.descriptions import FieldRow, action_rows, default_text, describe, rihs01, service_rows
+from rosidl_py_gen.descriptions import Description, FieldRow, action_rows, default_text, describe, rihs01, service_rows
 from rosidl_py_gen.errors import DefinitionError, Problem, TypeNotFoundError
-from rosidl_py_gen.names import RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.names import INTERFACE_RULE, RosName, did_you_mean, is_interface_name, split_ros_name
 from rosidl_py_gen.spec.derive import IMPLIED
 from rosidl_py_gen.spec.interface import parse_interface, read_source
 from rosidl_py_gen.spec.model import (
     FieldDef,
     Findings,
     Interface,
+    Location,
     MessageDef,
     messages_of,
 )
@@ -57,12 +58,20 @@ class Library:
         if name not in self._interfaces:
             path = self.search.file(name)
             source = read_source(path, _shown(os.fspath(path)), self.findings) if path else None
+            if source is not None and not is_interface_name(name.name):
+                text = f'"{name.name}" is not an interface name; expected {INTERFACE_RULE}'
+                self.findings.add(Location(source, 1, 1), text)
+                source = None
             self._keep(name, parse_interface(name, source, self.findings) if source else None)
         return self._interfaces[name]
 
     def exists(self, name: RosName) -> bool:
         """Whether there is a file or text of this name, however broken."""
         return name in self._texts or self.search.file(name) is not None
+
+    def has_package(self, package: str) -> bool:
+        """Whether any interface of the package is known, from files or texts."""
+        return package in self.search.packages or any(name.package == package for name in self._texts)
 
     def message(self, full_name: str) -> MessageDef | None:
         """A message by full name, derived ones (``pkg/srv/X_Request``) included."""
@@ -74,6 +83,23 @@ class Library:
                 stem = stem[: cut.start()]
                 self.interface(name._replace(name=stem))
         return self._messages.get(full_name)
+
+    def knows(self, full_name: str) -> bool:
+        """Whether a message, service or action of this name came out of what was read."""
+        try:
+            tuple(self.rows(full_name))
+        except TypeNotFoundError:
+            return False
+        return True
+
+    def owner(self, name: RosName) -> RosName | None:
+        """The interface a name belongs to: itself, or for ``X_Request`` and the like X; None when there is none."""
+        stem = name.name
+        while not self.exists(name._replace(name=stem)):
+            stem, underscore, _ = stem.rpartition("_")
+            if not underscore:
+                return None
+        return name._replace(name=stem)
 
     def rows(self, full_name: str) -> Iterable[FieldRow]:
         """The fields of any type, services and actions included, for a type description."""
@@ -93,6 +119,17 @@ class Library:
             self._hashes[full_name] = rihs01(describe(full_name, self.rows))
         return self._hashes[full_name]
 
+    def constants(self, full_name: str) -> dict[str, str]:
+        """The constants of a message as name -> repr of the Python value; empty for services and actions."""
+        message = self.message(full_name)
+        return {item.name: repr(item.value) for item in message.constants} if message else {}
+
+    def facts(self, full_name: str) -> tuple[Description, dict[str, dict[str, str]]]:
+        """All that a class of the type depends on: its full description with defaults, and all constants by type."""
+        description = describe(full_name, self.rows)
+        names = [full_name, *(one["type_name"] for one in description["referenced_type_descriptions"])]
+        return description, {name: self.constants(name) for name in names}
+
     def _keep(self, name: RosName, interface: Interface | None) -> Interface | None:
         self._interfaces[name] = interface
         if interface is not None:
@@ -102,7 +139,10 @@ class Library:
 
 
 def _shown(path: str) -> str:
-    relative = os.path.relpath(path)
+    try:
+        relative = os.path.relpath(path)
+    except OSError:  # the current directory is gone
+        return path
     return path if relative.startswith("..") else relative
 
 
@@ -131,14 +171,16 @@ def select(library: Library, wanted: list[str]) -> list[RosName]:
                 known = [str(other) for package in search.packages.values() for other in package.files]
                 where = ", ".join(search.searched)
                 hint = did_you_mean(text, known)
-                problems.append(Problem("--filter", 0, 0, f'no interface "{text}"{hint} (searched: {where})'))
+                problems.append(Problem(text, 0, 0, f"no interface of this name{hint} (searched: {where})"))
             single[name] = None
         elif text in search.packages:
             whole[text] = None
         else:
             where = ", ".join(search.searched)
             hint = did_you_mean(text, search.packages)
-            problems.append(Problem("--filter", 0, 0, f'no package "{text}"{hint} (searched: {where})'))
+            problems.append(search.refused.get(text) or Problem(text, 0, 0, f"no package{hint} (searched: {where})"))
+    if not wanted:
+        problems += search.refused.values()
     if problems:
         raise DefinitionError(problems)
     return _closure(library, list(whole), list(single))
@@ -195,6 +237,9 @@ def _visit(library: Library, top: MessageDef, state: dict[str, int]) -> None:
         if item is None:
             stack.pop()
             state[str(message.name)] = depth[0]
+            if depth[0] == _MAX_NESTING:  # whatever contains this one would be deeper
+                at = Location(message.source, 1, 1)
+                library.findings.add(at, f"{message.name} nests types deeper than {_MAX_NESTING - 1} levels")
             if stack:
                 stack[-1][2][0] = max(stack[-1][2][0], depth[0] + 1)
             continue
@@ -220,6 +265,9 @@ def _report_unknown(library: Library, item: FieldDef) -> None:
     package = library.search.packages.get(name.package)
     if package is None:
         where = ", ".join(library.search.searched) or "nothing"
+        if library.has_package(name.package):
+            library.findings.add(item.location, f'unknown type "{short}" (searched: {where})')
+            return
         known: Iterable[str] = library.search.packages
         hint = did_you_mean(name.package, known)
         library.findings.add(item.location, f'unknown package "{name.package}" for {short}{hint} (searched: {where})')

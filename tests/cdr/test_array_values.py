@@ -87,7 +87,12 @@ def test_an_array_too_large_for_a_run_may_be_strided_or_a_list(kind: str) -> Non
     items = [n % 2 == 0 if code == "?" else n for n in range(100)] * 2
     own = np.array(items, {"?": "bool"}.get(code, "<" + code))
     cls = box(kind + "[200]")
-    for value in (own, items, np.repeat(own, 3)[::3], own.astype("bool" if code == "?" else own.dtype.newbyteorder(">"))):
+    for value in (
+        own,
+        items,
+        np.repeat(own, 3)[::3],
+        own.astype("bool" if code == "?" else own.dtype.newbyteorder(">")),
+    ):
         assert encode(cls(7, value, 0x1234)) == wire(code, items, counted=False)
 
 
@@ -126,7 +131,12 @@ def test_values_that_would_be_changed_are_refused_and_named(kind: str, arity: st
         low, high = (-(2 ** (8 * struct.calcsize(code) - 1)), 2 ** (8 * struct.calcsize(code) - 1) - 1)
         if code in "BHIQ":
             low, high = 0, 2 * high + 1
-        wrong += [([1, high + 1, 1], "[1]"), ([low - 1, 1, 1], "[0]"), ([1, 1.0, 1], "[1]"), (np.array([1.0, 2, 3]), "")]
+        wrong += [
+            ([1, high + 1, 1], "[1]"),
+            ([low - 1, 1, 1], "[0]"),
+            ([1, 1.0, 1], "[1]"),
+            (np.array([1.0, 2, 3]), ""),
+        ]
         if low < 0:
             wrong.append((np.array([1, high + 1, 1], ">u8"), "[1]"))
             wrong.append((np.array([1, high + 1, 1], "u8"), "[1]"))

@@ -41,7 +41,22 @@ NAME = "convert/msg/Sample"
 def test_dicts_have_ros_names_and_plain_values() -> None:
     found = to_dict(Sample())
     assert list(found) == [
-        *("f64", "f32", "many", "pair", "flags", "data", "text", "words", "class", "inner", "list", "big", "huge", "wide")
+        *(
+            "f64",
+            "f32",
+            "many",
+            "pair",
+            "flags",
+            "data",
+            "text",
+            "words",
+            "class",
+            "inner",
+            "list",
+            "big",
+            "huge",
+            "wide",
+        )
     ]
     assert found["class"] == 7
     assert found["inner"] == {"x": -1.0, "from": 0.0}
@@ -137,7 +152,9 @@ def test_integers_keep_every_digit_and_floats_their_sign() -> None:
     again = from_json(Sample, to_json(message))
     assert again == message
     assert math.copysign(1, again.f64) == -1
-    assert encode(from_json(Sample, '{"f64": 1, "many": [1, 2], "f32": 3}')) == encode(Sample(f64=1.0, many=[1, 2], f32=3))
+    assert encode(from_json(Sample, '{"f64": 1, "many": [1, 2], "f32": 3}')) == encode(
+        Sample(f64=1.0, many=[1, 2], f32=3)
+    )
     assert type(from_dict(Sample, {"f64": 1}).f64) is float
 
 
@@ -148,7 +165,9 @@ def test_indentation_and_text_are_the_callers_choice() -> None:
     assert from_json(Sample, to_json(message, indent=2)) == message
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", "5", "null", '"x"', "{'a': 1}", b"\xff\xfe\xfd", "[" * 100_000, "9" * 10_000])
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", "5", "null", '"x"', "{'a': 1}", b"\xff\xfe\xfd", "[" * 100_000, "9" * 10_000]
+)
 def test_what_is_not_a_json_object_is_refused(text: Any) -> None:
     with pytest.raises(EncodeError) as caught:
         from_json(Sample, text)
@@ -156,14 +175,22 @@ def test_what_is_not_a_json_object_is_refused(text: Any) -> None:
 
 
 def test_values_given_as_other_types_come_back_as_the_fields_type() -> None:
-    message = from_dict(Sample, {"data": b"abc", "many": np.array([1, 2]), "words": ("x",), "flags": [1, 0], "pair": (1, 2)})
+    message = from_dict(
+        Sample, {"data": b"abc", "many": np.array([1, 2]), "words": ("x",), "flags": [1, 0], "pair": (1, 2)}
+    )
     assert message.data.dtype == np.uint8
     assert message.many.dtype == np.float64
     assert (message.words, message.flags.dtype) == (["x"], np.bool_)
     assert message.data.flags.writeable
     odd = Sample(data=b"ab", many=(1, 2.5), class_=np.uint8(5), flags=[np.True_], f64=np.float32(0.5))
     found = to_dict(odd)
-    assert (found["data"], found["many"], found["class"], found["flags"], found["f64"]) == ([97, 98], [1, 2.5], 5, [True], 0.5)
+    assert (found["data"], found["many"], found["class"], found["flags"], found["f64"]) == (
+        [97, 98],
+        [1, 2.5],
+        5,
+        [True],
+        0.5,
+    )
     assert from_json(Sample, to_json(odd)) == odd
 
 

@@ -12,7 +12,9 @@ from rosidl_py_gen import DecodeError, compile_text, decode, encode
 FIELDS = """uint8 first
 {} v
 """
-MORE = "=" * 80 + "\nMSG: bytes/Part\nstring name\nuint16 number\n" + "=" * 80 + "\nMSG: bytes/Fixed\nfloat64 x\nuint8 y\n"
+MORE = (
+    "=" * 80 + "\nMSG: bytes/Part\nstring name\nuint16 number\n" + "=" * 80 + "\nMSG: bytes/Fixed\nfloat64 x\nuint8 y\n"
+)
 MORE += "=" * 80 + "\nMSG: bytes/Empty\n"
 MORE += "=" * 80 + "\nMSG: bytes/Heavy\n" + "".join(f"uint8 b{n}\n" for n in range(60)) + "Part part\nPart[] parts\n"
 
@@ -144,7 +146,9 @@ def test_nul_inside_a_string_is_kept() -> None:
     assert decode(cls, encode(cls(1, "a\0b\0"))).v == "a\0b\0"
 
 
-@pytest.mark.parametrize("kind", ["uint8[]", "float64[]", "string[]", "wstring[]", "Empty[]", "Fixed[]", "Part[]", "Heavy[]"])
+@pytest.mark.parametrize(
+    "kind", ["uint8[]", "float64[]", "string[]", "wstring[]", "Empty[]", "Fixed[]", "Part[]", "Heavy[]"]
+)
 @pytest.mark.parametrize("count", ["ffffffff", "ffffff7f", "00000040"])
 def test_a_huge_count_allocates_nothing(kind: str, count: str) -> None:
     cls = box(kind)

@@ -177,7 +177,10 @@ def test_the_example_of_the_manual() -> None:
 def test_a_class_of_the_same_shape_is_still_the_wrong_class() -> None:
     header = get_message("std_msgs/msg/Header")
     duration = get_message("builtin_interfaces/msg/Duration")
-    for message in (header(stamp=duration()), get_message("geometry_msgs/msg/PoseStamped")(header=header(stamp=duration()))):
+    for message in (
+        header(stamp=duration()),
+        get_message("geometry_msgs/msg/PoseStamped")(header=header(stamp=duration())),
+    ):
         for check in (encode, validate):
             with pytest.raises(EncodeError, match=r"\.stamp: expected builtin_interfaces/msg/Time, found Duration\("):
                 check(message)
@@ -296,7 +299,21 @@ def test_validate_and_encode_refuse_the_same_messages_for_the_same_reason(world:
 
 STRANGE: list[Any] = [
     *(None, True, 0, 1, -1, 255, 256, 2**31, 2**64, 10**400, 0.5, 1e300, float("nan"), 1j, "", "a", "abcdef", "\ud800"),
-    *(b"", b"abc", bytearray(b"abc"), [], [1], [1, 2, 3], [None], ["a"], ["\udc80"], ["abcdefgh"], [0.5] * 3, (), ("a",)),
+    *(
+        b"",
+        b"abc",
+        bytearray(b"abc"),
+        [],
+        [1],
+        [1, 2, 3],
+        [None],
+        ["a"],
+        ["\udc80"],
+        ["abcdefgh"],
+        [0.5] * 3,
+        (),
+        ("a",),
+    ),
     *({}, {"a": 1}, set(), deque(), deque([1]), range(3), [[]], [b"a"], UserList(["a"]), np.True_, np.int8(3)),
     *(np.zeros(0), np.zeros(3), np.zeros(3, bool), np.zeros(3, "i1"), np.zeros((3, 1)), np.float64(1), np.array(1)),
     *(np.zeros(0, object), np.array(["a"]), np.array(["a"], object), np.array([True, None]), np.zeros(3, ">u8")),

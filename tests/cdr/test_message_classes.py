@@ -84,7 +84,7 @@ def test_the_docstring_keeps_comment_and_unit() -> None:
 def test_messages_are_equal_when_their_values_are() -> None:
     one = decode(Sample, encode(Sample()))
     assert one == Sample()
-    assert not (one != Sample())
+    assert (one != Sample()) is False
     for other in (Sample(values=[1.5, 2.5]), Sample(values=(1.5, 2.5)), Sample(values=np.array([1.5, 2.5], "f4"))):
         assert one == other
         assert other == one
@@ -95,7 +95,7 @@ def test_messages_are_equal_when_their_values_are() -> None:
         Sample(many=None), Sample(values="ab"),
     ):  # fmt: skip
         assert changed != one
-        assert not (changed == one)
+        assert (changed == one) is False
     assert Inner() != Sample()
     assert Inner() != {"x": -3}
     assert (Inner() == object()) is False
@@ -138,7 +138,12 @@ def test_shallow_and_deep_copies() -> None:
 def test_pickle_keeps_class_and_values(protocol: int) -> None:
     header = get_message("std_msgs/msg/Header")
     request = get_service("std_srvs/srv/SetBool").Request
-    for message in (Sample(many=[Inner(1)]), decode(Sample, encode(Sample())), header(frame_id="map"), request(data=True)):
+    for message in (
+        Sample(many=[Inner(1)]),
+        decode(Sample, encode(Sample())),
+        header(frame_id="map"),
+        request(data=True),
+    ):
         again = pickle.loads(pickle.dumps(message, protocol))
         assert type(again) is type(message)
         assert again == message
@@ -155,7 +160,7 @@ def test_dataclass_helpers_see_plain_values() -> None:
 def test_repr_names_every_field_and_elides_long_arrays() -> None:
     assert repr(Inner(1, [0.0, 0.5, 1.0, 1.5])) == "Inner(x=1, quad=[0.0, 0.5, 1.0, 1.5])"
     assert repr(Sample()) == (
-        "Sample(values=[1.5, 2.5], name=\"it's\", class_=7, inner=Inner(x=-3, quad=[0.0, 0.0, 0.0, 0.0]), many=[], "
+        'Sample(values=[1.5, 2.5], name="it\'s", class_=7, inner=Inner(x=-3, quad=[0.0, 0.0, 0.0, 0.0]), many=[], '
         "two=[Inner(x=-3, quad=[0.0, 0.0, 0.0, 0.0]), Inner(x=-3, quad=[0.0, 0.0, 0.0, 0.0])], "
         "flags=[True, False, True], words=['a', 'b'])"
     )
@@ -171,15 +176,34 @@ def test_repr_names_every_field_and_elides_long_arrays() -> None:
     assert "name=" in repr(unset)
 
 
-NAMES = ("encode", "decode", "data", "self", "cls", "copy", "field", "list", "np", "int", "bytes", "bool", "classmethod")
+NAMES = (
+    "encode",
+    "decode",
+    "data",
+    "self",
+    "cls",
+    "copy",
+    "field",
+    "list",
+    "np",
+    "int",
+    "bytes",
+    "bool",
+    "classmethod",
+)
 
 
-@pytest.mark.parametrize("name", [*NAMES, "from", "class", "lambda", "none", "true", "type", "print", "dataclass", "len"])
+@pytest.mark.parametrize(
+    "name", [*NAMES, "from", "class", "lambda", "none", "true", "type", "print", "dataclass", "len"]
+)
 @pytest.mark.parametrize("kind", ["int32", "string", "float64[]", "Inner", "Inner[]", "bool[2]", "string[]"])
 def test_any_legal_field_name_works(name: str, kind: str) -> None:
     cls = compile_text(
         f"plain/msg/N{name.title()}{kind.encode().hex()}",
-        f"{kind} {name}\nuint8 after 3\n" + TEXT[TEXT.index("=") : 0] + "=" * 80 + TEXT[TEXT.rindex("\nMSG: plain/Inner") :],
+        f"{kind} {name}\nuint8 after 3\n"
+        + TEXT[TEXT.index("=") : 0]
+        + "=" * 80
+        + TEXT[TEXT.rindex("\nMSG: plain/Inner") :],
     )
     spelling = name + "_" if name in ("from", "class", "lambda") else name
     value = {"int32": 5, "string": "s", "float64[]": [1.0], "bool[2]": [True, False], "string[]": ["x"]}.get(kind)
@@ -204,7 +228,8 @@ def test_methods_give_way_to_fields_of_their_name() -> None:
     again = decode(cls, encode(message))
     assert (again.encode, again.decode.tolist()) == ("e", [1, 2])
     outer = compile_text(
-        "plain/msg/Around", "GivesWay inner\nGivesWay[] more\n" + "=" * 80 + "\nMSG: plain/GivesWay\nstring encode 'e'\nuint8[] decode\n"
+        "plain/msg/Around",
+        "GivesWay inner\nGivesWay[] more\n" + "=" * 80 + "\nMSG: plain/GivesWay\nstring encode 'e'\nuint8[] decode\n",
     )
     around = outer(message, [message, message])
     assert outer.decode(around.encode()) == around

@@ -124,7 +124,9 @@ def _as_stored(kind: FieldType, value: Any) -> Any:
 
 
 def _zero(kind: FieldType) -> Any:
-    one: Any = "" if kind.is_string else {"bool": False, "float": 0.0}.get(kind.primitive.python if kind.primitive else "", 0)
+    one: Any = (
+        "" if kind.is_string else {"bool": False, "float": 0.0}.get(kind.primitive.python if kind.primitive else "", 0)
+    )
     if kind.arity is Arity.SCALAR:
         return one
     return [one] * (kind.capacity if kind.arity is Arity.ARRAY else 0)
@@ -209,5 +211,5 @@ def _idl_default(value: Any) -> str:
     if isinstance(value, bool):
         return f"@default(value={str(value).upper()})\n"
     if isinstance(value, str):
-        return "@default(value=\"" + value.replace("\\", "\\\\").replace('"', '\\"') + '")\n'
+        return '@default(value="' + value.replace("\\", "\\\\").replace('"', '\\"') + '")\n'
     return f"@default(value={value!r})\n"

@@ -70,7 +70,7 @@ def test_hash_name_and_description_of_a_type(name: str) -> None:
     assert description["type_description"]["type_name"] == name
     referenced = [one["type_name"] for one in description["referenced_type_descriptions"]]
     assert referenced == sorted(set(referenced) - {name})
-    if isinstance(cls, type) and name.endswith((*DERIVED,)) or "/msg/" in name:
+    if (isinstance(cls, type) and name.endswith((*DERIVED,))) or "/msg/" in name:
         assert (type_name(cls()), type_hash(cls())) == (name, HASHES[name])
         assert type_description(cls()) == description
 
@@ -134,7 +134,11 @@ def test_every_way_to_a_type_leads_to_the_same_class() -> None:
     assert compile_text("builtin_interfaces/msg/Time", "int32 sec\nuint32 nanosec\n") is time
     header = get_message("std_msgs/msg/Header")
     assert type(header().stamp) is time
-    text = "builtin_interfaces/Time stamp\nstring frame_id\n" + "=" * 80 + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    text = (
+        "builtin_interfaces/Time stamp\nstring frame_id\n"
+        + "=" * 80
+        + "\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
+    )
     assert compile_text("std_msgs/msg/Header", text) is header
     assert compile_text("std_msgs/Header", text) is header
     assert compile_text("std_msgs/msg/Header", "builtin_interfaces/Time stamp\nstring frame_id\n") is header
@@ -200,7 +204,9 @@ def test_every_message_of_the_checkout_compiles_encodes_and_decodes() -> None:
 
 
 def test_asking_for_the_wrong_kind_or_name_is_said_clearly() -> None:
-    with pytest.raises(TypeNotFoundError, match=r"no interface std_msgs/msg/Strin.*did you mean \"std_msgs/msg/String\""):
+    with pytest.raises(
+        TypeNotFoundError, match=r"no interface std_msgs/msg/Strin.*did you mean \"std_msgs/msg/String\""
+    ):
         get_message("std_msgs/msg/Strin")
     with pytest.raises(TypeNotFoundError, match=r'no package "std_msg" .*did you mean "std_msgs"'):
         get_message("std_msg/msg/String")
@@ -208,7 +214,17 @@ def test_asking_for_the_wrong_kind_or_name_is_said_clearly() -> None:
         get_message("std_srvs/srv/SetBool")
     with pytest.raises(TypeNotFoundError, match="is a message, not a service"):
         get_service("std_msgs/msg/String")
-    for name in ("", "x", "std_msgs", "a/b/c/d", "../msg/X", "std_msgs/msg/../X", "Std/msg/X", "std_msgs/msg/x", "a\0/msg/B"):
+    for name in (
+        "",
+        "x",
+        "std_msgs",
+        "a/b/c/d",
+        "../msg/X",
+        "std_msgs/msg/../X",
+        "Std/msg/X",
+        "std_msgs/msg/x",
+        "a\0/msg/B",
+    ):
         for ask in (get_message, get_service, get_action):
             with pytest.raises(InvalidNameError):
                 ask(name)

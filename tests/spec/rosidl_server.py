@@ -1,10 +1,11 @@
 """Reads interface definitions with the real rosidl tool chain, one JSON line in, one JSON line out.
 
-Runs under the interpreter that has Debian's python3-rosidl and python3-empy, never under pytest: it imports nothing of this
-project. `.msg`, `.srv` and `.action` go through rosidl_adapter (text -> IDL) and rosidl_parser (IDL -> model), `.idl`
-through the second only, as the ROS 2 build does it.
+Runs under the interpreter that has Debian's python3-rosidl and python3-empy, never under pytest, and imports nothing of
+this project. `.msg`, `.srv` and `.action` go through rosidl_adapter (text -> IDL) and rosidl_parser (IDL -> model),
+`.idl` through the second only, as the ROS 2 build does it.
 """
 
+# mypy: ignore-errors
 import json
 import os
 import re

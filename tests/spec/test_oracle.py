@@ -1,4 +1,4 @@
-"""The real rosidl_adapter and rosidl_parser accept and refuse the same texts, with the same fields, defaults and constants.
+"""The real rosidl_adapter and rosidl_parser accept and refuse the same texts, with the same fields and values.
 
 Differences made on purpose are data here (`DIFFERENT`, `_excused`), so that each one is stated and still true.
 """
@@ -19,7 +19,7 @@ from rosidl_py_gen.spec.model import MessageDef
 if TYPE_CHECKING:
     from rosidl_oracle import Rosidl
 
-# --- picked by hand -------------------------------------------------------------------------------------------------
+# --- picked by hand ---------------------------------------------------------------------------------------------------
 
 SAME = [
     "",
@@ -291,17 +291,35 @@ def test_rosidl_agrees_about_services_and_actions(rosidl: Rosidl, name: str, tex
     compare(rosidl, text, name)
 
 
-# --- at random ------------------------------------------------------------------------------------------------------
+# --- at random --------------------------------------------------------------------------------------------------------
 
 _PRIMITIVE = st.sampled_from(
-    ["bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64", "string", "wstring"]
+    [
+        "bool",
+        "byte",
+        "char",
+        "int8",
+        "uint8",
+        "int16",
+        "uint16",
+        "int32",
+        "uint32",
+        "int64",
+        "uint64",
+        "float32",
+        "float64",
+        "string",
+        "wstring",
+    ]
 )
 _BASE = st.one_of(
     _PRIMITIVE,
     st.sampled_from(["string<=3", "wstring<=2", "string<=12", "Other", "b_msgs/Other", "string<=0", "int", "uint8<=2"]),
 )
 _ARRAY = st.sampled_from(["", "", "", "", "[]", "[2]", "[<=2]", "[3]", "[1]", "[0]", "[<=0]", "[x]", "[", "[2][2]"])
-_NAMES = st.sampled_from(["x", "y", "abc", "a_b", "a__b", "a_", "aB", "A", "ABC", "A_B", "A__B", "in", "self", "long", "struct", "1x"])
+_NAMES = st.sampled_from(
+    ["x", "y", "abc", "a_b", "a__b", "a_", "aB", "A", "ABC", "A_B", "A__B", "in", "self", "long", "struct", "1x"]
+)
 _SOUP = st.text(st.sampled_from("ab01 ,.'\"\\[]{}()=#-+xuntTq_é€😀"), max_size=10)
 _NUMBER = st.one_of(
     st.integers(-300, 300).map(str),
@@ -414,7 +432,7 @@ def test_rosidl_agrees_about_random_services_and_actions(rosidl: Rosidl, kind: s
 
 
 def test_arrays_of_the_quirk_are_what_they_seem_in_our_model() -> None:
-    """Only the description of ``wstring<=N[]`` follows the reference's mistake, the codec does not (protocol.md 1.7)."""
+    """Only the description of ``wstring<=N[]`` has the reference's mistake, the codec has not (protocol.md 1.7)."""
     interface, _ = read("wstring<=3[] x")
     assert isinstance(interface, MessageDef)
     kind = interface.fields[0].type

@@ -10,6 +10,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     new,
@@ -55,6 +56,8 @@ class GoalStatusArray(Message):
             parts: list[bytes] = []
             append = parts.append
             status_list = self.status_list
+            if type(status_list) is not list:
+                expect_list(status_list)
             append(_pack_0(256, len(status_list)))
             pos = 4
             for status_list_item in status_list:

@@ -17,6 +17,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -143,6 +144,8 @@ class CancelGoal_Response(Message):
             parts: list[bytes] = []
             append = parts.append
             goals_canceling = self.goals_canceling
+            if type(goals_canceling) is not list:
+                expect_list(goals_canceling)
             append(_pack_1(256, self.return_code, len(goals_canceling)))
             for goals_canceling_item in goals_canceling:
                 if type(goals_canceling_item) is not GoalInfo:
@@ -222,6 +225,8 @@ class CancelGoal_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -251,6 +256,8 @@ class CancelGoal_Event(Message):
                     _pack_2(fixed_uint8s(goal_id.uuid, 16), stamp_.sec, stamp_.nanosec),
                 )
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_4(len(response)))
@@ -258,6 +265,8 @@ class CancelGoal_Event(Message):
                 if type(response_item) is not CancelGoal_Response:
                     expect(response_item, CancelGoal_Response)
                 goals_canceling = response_item.goals_canceling
+                if type(goals_canceling) is not list:
+                    expect_list(goals_canceling)
                 append(_pack_5(response_item.return_code, len(goals_canceling)))
                 for goals_canceling_item in goals_canceling:
                     if type(goals_canceling_item) is not GoalInfo:

@@ -18,6 +18,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -170,6 +171,8 @@ class ChangeState_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -200,6 +203,8 @@ class ChangeState_Event(Message):
                 append(b"\0")
                 pos += 1
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_4[pos & 7](len(response)))

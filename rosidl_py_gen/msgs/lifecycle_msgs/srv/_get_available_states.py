@@ -17,6 +17,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -106,6 +107,8 @@ class GetAvailableStates_Response(Message):
             parts: list[bytes] = []
             append = parts.append
             available_states = self.available_states
+            if type(available_states) is not list:
+                expect_list(available_states)
             append(_pack_1(256, len(available_states)))
             pos = 4
             for available_state in available_states:
@@ -189,6 +192,8 @@ class GetAvailableStates_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -209,6 +214,8 @@ class GetAvailableStates_Event(Message):
                 append(_pack_5())
                 pos += 1
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_3[pos & 7](len(response)))
@@ -217,6 +224,8 @@ class GetAvailableStates_Event(Message):
                 if type(response_item) is not GetAvailableStates_Response:
                     expect(response_item, GetAvailableStates_Response)
                 available_states = response_item.available_states
+                if type(available_states) is not list:
+                    expect_list(available_states)
                 append(_pack_3[pos & 7](len(available_states)))
                 pos = (pos + 3 & -4) + 4
                 for available_state in available_states:

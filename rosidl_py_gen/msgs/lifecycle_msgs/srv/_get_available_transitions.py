@@ -17,6 +17,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -114,6 +115,8 @@ class GetAvailableTransitions_Response(Message):
             parts: list[bytes] = []
             append = parts.append
             available_transitions = self.available_transitions
+            if type(available_transitions) is not list:
+                expect_list(available_transitions)
             append(_pack_1(256, len(available_transitions)))
             pos = 4
             for available_transition in available_transitions:
@@ -243,6 +246,8 @@ class GetAvailableTransitions_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -263,6 +268,8 @@ class GetAvailableTransitions_Event(Message):
                 append(_pack_6())
                 pos += 1
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_3[pos & 7](len(response)))
@@ -271,6 +278,8 @@ class GetAvailableTransitions_Event(Message):
                 if type(response_item) is not GetAvailableTransitions_Response:
                     expect(response_item, GetAvailableTransitions_Response)
                 available_transitions = response_item.available_transitions
+                if type(available_transitions) is not list:
+                    expect_list(available_transitions)
                 append(_pack_3[pos & 7](len(available_transitions)))
                 pos = (pos + 3 & -4) + 4
                 for available_transition in available_transitions:

@@ -21,11 +21,11 @@ from rosidl_py_gen.cdr.support import (
     new,
     pack_strings,
     packers,
-    readable,
     uint8s,
     unpack_strings,
     utf8,
     view_of_bools,
+    viewable,
 )
 from rosidl_py_gen.msgs.rcl_interfaces.msg._parameter_value import ParameterValue
 
@@ -119,7 +119,7 @@ class Parameter(Message):
     def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
-                raw, view = readable(data, copy)
+                raw = view = viewable(data, copy)
             else:
                 raw = view = data
             message = new(cls)
@@ -129,7 +129,7 @@ class Parameter(Message):
             end = 7 + name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.name = raw[8:end].decode()
+            message.name = str(raw[8:end], "utf-8")
             message.value = value = new(ParameterValue)
             pos = end + 1
             value.type, value.bool_value = _unpack_1(raw, pos)
@@ -144,7 +144,7 @@ class Parameter(Message):
             end = pos + string_value_count - 1
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            value.string_value = raw[pos:end].decode()
+            value.string_value = str(raw[pos:end], "utf-8")
             pos = end + 4 & -4
             (byte_array_value_count,) = _unpack_3(raw, pos)
             pos += 4

@@ -11,6 +11,7 @@ from rosidl_py_gen.cdr.support import (
     PAD8,
     Fault,
     expect,
+    expect_list,
     limit,
     new,
     packers,
@@ -106,6 +107,8 @@ class ParameterDescriptor(Message):
             append(_pack_4(BOOL[self.read_only], BOOL[self.dynamic_typing]))
             pos += 3
             floating_point_range = self.floating_point_range
+            if type(floating_point_range) is not list:
+                expect_list(floating_point_range)
             if len(floating_point_range) > 1:
                 limit(len(floating_point_range), 1)
             append(_pack_2[pos & 7](len(floating_point_range)))
@@ -124,6 +127,8 @@ class ParameterDescriptor(Message):
                     ),
                 )
             integer_range = self.integer_range
+            if type(integer_range) is not list:
+                expect_list(integer_range)
             if len(integer_range) > 1:
                 limit(len(integer_range), 1)
             append(_pack_6(len(integer_range)))

@@ -15,6 +15,7 @@ from rosidl_py_gen.cdr.support import (
     Fault,
     bools,
     expect,
+    expect_list,
     float64s,
     frombuffer,
     int64s,
@@ -90,6 +91,8 @@ class ParameterEvent(Message):
             append(node)
             pos = 12 + len(node)
             new_parameters = self.new_parameters
+            if type(new_parameters) is not list:
+                expect_list(new_parameters)
             append(_pack_1[pos & 7](len(new_parameters)))
             pos = (pos + 4 & -4) + 4
             for new_parameter in new_parameters:
@@ -147,6 +150,8 @@ class ParameterEvent(Message):
                 append(string_array_value_packed)
                 pos += len(string_array_value_packed)
             changed_parameters = self.changed_parameters
+            if type(changed_parameters) is not list:
+                expect_list(changed_parameters)
             append(_pack_2[pos & 7](len(changed_parameters)))
             pos = (pos + 3 & -4) + 4
             for changed_parameter in changed_parameters:
@@ -204,6 +209,8 @@ class ParameterEvent(Message):
                 append(string_array_value_packed_)
                 pos += len(string_array_value_packed_)
             deleted_parameters = self.deleted_parameters
+            if type(deleted_parameters) is not list:
+                expect_list(deleted_parameters)
             append(_pack_2[pos & 7](len(deleted_parameters)))
             pos = (pos + 3 & -4) + 4
             for deleted_parameter in deleted_parameters:

@@ -11,6 +11,7 @@ from rosidl_py_gen.cdr.support import (
     PAD8,
     Fault,
     expect,
+    expect_list,
     limit,
     new,
     packers,
@@ -73,6 +74,8 @@ class ParameterEventDescriptors(Message):
             parts: list[bytes] = []
             append = parts.append
             new_parameters = self.new_parameters
+            if type(new_parameters) is not list:
+                expect_list(new_parameters)
             append(_pack_0(256, len(new_parameters)))
             pos = 4
             for new_parameter in new_parameters:
@@ -103,6 +106,8 @@ class ParameterEventDescriptors(Message):
                 )
                 pos += 3
                 floating_point_range = new_parameter.floating_point_range
+                if type(floating_point_range) is not list:
+                    expect_list(floating_point_range)
                 if len(floating_point_range) > 1:
                     limit(len(floating_point_range), 1)
                 append(_pack_3[pos & 7](len(floating_point_range)))
@@ -121,6 +126,8 @@ class ParameterEventDescriptors(Message):
                         ),
                     )
                 integer_range = new_parameter.integer_range
+                if type(integer_range) is not list:
+                    expect_list(integer_range)
                 if len(integer_range) > 1:
                     limit(len(integer_range), 1)
                 append(_pack_1(len(integer_range)))
@@ -139,6 +146,8 @@ class ParameterEventDescriptors(Message):
                         ),
                     )
             changed_parameters = self.changed_parameters
+            if type(changed_parameters) is not list:
+                expect_list(changed_parameters)
             append(_pack_1(len(changed_parameters)))
             pos += 4
             for changed_parameter in changed_parameters:
@@ -169,6 +178,8 @@ class ParameterEventDescriptors(Message):
                 )
                 pos += 3
                 floating_point_range_ = changed_parameter.floating_point_range
+                if type(floating_point_range_) is not list:
+                    expect_list(floating_point_range_)
                 if len(floating_point_range_) > 1:
                     limit(len(floating_point_range_), 1)
                 append(_pack_3[pos & 7](len(floating_point_range_)))
@@ -187,6 +198,8 @@ class ParameterEventDescriptors(Message):
                         ),
                     )
                 integer_range_ = changed_parameter.integer_range
+                if type(integer_range_) is not list:
+                    expect_list(integer_range_)
                 if len(integer_range_) > 1:
                     limit(len(integer_range_), 1)
                 append(_pack_1(len(integer_range_)))
@@ -205,6 +218,8 @@ class ParameterEventDescriptors(Message):
                         ),
                     )
             deleted_parameters = self.deleted_parameters
+            if type(deleted_parameters) is not list:
+                expect_list(deleted_parameters)
             append(_pack_1(len(deleted_parameters)))
             pos += 4
             for deleted_parameter in deleted_parameters:
@@ -237,6 +252,8 @@ class ParameterEventDescriptors(Message):
                 )
                 pos += 3
                 floating_point_range_2 = deleted_parameter.floating_point_range
+                if type(floating_point_range_2) is not list:
+                    expect_list(floating_point_range_2)
                 if len(floating_point_range_2) > 1:
                     limit(len(floating_point_range_2), 1)
                 append(_pack_3[pos & 7](len(floating_point_range_2)))
@@ -255,6 +272,8 @@ class ParameterEventDescriptors(Message):
                         ),
                     )
                 integer_range_2 = deleted_parameter.integer_range
+                if type(integer_range_2) is not list:
+                    expect_list(integer_range_2)
                 if len(integer_range_2) > 1:
                     limit(len(integer_range_2), 1)
                 append(_pack_1(len(integer_range_2)))

@@ -22,11 +22,11 @@ from rosidl_py_gen.cdr.support import (
     new,
     pack_strings,
     packers,
-    readable,
     uint8s,
     unpack_strings,
     utf8,
     view_of_bools,
+    viewable,
 )
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ class ParameterValue(Message):
     def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
-                raw, view = readable(data, copy)
+                raw = view = viewable(data, copy)
             else:
                 raw = view = data
             message = new(cls)
@@ -162,7 +162,7 @@ class ParameterValue(Message):
             end = 31 + string_value_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
-            message.string_value = raw[32:end].decode()
+            message.string_value = str(raw[32:end], "utf-8")
             pos = end + 4 & -4
             (byte_array_value_count,) = _unpack_1(raw, pos)
             pos += 4

@@ -19,6 +19,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -126,6 +127,8 @@ class DescribeParameters_Response(Message):
             parts: list[bytes] = []
             append = parts.append
             descriptors = self.descriptors
+            if type(descriptors) is not list:
+                expect_list(descriptors)
             append(_pack_0(256, len(descriptors)))
             pos = 4
             for descriptor in descriptors:
@@ -156,6 +159,8 @@ class DescribeParameters_Response(Message):
                 )
                 pos += 3
                 floating_point_range = descriptor.floating_point_range
+                if type(floating_point_range) is not list:
+                    expect_list(floating_point_range)
                 if len(floating_point_range) > 1:
                     limit(len(floating_point_range), 1)
                 append(_pack_3[pos & 7](len(floating_point_range)))
@@ -174,6 +179,8 @@ class DescribeParameters_Response(Message):
                         ),
                     )
                 integer_range = descriptor.integer_range
+                if type(integer_range) is not list:
+                    expect_list(integer_range)
                 if len(integer_range) > 1:
                     limit(len(integer_range), 1)
                 append(_pack_1(len(integer_range)))
@@ -319,6 +326,8 @@ class DescribeParameters_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -343,6 +352,8 @@ class DescribeParameters_Event(Message):
                 append(names_packed)
                 pos += len(names_packed)
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_3[pos & 7](len(response)))
@@ -351,6 +362,8 @@ class DescribeParameters_Event(Message):
                 if type(response_item) is not DescribeParameters_Response:
                     expect(response_item, DescribeParameters_Response)
                 descriptors = response_item.descriptors
+                if type(descriptors) is not list:
+                    expect_list(descriptors)
                 append(_pack_1(len(descriptors)))
                 pos += 4
                 for descriptor in descriptors:
@@ -381,6 +394,8 @@ class DescribeParameters_Event(Message):
                     )
                     pos += 3
                     floating_point_range = descriptor.floating_point_range
+                    if type(floating_point_range) is not list:
+                        expect_list(floating_point_range)
                     if len(floating_point_range) > 1:
                         limit(len(floating_point_range), 1)
                     append(_pack_3[pos & 7](len(floating_point_range)))
@@ -399,6 +414,8 @@ class DescribeParameters_Event(Message):
                             ),
                         )
                     integer_range = descriptor.integer_range
+                    if type(integer_range) is not list:
+                        expect_list(integer_range)
                     if len(integer_range) > 1:
                         limit(len(integer_range), 1)
                     append(_pack_1(len(integer_range)))

@@ -17,6 +17,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -110,6 +111,8 @@ class GetLoggerLevels_Response(Message):
             parts: list[bytes] = []
             append = parts.append
             levels = self.levels
+            if type(levels) is not list:
+                expect_list(levels)
             append(_pack_0(256, len(levels)))
             pos = 4
             for level in levels:
@@ -190,6 +193,8 @@ class GetLoggerLevels_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -214,6 +219,8 @@ class GetLoggerLevels_Event(Message):
                 append(names_packed)
                 pos += len(names_packed)
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_4[pos & 7](len(response)))
@@ -222,6 +229,8 @@ class GetLoggerLevels_Event(Message):
                 if type(response_item) is not GetLoggerLevels_Response:
                     expect(response_item, GetLoggerLevels_Response)
                 levels = response_item.levels
+                if type(levels) is not list:
+                    expect_list(levels)
                 append(_pack_1(len(levels)))
                 pos += 4
                 for level in levels:

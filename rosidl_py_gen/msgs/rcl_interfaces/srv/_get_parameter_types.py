@@ -19,6 +19,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -28,6 +29,7 @@ from rosidl_py_gen.cdr.support import (
     readable,
     uint8s,
     unpack_strings,
+    viewable,
     within,
 )
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
@@ -117,7 +119,7 @@ class GetParameterTypes_Response(Message):
     def _decode(cls, data: Readable, copy: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
-                raw, view = readable(data, copy)
+                raw = view = viewable(data, copy)
             else:
                 raw = view = data
             message = new(cls)
@@ -162,6 +164,8 @@ class GetParameterTypes_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -186,6 +190,8 @@ class GetParameterTypes_Event(Message):
                 append(names_packed)
                 pos += len(names_packed)
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_2[pos & 7](len(response)))

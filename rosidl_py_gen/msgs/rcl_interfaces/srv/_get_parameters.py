@@ -22,6 +22,7 @@ from rosidl_py_gen.cdr.support import (
     Fault,
     bools,
     expect,
+    expect_list,
     fixed_uint8s,
     float64s,
     frombuffer,
@@ -125,6 +126,8 @@ class GetParameters_Response(Message):
             parts: list[bytes] = []
             append = parts.append
             values = self.values
+            if type(values) is not list:
+                expect_list(values)
             append(_pack_0(256, len(values)))
             pos = 4
             for value in values:
@@ -293,6 +296,8 @@ class GetParameters_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -317,6 +322,8 @@ class GetParameters_Event(Message):
                 append(names_packed)
                 pos += len(names_packed)
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_4[pos & 7](len(response)))
@@ -325,6 +332,8 @@ class GetParameters_Event(Message):
                 if type(response_item) is not GetParameters_Response:
                     expect(response_item, GetParameters_Response)
                 values = response_item.values
+                if type(values) is not list:
+                    expect_list(values)
                 append(_pack_4[pos & 7](len(values)))
                 pos = (pos + 3 & -4) + 4
                 for value in values:

@@ -17,6 +17,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -196,6 +197,8 @@ class ListParameters_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -222,6 +225,8 @@ class ListParameters_Event(Message):
                 append(_pack_1[pos & 7](request_item.depth))
                 pos = (pos + 7 & -8) + 8
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_4(len(response)))

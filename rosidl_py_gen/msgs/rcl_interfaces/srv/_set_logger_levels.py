@@ -18,6 +18,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -76,6 +77,8 @@ class SetLoggerLevels_Request(Message):
             parts: list[bytes] = []
             append = parts.append
             levels = self.levels
+            if type(levels) is not list:
+                expect_list(levels)
             append(_pack_0(256, len(levels)))
             pos = 4
             for level in levels:
@@ -142,6 +145,8 @@ class SetLoggerLevels_Response(Message):
             parts: list[bytes] = []
             append = parts.append
             results = self.results
+            if type(results) is not list:
+                expect_list(results)
             append(_pack_0(256, len(results)))
             pos = 4
             for result in results:
@@ -225,6 +230,8 @@ class SetLoggerLevels_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -243,6 +250,8 @@ class SetLoggerLevels_Event(Message):
                 if type(request_item) is not SetLoggerLevels_Request:
                     expect(request_item, SetLoggerLevels_Request)
                 levels = request_item.levels
+                if type(levels) is not list:
+                    expect_list(levels)
                 append(_pack_1(len(levels)))
                 pos += 4
                 for level in levels:
@@ -256,6 +265,8 @@ class SetLoggerLevels_Event(Message):
                     append(_pack_2[pos & 7](level.level))
                     pos = (pos + 4 & -4) + 4
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_1(len(response)))
@@ -264,6 +275,8 @@ class SetLoggerLevels_Event(Message):
                 if type(response_item) is not SetLoggerLevels_Response:
                     expect(response_item, SetLoggerLevels_Response)
                 results = response_item.results
+                if type(results) is not list:
+                    expect_list(results)
                 append(_pack_4[pos & 7](len(results)))
                 pos = (pos + 3 & -4) + 4
                 for result in results:

@@ -22,6 +22,7 @@ from rosidl_py_gen.cdr.support import (
     Fault,
     bools,
     expect,
+    expect_list,
     fixed_uint8s,
     float64s,
     frombuffer,
@@ -93,6 +94,8 @@ class SetParameters_Request(Message):
             parts: list[bytes] = []
             append = parts.append
             parameters = self.parameters
+            if type(parameters) is not list:
+                expect_list(parameters)
             append(_pack_0(256, len(parameters)))
             pos = 4
             for parameter in parameters:
@@ -264,6 +267,8 @@ class SetParameters_Response(Message):
             parts: list[bytes] = []
             append = parts.append
             results = self.results
+            if type(results) is not list:
+                expect_list(results)
             append(_pack_0(256, len(results)))
             pos = 4
             for result in results:
@@ -347,6 +352,8 @@ class SetParameters_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -365,6 +372,8 @@ class SetParameters_Event(Message):
                 if type(request_item) is not SetParameters_Request:
                     expect(request_item, SetParameters_Request)
                 parameters = request_item.parameters
+                if type(parameters) is not list:
+                    expect_list(parameters)
                 append(_pack_1[pos & 7](len(parameters)))
                 pos = (pos + 3 & -4) + 4
                 for parameter in parameters:
@@ -422,6 +431,8 @@ class SetParameters_Event(Message):
                     append(string_array_value_packed)
                     pos += len(string_array_value_packed)
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_1[pos & 7](len(response)))
@@ -430,6 +441,8 @@ class SetParameters_Event(Message):
                 if type(response_item) is not SetParameters_Response:
                     expect(response_item, SetParameters_Response)
                 results = response_item.results
+                if type(results) is not list:
+                    expect_list(results)
                 append(_pack_1[pos & 7](len(results)))
                 pos = (pos + 3 & -4) + 4
                 for result in results:

@@ -22,6 +22,7 @@ from rosidl_py_gen.cdr.support import (
     Fault,
     bools,
     expect,
+    expect_list,
     fixed_uint8s,
     float64s,
     frombuffer,
@@ -93,6 +94,8 @@ class SetParametersAtomically_Request(Message):
             parts: list[bytes] = []
             append = parts.append
             parameters = self.parameters
+            if type(parameters) is not list:
+                expect_list(parameters)
             append(_pack_0(256, len(parameters)))
             pos = 4
             for parameter in parameters:
@@ -324,6 +327,8 @@ class SetParametersAtomically_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -342,6 +347,8 @@ class SetParametersAtomically_Event(Message):
                 if type(request_item) is not SetParametersAtomically_Request:
                     expect(request_item, SetParametersAtomically_Request)
                 parameters = request_item.parameters
+                if type(parameters) is not list:
+                    expect_list(parameters)
                 append(_pack_1[pos & 7](len(parameters)))
                 pos = (pos + 3 & -4) + 4
                 for parameter in parameters:
@@ -399,6 +406,8 @@ class SetParametersAtomically_Event(Message):
                     append(string_array_value_packed)
                     pos += len(string_array_value_packed)
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_1[pos & 7](len(response)))

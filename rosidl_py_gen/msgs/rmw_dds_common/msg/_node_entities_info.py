@@ -10,6 +10,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -79,12 +80,16 @@ class NodeEntitiesInfo(Message):
             append(node_name)
             pos += len(node_name)
             reader_gid_seq = self.reader_gid_seq
+            if type(reader_gid_seq) is not list:
+                expect_list(reader_gid_seq)
             append(_pack_1[pos & 7](len(reader_gid_seq)))
             for reader_gid_seq_item in reader_gid_seq:
                 if type(reader_gid_seq_item) is not Gid:
                     expect(reader_gid_seq_item, Gid)
                 append(_pack_2(fixed_uint8s(reader_gid_seq_item.data, 16)))
             writer_gid_seq = self.writer_gid_seq
+            if type(writer_gid_seq) is not list:
+                expect_list(writer_gid_seq)
             append(_pack_3(len(writer_gid_seq)))
             for writer_gid_seq_item in writer_gid_seq:
                 if type(writer_gid_seq_item) is not Gid:

@@ -10,6 +10,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -61,6 +62,8 @@ class ParticipantEntitiesInfo(Message):
             if type(gid) is not Gid:
                 expect(gid, Gid)
             node_entities_info_seq = self.node_entities_info_seq
+            if type(node_entities_info_seq) is not list:
+                expect_list(node_entities_info_seq)
             append(
                 _pack_0(256, fixed_uint8s(gid.data, 16), len(node_entities_info_seq)),
             )
@@ -83,6 +86,8 @@ class ParticipantEntitiesInfo(Message):
                 append(node_name)
                 pos += len(node_name)
                 reader_gid_seq = node_entities_info_seq_item.reader_gid_seq
+                if type(reader_gid_seq) is not list:
+                    expect_list(reader_gid_seq)
                 append(_pack_2[pos & 7](len(reader_gid_seq)))
                 pos = (pos + 4 & -4) + 4
                 pos += 16 * len(reader_gid_seq)
@@ -91,6 +96,8 @@ class ParticipantEntitiesInfo(Message):
                         expect(reader_gid_seq_item, Gid)
                     append(_pack_3(fixed_uint8s(reader_gid_seq_item.data, 16)))
                 writer_gid_seq = node_entities_info_seq_item.writer_gid_seq
+                if type(writer_gid_seq) is not list:
+                    expect_list(writer_gid_seq)
                 append(_pack_1(len(writer_gid_seq)))
                 pos += 4
                 pos += 16 * len(writer_gid_seq)

@@ -9,6 +9,7 @@ from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
 from rosidl_py_gen.cdr.support import (
     Fault,
     expect,
+    expect_list,
     limit,
     new,
     packers,
@@ -61,6 +62,8 @@ class IndividualTypeDescription(Message):
             append(type_name)
             pos = 4 + len(type_name)
             fields = self.fields
+            if type(fields) is not list:
+                expect_list(fields)
             append(_pack_1[pos & 7](len(fields)))
             pos = (pos + 4 & -4) + 4
             for field in fields:

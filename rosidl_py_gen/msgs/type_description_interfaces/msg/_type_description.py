@@ -9,6 +9,7 @@ from rosidl_py_gen.cdr import Message, TypeInfo, recover_decode, recover_encode
 from rosidl_py_gen.cdr.support import (
     Fault,
     expect,
+    expect_list,
     limit,
     new,
     packers,
@@ -74,6 +75,8 @@ class TypeDescription(Message):
             append(type_name)
             pos = 4 + len(type_name)
             fields = type_description.fields
+            if type(fields) is not list:
+                expect_list(fields)
             append(_pack_1[pos & 7](len(fields)))
             pos = (pos + 4 & -4) + 4
             for field in fields:
@@ -110,6 +113,8 @@ class TypeDescription(Message):
                 append(b"\0")
                 pos += 1
             referenced_type_descriptions = self.referenced_type_descriptions
+            if type(referenced_type_descriptions) is not list:
+                expect_list(referenced_type_descriptions)
             append(_pack_2[pos & 7](len(referenced_type_descriptions)))
             pos = (pos + 3 & -4) + 4
             for referenced_type_description in referenced_type_descriptions:
@@ -123,6 +128,8 @@ class TypeDescription(Message):
                 append(type_name_)
                 pos += len(type_name_)
                 fields_ = referenced_type_description.fields
+                if type(fields_) is not list:
+                    expect_list(fields_)
                 append(_pack_1[pos & 7](len(fields_)))
                 pos = (pos + 4 & -4) + 4
                 for field_ in fields_:

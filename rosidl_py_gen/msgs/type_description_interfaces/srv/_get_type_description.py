@@ -19,6 +19,7 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
+    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
@@ -192,6 +193,8 @@ class GetTypeDescription_Response(Message):
             append(type_name)
             pos += len(type_name)
             fields = type_description_.fields
+            if type(fields) is not list:
+                expect_list(fields)
             append(_pack_1[pos & 7](len(fields)))
             pos = (pos + 4 & -4) + 4
             for field in fields:
@@ -228,6 +231,8 @@ class GetTypeDescription_Response(Message):
                 append(b"\0")
                 pos += 1
             referenced_type_descriptions = type_description.referenced_type_descriptions
+            if type(referenced_type_descriptions) is not list:
+                expect_list(referenced_type_descriptions)
             append(_pack_4[pos & 7](len(referenced_type_descriptions)))
             pos = (pos + 3 & -4) + 4
             for referenced_type_description in referenced_type_descriptions:
@@ -241,6 +246,8 @@ class GetTypeDescription_Response(Message):
                 append(type_name_)
                 pos += len(type_name_)
                 fields_ = referenced_type_description.fields
+                if type(fields_) is not list:
+                    expect_list(fields_)
                 append(_pack_1[pos & 7](len(fields_)))
                 pos = (pos + 4 & -4) + 4
                 for field_ in fields_:
@@ -277,6 +284,8 @@ class GetTypeDescription_Response(Message):
                     append(b"\0")
                     pos += 1
             type_sources = self.type_sources
+            if type(type_sources) is not list:
+                expect_list(type_sources)
             append(_pack_4[pos & 7](len(type_sources)))
             pos = (pos + 3 & -4) + 4
             for type_source in type_sources:
@@ -300,6 +309,8 @@ class GetTypeDescription_Response(Message):
                 append(b"\0")
                 pos += 1
             extra_information = self.extra_information
+            if type(extra_information) is not list:
+                expect_list(extra_information)
             append(_pack_4[pos & 7](len(extra_information)))
             pos = (pos + 3 & -4) + 4
             for extra_information_item in extra_information:
@@ -535,6 +546,8 @@ class GetTypeDescription_Event(Message):
             if type(stamp) is not Time:
                 expect(stamp, Time)
             request = self.request
+            if type(request) is not list:
+                expect_list(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -565,6 +578,8 @@ class GetTypeDescription_Event(Message):
                 append(_pack_2(BOOL[request_item.include_type_sources]))
                 pos += 2
             response = self.response
+            if type(response) is not list:
+                expect_list(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_4[pos & 7](len(response)))
@@ -593,6 +608,8 @@ class GetTypeDescription_Event(Message):
                 append(type_name_)
                 pos += len(type_name_)
                 fields = type_description_.fields
+                if type(fields) is not list:
+                    expect_list(fields)
                 append(_pack_1[pos & 7](len(fields)))
                 pos = (pos + 4 & -4) + 4
                 for field in fields:
@@ -631,6 +648,8 @@ class GetTypeDescription_Event(Message):
                 referenced_type_descriptions = (
                     type_description.referenced_type_descriptions
                 )
+                if type(referenced_type_descriptions) is not list:
+                    expect_list(referenced_type_descriptions)
                 append(_pack_4[pos & 7](len(referenced_type_descriptions)))
                 pos = (pos + 3 & -4) + 4
                 for referenced_type_description in referenced_type_descriptions:
@@ -644,6 +663,8 @@ class GetTypeDescription_Event(Message):
                     append(type_name_2)
                     pos += len(type_name_2)
                     fields_ = referenced_type_description.fields
+                    if type(fields_) is not list:
+                        expect_list(fields_)
                     append(_pack_1[pos & 7](len(fields_)))
                     pos = (pos + 4 & -4) + 4
                     for field_ in fields_:
@@ -680,6 +701,8 @@ class GetTypeDescription_Event(Message):
                         append(b"\0")
                         pos += 1
                 type_sources = response_item.type_sources
+                if type(type_sources) is not list:
+                    expect_list(type_sources)
                 append(_pack_4[pos & 7](len(type_sources)))
                 pos = (pos + 3 & -4) + 4
                 for type_source in type_sources:
@@ -703,6 +726,8 @@ class GetTypeDescription_Event(Message):
                     append(b"\0")
                     pos += 1
                 extra_information = response_item.extra_information
+                if type(extra_information) is not list:
+                    expect_list(extra_information)
                 append(_pack_4[pos & 7](len(extra_information)))
                 pos = (pos + 3 & -4) + 4
                 for extra_information_item in extra_information:

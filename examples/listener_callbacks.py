@@ -1,0 +1,14 @@
+"""The listener again, with a callback. Stop with Ctrl-C."""
+
+from std_msgs.msg import String
+
+from rosidl_py_gen.runtime import Node, spin
+
+
+def on_message(message: String) -> None:
+    print(f"I heard: {message.data}", flush=True)
+
+
+node = Node("listener")
+node.create_subscription(String, "chatter", on_message)
+spin(node)

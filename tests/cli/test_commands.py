@@ -1,0 +1,338 @@
+"""The command line as users and scripts see it: output, files, exit codes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from compiler_worlds import write
+
+from rosidl_py_gen import __version__
+from rosidl_py_gen.cli import main
+
+WORLD = {
+    "a_msgs/msg/Point.msg": "# A place.\n\nfloat64 x # [m]\nfloat64 y\n",
+    "a_msgs/msg/Named.msg": "string name\nPoint place\n",
+    "b_msgs/srv/Ask.srv": "a_msgs/Named who\n---\n",
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        return json.loads(self.out)
+
+
+class Shell:
+    """Runs commands in a folder of their own, without the caller's environment."""
+
+    def __init__(self, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+        self.folder = folder
+        self.capsys = capsys
+
+    def __call__(self, *arguments: str) -> Answer:
+        self.capsys.readouterr()
+        code = 0
+        try:
+            main(list(arguments))
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 1
+        out, err = self.capsys.readouterr()
+        return Answer(code, out, err)
+
+    def written(self) -> list[str]:
+        return sorted(str(path.relative_to(self.folder)) for path in self.folder.rglob("*") if path.is_file())
+
+
+@pytest.fixture
+def shell(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Shell:
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    for name in ("AMENT_PREFIX_PATH", "IDL_PACKAGE_FILTER"):
+        monkeypatch.delenv(name, raising=False)
+    return Shell(folder, capsys)
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> str:
+    return str(write(tmp_path / "src", WORLD))
+
+
+# --- generate ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_main_job_from_the_first_line_of_the_readme(shell: Shell) -> None:
+    answer = shell("--filter", "std_msgs:geometry_msgs")
+    assert answer.code == 0
+    packages = {name.split("/")[0] for name in shell.written()}
+    assert packages == {"builtin_interfaces", "geometry_msgs", "std_msgs"}
+    code = "from std_msgs.msg import String; print(String(data='hello').encode().hex())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=shell.folder)
+    assert done.stdout == "000100000600000068656c6c6f00\n"
+
+
+@pytest.mark.parametrize(
+    "selection", ["a_msgs;b_msgs", "b_msgs", "b_msgs:a_msgs", " b_msgs ; ", "b_msgs/srv/Ask:a_msgs"]
+)
+def test_a_filter_selects_with_dependencies(shell: Shell, world: str, selection: str) -> None:
+    assert shell("--path", world, "--filter", selection).code == 0
+    packages = {name.split("/")[0] for name in shell.written()}
+    assert packages == {"a_msgs", "b_msgs", "builtin_interfaces", "service_msgs"}
+
+
+def test_the_filter_may_come_from_the_environment(shell: Shell, world: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("IDL_PACKAGE_FILTER", "a_msgs")
+    assert shell("--path", world).code == 0
+    assert {name.split("/")[0] for name in shell.written()} == {"a_msgs"}
+    assert shell("--path", world, "--filter", "b_msgs").code == 0  # the option wins
+    assert "b_msgs/srv/_ask.py" in shell.written()
+
+
+def test_one_interface(shell: Shell, world: str) -> None:
+    answer = shell("--path", world, "--filter", "a_msgs/msg/Point", "--json")
+    assert answer.json["interfaces"] == ["a_msgs/msg/Point"]
+    assert shell.written() == [
+        f"a_msgs/{name}" for name in ("__init__.py", "msg/__init__.py", "msg/_point.py", "py.typed")
+    ]
+
+
+def test_out_receives_the_packages(shell: Shell, world: str, tmp_path: Path) -> None:
+    assert shell("--path", world, "--filter", "a_msgs", "--out", str(tmp_path / "deep" / "er")).code == 0
+    assert shell.written() == []
+    assert (tmp_path / "deep" / "er" / "a_msgs" / "msg" / "_point.py").is_file()
+
+
+@pytest.mark.parametrize("entry", ["a_msgs", "."])
+def test_a_path_may_be_a_package_or_a_folder_of_packages(shell: Shell, world: str, entry: str) -> None:
+    assert shell("--path", str(Path(world) / entry), "--filter", "a_msgs").code == 0
+    assert "a_msgs/msg/_point.py" in shell.written()
+
+
+def test_a_path_may_be_a_workspace(shell: Shell, tmp_path: Path) -> None:
+    files = {
+        "robot/interfaces/package.xml": "<package><name>robot_msgs</name></package>",
+        "robot/interfaces/msg/State.msg": "uint8 x",
+        "robot/driver/package.xml": "<package><name>driver</name></package>",
+    }
+    assert shell("--path", str(write(tmp_path / "ws" / "src", files)), "--filter", "robot_msgs").code == 0
+    assert "robot_msgs/msg/_state.py" in shell.written()
+
+
+def test_check_tells_and_writes_nothing(shell: Shell, world: str) -> None:
+    command = ("--path", world, "--filter", "a_msgs")
+    answer = shell(*command, "--check")
+    assert (answer.code, shell.written()) == (1, [])
+    assert f"would write {Path('a_msgs/msg/_point.py')}" in answer.out
+    assert shell(*command).code == 0
+    assert shell(*command, "--check").code == 0
+    (shell.folder / "a_msgs" / "msg" / "_point.py").unlink()
+    assert shell(*command, "--check").code == 1
+    assert "a_msgs/msg/_point.py" not in shell.written()
+
+
+def test_json_tells_what_was_done(shell: Shell, world: str) -> None:
+    command = ("--path", world, "--filter", "a_msgs", "--json")
+    first, second = shell(*command).json, shell(*command).json
+    assert first["interfaces"] == ["a_msgs/msg/Named", "a_msgs/msg/Point"]
+    assert (len(first["written"]), first["removed"], first["unchanged"]) == (5, [], 0)
+    assert (second["written"], second["unchanged"]) == ([], 5)
+
+
+# --- list -------------------------------------------------------------------------------------------------------------
+
+
+def test_list_says_what_was_found_and_where(shell: Shell, world: str) -> None:
+    answer = shell("--path", world, "--list")
+    lines = {line.split()[0]: line for line in answer.out.splitlines()}
+    assert str(Path(world) / "a_msgs") in lines["a_msgs"]
+    assert "bundled" in lines["sensor_msgs"]
+    assert shell.written() == []
+
+
+def test_first_hit_wins_in_the_order_paths_ament_bundled(
+    shell: Shell, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("one", "two", "prefix_a/share", "prefix_b/share"):
+        write(tmp_path / name, {"std_msgs/msg/String.msg": f"string data # {name}"})
+    write(tmp_path / "prefix_a/share", {"only_msgs/msg/A.msg": ""})
+    prefixes = [str(tmp_path / name) for name in ("prefix_a", "prefix_b")]
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join(prefixes))
+    rows = shell("--path", str(tmp_path / "one"), "--path", str(tmp_path / "two"), "--list", "--json").json
+    found = [(row["origin"], row["used"]) for row in rows if row["package"] == "std_msgs"]
+    wanted = [str(tmp_path / "one"), str(tmp_path / "two"), *prefixes, "bundled"]
+    assert found == [(origin, origin == wanted[0]) for origin in wanted]
+    assert [row["origin"] for row in rows if row["package"] == "only_msgs"] == prefixes[:1]
+
+
+# --- errors -----------------------------------------------------------------------------------------------------------
+
+
+def test_errors_have_place_line_and_caret_and_nothing_is_written(shell: Shell, tmp_path: Path) -> None:
+    files = {"a_msgs/msg/Bad.msg": "uint8 fine\nfloat64 Wrong 3\n", "a_msgs/msg/Worse.msg": "std_msgs/Heder header\n"}
+    folder = write(shell.folder / "src", files)
+    before = shell.written()
+    answer = shell("--path", str(folder), "--filter", "a_msgs")
+    assert (answer.code, answer.out, shell.written()) == (1, "", before)
+    assert answer.err.splitlines() == [
+        'src/a_msgs/msg/Bad.msg:2:9: "Wrong" is not a field name; expected lower case letters, digits and single '
+        "underscores, a letter first, no underscore last",
+        "    float64 Wrong 3",
+        "            ^",
+        'src/a_msgs/msg/Worse.msg:1:16: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?',
+        "    std_msgs/Heder header",
+        "                   ^",
+        "2 problems; nothing was written",
+    ]
+
+
+def test_errors_for_machines(shell: Shell, tmp_path: Path) -> None:
+    folder = write(tmp_path / "src", {"a_msgs/msg/Bad.msg": "uint8 x 300"})
+    answer = shell("--path", str(folder), "--filter", "a_msgs", "--json")
+    assert answer.code == 1
+    (row,) = answer.json["errors"]
+    assert (row["line"], row["column"]) == (1, 9)
+    assert row["path"].endswith("Bad.msg")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (("--filter", "std_msg"), 'std_msg: no package; did you mean "std_msgs"? (searched: bundled)'),
+        (
+            ("--filter", "std_msgs/msg/Strin"),
+            'std_msgs/msg/Strin: no interface of this name; did you mean "std_msgs/msg/String"?',
+        ),
+        (("--filter", "a/b/c/d"), '"a/b/c/d" is not an interface name'),
+        (("--path", "nowhere", "--list"), "nowhere: expected a folder with interface packages, found none"),
+        (("plan", "std_msgs/msg/Nothing"), "std_msgs/msg/Nothing: no interface of this name"),
+        (("plan", "std_srvs/srv/SetBool"), "std_srvs/srv/SetBool is not a message"),
+        (("interface", "std_msgs/msg/Nothing"), "std_msgs/msg/Nothing"),
+        (("check", "nothing_msgs"), "nothing_msgs: no package"),
+    ],
+)
+def test_mistakes_of_the_caller_are_told_in_one_line(shell: Shell, arguments: tuple[str, ...], text: str) -> None:
+    answer = shell(*arguments)
+    assert answer.code == 1
+    assert text in answer.err
+    assert "Traceback" not in answer.err
+    assert shell.written() == []
+
+
+@pytest.mark.parametrize("arguments", [("--nonsense",), ("plan",), ("nonsense",), ("--path",)])
+def test_a_wrong_command_line_is_exit_code_2(shell: Shell, arguments: tuple[str, ...]) -> None:
+    answer = shell(*arguments)
+    assert answer.code == 2
+    assert "Error: " in answer.err
+    assert "Traceback" not in answer.err
+
+
+def test_files_of_others_are_refused(shell: Shell, world: str) -> None:
+    write(shell.folder, {"a_msgs/msg/_point.py": "mine = 1\n"})
+    answer = shell("--path", world, "--filter", "a_msgs")
+    assert answer.code == 1
+    assert "exists and was not written by rosidl-py-gen" in answer.err
+    assert shell.written() == ["a_msgs/msg/_point.py"]
+
+
+def test_a_missing_package_says_who_needs_it_and_where_was_searched(shell: Shell, tmp_path: Path) -> None:
+    folder = write(tmp_path / "src", {"a_msgs/msg/A.msg": "robot_msgs/State s"})
+    answer = shell("--path", str(folder), "--filter", "a_msgs")
+    assert 'A.msg:1:18: unknown package "robot_msgs" for robot_msgs/State' in answer.err
+    assert f"(searched: {folder}, bundled)" in answer.err
+
+
+# --- the other commands -----------------------------------------------------------------------------------------------
+
+
+def test_plan_prints_offsets_and_sizes(shell: Shell, world: str) -> None:
+    answer = shell("plan", "a_msgs/msg/Point", "--path", world)
+    assert answer.code == 0
+    assert "a_msgs/msg/Point" in answer.out
+    assert "fixed size: 16 bytes behind the 4-byte header" in answer.out
+    assert "x d@0, y d@8" in answer.out
+    plan = shell("plan", "geometry_msgs/msg/PoseStamped", "--json").json
+    assert (plan["fixed_size"], plan["max_size"]) == (None, None)
+    assert [step["step"] for step in plan["steps"]].count("run") == 2
+    assert shell("plan", "std_srvs/srv/SetBool_Request").code == 0
+    assert shell("plan", "example_interfaces/action/Fibonacci_SendGoal_Request").code == 0
+
+
+def test_check_reads_and_writes_nothing(shell: Shell, world: str, tmp_path: Path) -> None:
+    assert shell("check", "a_msgs", "--path", world).code == 0
+    assert shell("check", "--path", world).code == 0
+    bad = write(tmp_path / "bad", {"bad_msgs/msg/A.msg": "int x"})
+    answer = shell("check", "--path", str(bad), "bad_msgs")
+    assert answer.code == 1
+    assert 'A.msg:1:1: "int" is neither' in answer.err
+    assert shell.written() == []
+
+
+def test_interface_prints_the_definition_and_its_hash(shell: Shell, world: str) -> None:
+    answer = shell("interface", "a_msgs/msg/Point", "--path", world)
+    assert answer.code == 0
+    assert "float64 x # [m]" in answer.out
+    description = shell("interface", "std_msgs/msg/String", "--json").json
+    assert "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18" in json.dumps(description)
+
+
+def test_the_full_text_compiles_again(shell: Shell) -> None:
+    from rosidl_py_gen import compile_text, get_message, type_hash
+
+    text = shell("interface", "geometry_msgs/msg/PoseStamped", "--full").out
+    found = compile_text("geometry_msgs/msg/PoseStamped", text)
+    assert type_hash(found) == type_hash(get_message("geometry_msgs/msg/PoseStamped"))
+
+
+def test_the_version(shell: Shell) -> None:
+    assert shell("--version").out == f"rosidl-py-gen, version {__version__}\n"
+
+
+# --- quick and quiet --------------------------------------------------------------------------------------------------
+
+
+def process(*arguments: str, code: str = "") -> subprocess.CompletedProcess[str]:
+    tail = "; import atexit" + code if code else ""
+    program = f"import sys{tail}\nfrom rosidl_py_gen.cli import main\nmain({list(arguments)!r})"
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+
+
+def test_help_is_quick_and_loads_little() -> None:
+    best = min(_timed_help() for _ in range(3))
+    assert best < 1.0  # seconds; 0.15 is the aim, measured by hand, this guards against loading everything
+    done = process("--help", code="\natexit.register(lambda: print(*sys.modules))")
+    assert done.returncode == 0
+    modules = set(done.stdout.split())
+    assert "rosidl_py_gen.cli" in modules
+    assert not {"numpy", "jinja2", "lark", "cyclonedds", "yaml", "rosidl_py_gen.generate"} & modules
+
+
+def _timed_help() -> float:
+    start = time.monotonic()
+    assert "--filter" in process("--help").stdout
+    return time.monotonic() - start
+
+
+def test_output_that_goes_to_no_terminal_has_no_colour_and_no_bar(tmp_path: Path) -> None:
+    done = process("--list")
+    assert "\x1b" not in done.stdout + done.stderr
+    assert process("--out", str(tmp_path)).stderr == ""
+
+
+def test_it_runs_as_a_module_too() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "rosidl_py_gen.cli", "--version"], capture_output=True, text=True, timeout=60
+    )
+    assert (done.returncode, done.stdout.strip()) == (0, f"rosidl-py-gen, version {__version__}")

@@ -1,0 +1,80 @@
+"""The generated files of the odd cases are the reviewed ones; ``python tests/golden/regenerate.py`` renews them."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from compiler_worlds import assert_clean, importable, mypy
+from golden.regenerate import HERE, PACKAGES, fresh, texts
+
+from rosidl_py_gen import decode, encode, type_hash
+
+RENEW = "run `python tests/golden/regenerate.py` and read the difference"
+RECORDED = texts(HERE / "generated")
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    folder = tmp_path_factory.mktemp("golden") / "out"
+    fresh(folder)
+    with importable(folder):
+        yield folder
+
+
+def test_there_are_golden_files_for_every_interface(out: Path) -> None:
+    assert sorted(RECORDED) == sorted(texts(out)), RENEW
+    assert len(RECORDED) > 15
+
+
+@pytest.mark.parametrize("name", RECORDED)
+def test_a_generated_file_is_the_recorded_one(out: Path, name: str) -> None:
+    assert texts(out)[name] == RECORDED[name], RENEW
+
+
+def test_the_odd_cases_are_clean_code(out: Path) -> None:
+    assert_clean(out)
+    mypy(out, *[part for package in PACKAGES for part in ("-p", package)])
+
+
+def test_the_odd_cases_work(out: Path) -> None:
+    for kind in ("msg", "srv", "action"):
+        package = importlib.import_module(f"odd_msgs.{kind}")
+        for name in package.__all__:
+            cls = getattr(package, name)
+            assert type_hash(cls).startswith("RIHS01_")
+            if hasattr(cls, "encode"):
+                assert decode(cls, encode(cls())) == cls()
+
+
+def test_text_arrives_as_it_was_written(out: Path) -> None:
+    text = importlib.import_module("odd_msgs.msg").Text
+    value = text()
+    assert value.quoted == 'it\'s "so"'
+    assert value.payload == "__import__('os').system('true')"
+    assert value.several == ["a, b", "c"]
+    assert (text.BRACES, text.QUOTES) == ("{{ 7 * 7 }}", '"""')
+    assert text.__doc__ is not None
+    assert text.__doc__.splitlines()[0] == 'Text that must stay text: """ \\ {{ braces }} {% tags %} __import__(\'os\')'
+
+
+def test_values_arrive_as_they_were_written(out: Path) -> None:
+    values = importlib.import_module("odd_msgs.msg").Values
+    value = values()
+    assert (value.raw, value.least, value.most, value.endless) == (65, -(2**63), 2**64 - 1, float("inf"))
+    assert value.three.dtype == np.int16
+    assert value.three.tolist() == [1, -2, 3]
+    assert (values.A, values.PI, values.ON) == (1, 3.14159, True)
+
+
+def test_defaults_are_not_shared_between_messages(out: Path) -> None:
+    package = importlib.import_module("odd_msgs.msg")
+    first = package.Values()
+    first.three[0] = 9
+    assert package.Values().three[0] == 1
+    text = package.Text()
+    text.several.append("x")
+    assert package.Text().several == ["a, b", "c"]

@@ -1,0 +1,284 @@
+"""The import rules of the package, as data. Imports inside functions count; imports for type checkers may point up."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parent.parent / "rosidl_py_gen"
+NAME = PACKAGE.name
+
+# The parts, lowest first. A module may import its own part and those named here; nothing else of ours.
+# `support` is what generated code needs; `base` needs nothing.
+PARTS: dict[str, tuple[str, ...]] = {
+    "base": (),
+    "support": ("base",),
+    "spec": ("base", "support"),
+    "codegen": ("base", "support", "spec"),
+    "msgs": ("base", "support"),
+    "compiler": ("base", "support", "spec", "codegen"),
+    "runtime": ("base", "support", "msgs", "dynamic", "top"),
+    "dynamic": ("base", "support", "spec", "codegen", "compiler"),
+    "cli": ("base", "support", "spec", "codegen", "compiler", "dynamic", "runtime", "msgs", "top"),
+    "top": ("base", "support", "dynamic"),
+}
+# Which part a module belongs to: the longest prefix counts.
+OWNERS = {
+    "": "top",
+    "errors": "base",
+    "names": "base",
+    "resources": "base",
+    "fieldtype": "base",
+    "descriptions": "base",
+    "cdr": "support",
+    "codec": "support",
+    "convert": "support",
+    "typesupport": "support",
+    "spec": "spec",
+    "codegen": "codegen",
+    "generate": "compiler",
+    "dynamic": "dynamic",
+    "msgs": "msgs",
+    "runtime": "runtime",
+    "cli": "cli",
+    "__main__": "cli",
+}
+# Each foreign thing has one seam: distribution -> modules that may import it.
+SEAMS = {
+    "lark": ("spec.parse",),
+    "jinja2": ("codegen.render",),
+    "click": ("cli",),
+    "cyclonedds": ("runtime.cyclone",),
+    "yaml": ("runtime.parameter_yaml",),
+    "pytest": ("runtime.pytest_plugin",),
+}
+# Only these may import the node: everything else gets a transport and a resolved name.
+NODE_USERS = ("runtime", "runtime.pytest_plugin", "cli")
+# Never, not even for type checkers.
+APART = [("spec", "runtime"), ("codegen", "runtime"), ("runtime", "spec"), ("runtime", "codegen")]
+# Generated code needs the middle and numpy, nothing else.
+GENERATED_MAY_IMPORT = {"__future__", "builtins", "dataclasses", "struct", "typing", "numpy", NAME}
+MOST_LINES = 400
+
+
+@dataclass(frozen=True)
+class Import:
+    module: str  # what is imported, dotted
+    line: int
+    for_typing: bool
+
+
+def module_of(path: Path) -> str:
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def part_of(module: str) -> str:
+    while module and module not in OWNERS:
+        module = module.rpartition(".")[0]
+    return OWNERS[module]
+
+
+def imports_of(path: Path) -> list[Import]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return list(_walk(tree, path, False))
+
+
+def _walk(node: ast.AST, path: Path, for_typing: bool) -> Iterator[Import]:
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test):
+            inside = not isinstance(child.test, ast.UnaryOp)
+            for part, typed in ((child.body, inside), (child.orelse, not inside)):
+                for statement in part:
+                    yield from _imports(statement, path, for_typing or typed)
+                    yield from _walk(statement, path, for_typing or typed)
+            continue
+        yield from _imports(child, path, for_typing)
+        yield from _walk(child, path, for_typing)
+
+
+def _imports(node: ast.AST, path: Path, for_typing: bool) -> Iterator[Import]:
+    if isinstance(node, ast.Import):
+        for alias in node.names:
+            yield Import(alias.name, node.lineno, for_typing)
+    elif isinstance(node, ast.ImportFrom):
+        base = node.module or ""
+        if node.level:
+            package = path.relative_to(PACKAGE.parent).parent.parts
+            base = ".".join([*package[: len(package) - node.level + 1], *([base] if base else [])])
+        modules = [f"{base}.{alias.name}" for alias in node.names if _is_module(f"{base}.{alias.name}")]
+        for module in modules:
+            yield Import(module, node.lineno, for_typing)
+        if len(modules) < len(node.names):  # names out of the module itself
+            yield Import(base, node.lineno, for_typing)
+
+
+def _is_module(name: str) -> bool:
+    where = PACKAGE.parent.joinpath(*name.split("."))
+    return where.with_suffix(".py").is_file() or (where / "__init__.py").is_file()
+
+
+FILES = sorted(PACKAGE.rglob("*.py"))
+IMPORTS = {path: imports_of(path) for path in FILES}
+WRITTEN = [path for path in FILES if part_of(module_of(path)) != "msgs" or path == PACKAGE / "msgs" / "__init__.py"]
+
+
+def ours(one: Import) -> str | None:
+    """The module of this package that is imported, without the package's own name."""
+    if one.module == NAME:
+        return ""
+    return one.module.removeprefix(NAME + ".") if one.module.startswith(NAME + ".") else None
+
+
+def where(path: Path, one: Import) -> str:
+    return f"{path.relative_to(PACKAGE.parent)}:{one.line}: imports {one.module}"
+
+
+def test_the_rules_cover_every_module_and_name_only_what_exists() -> None:
+    assert len(FILES) > 80
+    for name in OWNERS:
+        assert name in ("", "__main__") or _is_module(f"{NAME}.{name}"), f"{name} is not a module"
+    assert {part for uses in PARTS.values() for part in uses} <= set(PARTS)
+
+
+def test_imports_point_down() -> None:
+    wrong = []
+    for path, imports in IMPORTS.items():
+        own = part_of(module_of(path))
+        for one in imports:
+            target = ours(one)
+            if target is None or one.for_typing or not _is_module(f"{NAME}.{target}".rstrip(".")):
+                continue
+            # `from rosidl_py_gen import __version__` reads a name of the package, which imports nothing by itself.
+            part = part_of(target)
+            if part not in (own, *PARTS[own]) and not (target == "" and own == "cli"):
+                wrong.append(where(path, one))
+    assert wrong == []
+
+
+def test_compiler_and_runtime_never_meet() -> None:
+    wrong = [
+        where(path, one)
+        for path, imports in IMPORTS.items()
+        for one in imports
+        for left, right in APART
+        if part_of(module_of(path)) == left and (target := ours(one)) is not None and part_of(target) == right
+    ]
+    assert wrong == []
+
+
+def test_every_foreign_package_has_its_seam() -> None:
+    wrong = [
+        where(path, one)
+        for path, imports in IMPORTS.items()
+        for one in imports
+        for foreign, seams in SEAMS.items()
+        if one.module.split(".")[0] == foreign and not _allowed(module_of(path), foreign, seams)
+    ]
+    assert wrong == []
+
+
+def _allowed(module: str, foreign: str, seams: tuple[str, ...]) -> bool:
+    if foreign == "cyclonedds":  # runtime/cyclone.py and its helpers cyclone_*.py
+        return module.startswith(seams)
+    return any(module == seam or module.startswith(seam + ".") for seam in seams)
+
+
+def test_every_foreign_import_is_a_declared_dependency() -> None:
+    known = {*sys.stdlib_module_names, *SEAMS, "numpy", "typing_extensions", NAME}
+    wrong = [
+        where(path, one)
+        for path, imports in IMPORTS.items()
+        for one in imports
+        if (top := one.module.split(".")[0]) not in known or (top == "typing_extensions" and not one.for_typing)
+    ]
+    assert wrong == []
+
+
+def test_nothing_imports_the_node() -> None:
+    wrong = [
+        where(path, one)
+        for path, imports in IMPORTS.items()
+        for one in imports
+        if one.module == f"{NAME}.runtime.node"
+        and module_of(path) not in NODE_USERS
+        and part_of(module_of(path)) not in NODE_USERS[-1:]
+        and not one.for_typing
+    ]
+    assert wrong == []
+
+
+def test_generated_code_needs_only_the_middle_and_numpy() -> None:
+    wrong = [
+        where(path, one)
+        for path, imports in IMPORTS.items()
+        if part_of(module_of(path)) == "msgs"
+        for one in imports
+        if one.module.split(".")[0] not in GENERATED_MAY_IMPORT
+    ]
+    assert wrong == []
+
+
+def circles(edges: dict[str, set[str]]) -> list[list[str]]:
+    """Strongly connected groups of more than one module."""
+    order: list[str] = []
+    seen: set[str] = set()
+
+    def visit(start: str, graph: dict[str, set[str]], out: list[str]) -> None:
+        stack = [(start, iter(sorted(graph.get(start, ()))))]
+        seen.add(start)
+        while stack:
+            node, following = stack[-1]
+            target = next((one for one in following if one not in seen), None)
+            if target is None:
+                out.append(node)
+                stack.pop()
+            else:
+                seen.add(target)
+                stack.append((target, iter(sorted(graph.get(target, ())))))
+
+    for node in sorted(edges):
+        if node not in seen:
+            visit(node, edges, order)
+    reverse: dict[str, set[str]] = {}
+    for node, targets in edges.items():
+        for target in targets:
+            reverse.setdefault(target, set()).add(node)
+    seen.clear()
+    groups = []
+    for node in reversed(order):
+        if node not in seen:
+            group: list[str] = []
+            visit(node, reverse, group)
+            groups.append(group)
+    return [sorted(group) for group in groups if len(group) > 1]
+
+
+def test_a_circle_is_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
+
+
+def test_imports_form_no_circle() -> None:
+    edges: dict[str, set[str]] = {}
+    for path, imports in IMPORTS.items():
+        own = module_of(path)
+        targets = {target for one in imports if not one.for_typing and (target := ours(one)) is not None}
+        # The package itself loads what a name needs when it is used, so nothing hangs on importing it.
+        edges[own] = {target for target in targets if target not in ("", own) and _is_module(f"{NAME}.{target}")}
+    assert circles(edges) == []
+
+
+@pytest.mark.parametrize("path", WRITTEN, ids=module_of)
+def test_files_stay_readable(path: Path) -> None:
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= MOST_LINES, f"{path.relative_to(PACKAGE.parent)} has {lines} lines"
+
+
+@pytest.mark.parametrize("path", WRITTEN, ids=module_of)
+def test_every_file_says_what_it_is_for(path: Path) -> None:
+    assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
