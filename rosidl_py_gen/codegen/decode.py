@@ -249,7 +249,7 @@ class _Reader:
         count = self.count(step.ref, step.type, out)
         at = self.padded(step, count, out)
         out.append(Assign(self.attribute(step.ref), self.view(step.code, count, at)))
-        if needed:
+        if needed and not _ends_known(step):
             size = f"{step.item_size} * {count}" if step.item_size > 1 else count
             if count.isdigit():
                 size = str(step.item_size * int(count))
@@ -331,5 +331,10 @@ class _Reader:
         unpack = self.structs.name("iter_unpack", run.unpack)
         variables = f"({targets[0]},)" if len(targets) == 1 else ", ".join(targets) or "_"
         out.append(For(variables, f"{unpack}(memoryview(raw)[{at}:end])", tuple(body)))
-        if needed and not blocks:
+        if needed and not blocks and not _ends_known(step):
             out.append(Move("=", "end"))
+
+
+def _ends_known(step: Numbers | Loop) -> bool:
+    """Whether what follows knows its own place: behind an array of fixed size at a known one."""
+    return step.type.arity is Arity.ARRAY and step.start.static is not None
