@@ -1,0 +1,219 @@
+"""Writers and readers of the DDS transport.
+
+Decides how bytes get into and out of Cyclone: one ctypes call a sample to write, one a batch to take. `cyclone.py`
+makes them; the rules written there hold here.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import struct
+import threading
+import time
+import weakref
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime import cyclone_abi as abi
+from rosidl_py_gen.runtime.cyclone_sockets import LARGE_BYTES, warn_about_socket_buffers
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.cyclone import CycloneParticipant
+    from rosidl_py_gen.runtime.cyclone_abi import Api
+    from rosidl_py_gen.runtime.transport import Payload, ReceiveQueue, Sink
+
+_BATCH = 32
+"""Samples per take. More only helps when the queue is deeper; the arrays cost 80 bytes a piece."""
+_VIEW_FROM_BYTES = 65536
+"""Payloads of this size are not copied into a bytes object, but freed when the last view of them dies."""
+
+_by_reference = ct.byref
+_string_at = ct.PYFUNCTYPE(ct.py_object, ct.c_void_p, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
+"""`ctypes.string_at` without its Python wrapper."""
+_Container = abi.Container
+_container_fields = struct.Struct("=QQ").unpack_from
+_info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
+"""valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
+
+_local_lock = threading.Lock()
+_local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
+"""Readers of this process by domain and topic, for `CycloneWriter.write`."""
+
+
+# -------------------------------------------------------------------------------------------------------------- writer
+
+
+class CycloneWriter:
+    """See `transport.Writer`."""
+
+    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str) -> None:
+        self._owner = owner
+        self._topic = topic
+        self._type = type
+        self._key = (owner.domain_id, topic)
+        self._entity = entity
+        self._api = api = owner.api
+        self._dds_write = api.write
+        self.guid = owner.guid_of(entity)
+        handle = ct.c_uint64()
+        api.check(api.get_instance_handle(entity, ct.byref(handle)), "read an instance handle")
+        self.handle = handle.value
+
+    def write(self, data: Payload) -> bool:
+        """See `transport.Writer`. Raises `ClosedError` or `TransportError`."""
+        if data.__class__ is not bytes:
+            data = bytes(data)
+        if len(data) > LARGE_BYTES:
+            warn_about_socket_buffers(len(data))
+        code = self._dds_write(self._entity, _by_reference(_Container(data, len(data))))
+        if code == 0:
+            if self._key in _local_readers:
+                for reader in _local_readers.get(self._key, ()):
+                    reader.pull()
+            return True
+        if code == abi.TIMEOUT:
+            return False
+        if self._entity == 0:
+            raise ClosedError(f"the writer of {self._topic} is closed")
+        self._api.check(code, f"write {len(data)} bytes to {self._topic}")
+        return True
+
+    def matched_readers(self) -> list[bytes]:
+        """See `transport.Writer`."""
+        return self._owner.discovery.matched(self._entity, is_writer=True)
+
+    def all_acknowledged(self) -> bool:
+        """See `transport.Writer`."""
+        code = self._api.wait_for_acks(self._entity, 0)
+        return code == 0 or (code != abi.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
+
+    def assert_liveliness(self) -> None:
+        """See `transport.Writer`."""
+        self._api.check(self._api.assert_liveliness(self._entity), "assert liveliness")
+
+    def close(self) -> None:
+        """See `transport.Writer`."""
+        entity, self._entity = self._entity, 0
+        if entity:
+            self._api.delete(entity)
+            self._owner.release_topic(self._topic, self._type)
+
+
+# -------------------------------------------------------------------------------------------------------------- reader
+
+
+class TakeBuffers:
+    """The arrays of one take; shared by all readers of a participant, under their lock."""
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.containers = (ct.c_uint64 * (2 * _BATCH))()
+        base = ct.addressof(self.containers)
+        self.pointers = (ct.c_void_p * _BATCH)(*(base + 16 * index for index in range(_BATCH)))
+        self.infos = (ct.c_ubyte * (64 * _BATCH))()
+        self.container_bytes = memoryview(self.containers).cast("B")
+        self.info_bytes = memoryview(self.infos)
+
+
+class CycloneReader:
+    """See `transport.Reader`."""
+
+    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str, queue: ReceiveQueue) -> None:
+        self._owner = owner
+        self._topic = topic
+        self._type = type
+        self._key = (owner.domain_id, topic)
+        self.entity = entity
+        self.queue = queue
+        self.sink: Sink | None = None
+        self._api = owner.api
+        self._take = owner.api.take
+        self._free = owner.api.free
+        self.guid = owner.guid_of(entity)
+        self._number = owner.watch(self)
+        with _local_lock:
+            _local_readers[self._key] = (*_local_readers.get(self._key, ()), self)
+
+    def set_sink(self, sink: Sink | None) -> None:
+        """See `transport.Reader`."""
+        self.sink = sink
+        if sink is not None and (self.fetch() or self.queue.items):
+            self._owner.ready(sink)
+
+    def pull(self) -> None:
+        """Take what a writer of this process has just delivered."""
+        if self.fetch() and self.sink is not None:
+            self._owner.ready(self.sink)
+
+    def fetch(self) -> bool:
+        """Move all samples from DDS into the queue; returns whether there were any. From any thread."""
+        buffers = self._owner.buffers
+        pointers, infos, containers = buffers.pointers, buffers.infos, buffers.containers
+        found = False
+        with buffers.lock:
+            count = _BATCH
+            while count == _BATCH:
+                count = self._take(self.entity, pointers, infos, _BATCH, _BATCH)
+                now = time.time_ns()
+                for index in range(count):
+                    pointer, size = _container_fields(buffers.container_bytes, 16 * index)
+                    # Cyclone frees what it finds here when the next sample carries no data.
+                    containers[2 * index] = 0
+                    valid, source_ns, writer = _info_fields(buffers.info_bytes, 64 * index)
+                    if valid:
+                        self._push(pointer, size, source_ns, writer, now)
+                        found = True
+                    else:
+                        self._free(pointer)
+        return found
+
+    def _push(self, pointer: int, size: int, source_ns: int, writer: int, now_ns: int) -> None:
+        data: Payload
+        if size < _VIEW_FROM_BYTES:
+            data = _string_at(pointer, size)
+            self._free(pointer)
+        else:
+            data = _view(self._api, pointer, size)
+            if size > LARGE_BYTES:
+                warn_about_socket_buffers(size)
+        if self._owner.big_endian:
+            data = self._with_byte_order(data, writer)
+        self.queue.push((data, source_ns, writer, now_ns))
+
+    def _with_byte_order(self, data: Payload, writer: int) -> Payload:
+        guid = self.writer_guid(writer)
+        if guid is None or guid[:12] not in self._owner.big_endian:
+            return data
+        return b"\0\0" + bytes(data[2:])
+
+    def matched_writers(self) -> list[bytes]:
+        """See `transport.Reader`."""
+        return self._owner.discovery.matched(self.entity, is_writer=False)
+
+    def writer_guid(self, handle: int) -> bytes | None:
+        """See `transport.Reader`."""
+        return self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
+
+    def close(self) -> None:
+        """See `transport.Reader`."""
+        entity, self.sink = self.entity, None
+        if not entity:
+            return
+        with _local_lock:
+            left = tuple(reader for reader in _local_readers[self._key] if reader is not self)
+            if left:
+                _local_readers[self._key] = left
+            else:
+                del _local_readers[self._key]
+        self._owner.unwatch(self, self._number)
+        with self._owner.buffers.lock:
+            self.entity = 0
+        self._api.delete(entity)
+        self._owner.release_topic(self._topic, self._type)
+
+
+def _view(api: Api, pointer: int, size: int) -> memoryview:
+    """A read-only view of memory that DDS allocated; it is freed when the last view of it is gone."""
+    array = (ct.c_ubyte * size).from_address(pointer)
+    weakref.finalize(array, api.free, pointer).atexit = False
+    return memoryview(array).cast("B").toreadonly()

@@ -1,0 +1,307 @@
+"""The node: a name, and the factory of everything that carries it.
+
+Decides names (expansion and remapping through `NodeNames`), defaults and lifetime. What endpoints do is in their own
+files, which never see the node. Nothing imports this file.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
+
+from rosidl_py_gen.cdr import Message, Service
+from rosidl_py_gen.runtime.client import Client
+from rosidl_py_gen.runtime.clock import Clock, ClockType
+from rosidl_py_gen.runtime.context import Context
+from rosidl_py_gen.runtime.message_types import Untyped, message_type, raw_type, service_type
+from rosidl_py_gen.runtime.node_graph import NodeGraph
+from rosidl_py_gen.runtime.publisher import Publisher
+from rosidl_py_gen.runtime.qos import as_profile
+from rosidl_py_gen.runtime.remap_rules import NodeNames
+from rosidl_py_gen.runtime.rosout_publisher import RosoutPublisher
+from rosidl_py_gen.runtime.scope import Scope
+from rosidl_py_gen.runtime.service import ServiceServer
+from rosidl_py_gen.runtime.subscription import Subscription
+from rosidl_py_gen.runtime.timer import Timer
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from typing_extensions import Self
+
+    from rosidl_py_gen.runtime.logging import RosLogger
+    from rosidl_py_gen.runtime.qos import QoSLike
+
+MessageT = TypeVar("MessageT", bound=Message)
+RequestT = TypeVar("RequestT", bound=Message)
+ResponseT = TypeVar("ResponseT", bound=Message)
+
+_DEFAULT_DEPTH = 10
+
+
+class Node(NodeGraph):
+    """A ROS 2 node.
+
+    Args:
+        name: may be overridden by ``-r __node:=...``.
+        namespace: with or without a leading ``/``; may be overridden by ``-r __ns:=...``.
+        context: None means the shared default one.
+        enable_rosout: publish what `logger` logs on ``/rosout``.
+
+    Raises:
+        InvalidNameError: for name or namespace.
+    """
+
+    def __init__(
+        self, name: str, namespace: str = "", *, context: Context | None = None, enable_rosout: bool = True
+    ) -> None:
+        self._closed = True  # until there is something to close
+        shared = context or Context.default()
+        self.context = shared
+        self._names = NodeNames.create(name, namespace, shared.arguments.remap_rules)
+        shared.bridge.adopt_running_loop()
+        shared.adopt(self)
+        self._closed = False
+        number = shared.discovery.add_node(self._names.name, self._names.namespace)
+        self.scope = Scope(shared, number, self._names.fully_qualified_name)
+        """What endpoint modules outside this file build on."""
+        self._graph = self.scope.graph
+        self._discovery = self.scope.discovery
+        self.clock = Clock(ClockType.ROS_TIME)
+        """ROS time; system time until simulated time is switched on."""
+        if enable_rosout and shared.arguments.rosout_logs:
+            self.scope.own(RosoutPublisher(self.scope))
+
+    # -------------------------------------------------------------------------------------------------------- names
+
+    @property
+    def name(self) -> str:
+        """Without namespace, after remapping."""
+        return self._names.name
+
+    @property
+    def namespace(self) -> str:
+        """``/`` or ``/ns``, after remapping."""
+        return self._names.namespace
+
+    @property
+    def fully_qualified_name(self) -> str:
+        """``/ns/name``."""
+        return self._names.fully_qualified_name
+
+    @property
+    def logger(self) -> RosLogger:
+        """The logger of ROS name ``ns.name``."""
+        return self.scope.logger
+
+    def resolve_topic_name(self, topic: str) -> str:
+        """Expand and remap a topic name as written; raises `InvalidNameError`."""
+        return self._names.resolve_topic(topic)
+
+    def resolve_service_name(self, service: str) -> str:
+        """Expand and remap a service name as written; raises `InvalidNameError`."""
+        return self._names.resolve_service(service)
+
+    # ------------------------------------------------------------------------------------------------------- topics
+
+    @overload
+    def create_publisher(
+        self, msg_type: type[MessageT], topic: str, qos: QoSLike = _DEFAULT_DEPTH
+    ) -> Publisher[MessageT]: ...
+    @overload
+    def create_publisher(self, msg_type: str, topic: str, qos: QoSLike = _DEFAULT_DEPTH) -> Publisher[Untyped]: ...
+    def create_publisher(
+        self, msg_type: type[Message] | str, topic: str, qos: QoSLike = _DEFAULT_DEPTH
+    ) -> Publisher[Any]:
+        """Publish on `topic`. A type given as text makes the messages dicts.
+
+        Raises:
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError.
+        """
+        self._require_open()
+        publisher = Publisher(self.scope, message_type(msg_type), self._names.resolve_topic(topic), as_profile(qos))
+        self.scope.own(publisher)
+        return publisher
+
+    @overload
+    def create_subscription(
+        self,
+        msg_type: type[MessageT],
+        topic: str,
+        callback: Callable[[MessageT], object] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        raw: Literal[False] = False,
+        ignore_local: bool = False,
+    ) -> Subscription[MessageT]: ...
+    @overload
+    def create_subscription(
+        self,
+        msg_type: type[Message] | str,
+        topic: str,
+        callback: Callable[[bytes], object] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        raw: Literal[True],
+        ignore_local: bool = False,
+    ) -> Subscription[bytes]: ...
+    @overload
+    def create_subscription(
+        self,
+        msg_type: str,
+        topic: str,
+        callback: Callable[[Untyped], object] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        raw: Literal[False] = False,
+        ignore_local: bool = False,
+    ) -> Subscription[Untyped]: ...
+    def create_subscription(
+        self,
+        msg_type: type[Message] | str,
+        topic: str,
+        callback: Callable[[Any], object] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        raw: bool = False,
+        ignore_local: bool = False,
+    ) -> Subscription[Any]:
+        """Receive from `topic`: iterate over the result, or give a callback (plain or async function).
+
+        Args:
+            raw: messages stay bytes, 4-byte encapsulation header included.
+            ignore_local: nothing from publishers of this context.
+
+        Raises:
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError.
+        """
+        self._require_open()
+        known = message_type(msg_type)
+        subscription: Subscription[Any] = Subscription(
+            self.scope,
+            raw_type(known) if raw else known,
+            self._names.resolve_topic(topic),
+            callback,
+            as_profile(qos),
+            ignore_local=ignore_local,
+        )
+        self.scope.own(subscription)
+        return subscription
+
+    # ----------------------------------------------------------------------------------------------------- services
+
+    @overload
+    def create_service(
+        self,
+        srv_type: type[Service[RequestT, ResponseT]],
+        name: str,
+        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+    ) -> ServiceServer[RequestT, ResponseT]: ...
+    @overload
+    def create_service(
+        self,
+        srv_type: str,
+        name: str,
+        handler: Callable[[Untyped], Untyped | Awaitable[Untyped]] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+    ) -> ServiceServer[Untyped, Untyped]: ...
+    def create_service(
+        self,
+        srv_type: type[Service[Any, Any]] | str,
+        name: str,
+        handler: Callable[[Any], Any] | None = None,
+        qos: QoSLike = _DEFAULT_DEPTH,
+    ) -> ServiceServer[Any, Any]:
+        """Serve `name`: with a handler ``(request) -> response``, plain or async; without, iterate over the requests.
+
+        Raises:
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError.
+        """
+        self._require_open()
+        known = service_type(srv_type)
+        server = ServiceServer(self.scope, known, self._names.resolve_service(name), handler, as_profile(qos))
+        self.scope.own(server)
+        return server
+
+    @overload
+    def create_client(
+        self, srv_type: type[Service[RequestT, ResponseT]], name: str, qos: QoSLike = _DEFAULT_DEPTH
+    ) -> Client[RequestT, ResponseT]: ...
+    @overload
+    def create_client(self, srv_type: str, name: str, qos: QoSLike = _DEFAULT_DEPTH) -> Client[Untyped, Untyped]: ...
+    def create_client(
+        self, srv_type: type[Service[Any, Any]] | str, name: str, qos: QoSLike = _DEFAULT_DEPTH
+    ) -> Client[Any, Any]:
+        """Call the service `name`.
+
+        Raises:
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError.
+        """
+        self._require_open()
+        known = service_type(srv_type)
+        run = self.context.run_until_complete
+        client = Client(self.scope, known, self._names.resolve_service(name), as_profile(qos), run)
+        self.scope.own(client)
+        return client
+
+    # ------------------------------------------------------------------------------------------------------- timers
+
+    def create_timer(
+        self, period_s: float, callback: Callable[[], object] | None = None, *, clock: Clock | None = None
+    ) -> Timer:
+        """Every `period_s` seconds of this node's clock, which may be simulated, or of `clock`."""
+        self._require_open()
+        timer = Timer(self.scope, round(period_s * 1e9), callback, clock or self.clock)
+        self.scope.own(timer)
+        return timer
+
+    def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:
+        """Every `period_s` seconds of the steady clock, which nothing can turn back."""
+        return self.create_timer(period_s, callback, clock=Clock(ClockType.STEADY_TIME))
+
+    # ----------------------------------------------------------------------------------------------------- lifetime
+
+    def _require_open(self) -> None:
+        self.scope.require_open(self._closed, "the node")
+        self.context.bridge.adopt_running_loop()
+
+    @property
+    def is_closed(self) -> bool:
+        """True after `close`."""
+        return self._closed
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    async def __aenter__(self) -> Self:
+        self.context.bridge.running_loop()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""
+        if self._closed:
+            return
+        self._closed = True
+        self.scope.cancel_tasks()
+        owned = list(self.scope.owned.values())
+        self.scope.closed = True  # one graph message at the end instead of one per endpoint
+        for endpoint in reversed(owned):
+            endpoint.close()
+        self.scope.owned.clear()
+        self._discovery.remove_node(self.scope.number)
+        self.context.release(self)
+
+    def __del__(self) -> None:
+        if not getattr(self, "_closed", True):
+            warnings.warn(f"node {self.fully_qualified_name} was never closed", ResourceWarning, stacklevel=2)
+            self.close()
+
+    def __repr__(self) -> str:
+        return f"Node({self.fully_qualified_name!r}{', closed' if self._closed else ''})"

@@ -1,0 +1,331 @@
+"""The parameter, time and introspection methods of a node.
+
+Decides names, defaults and the order in which a node brings up what every ROS node has (protocol.md 9.1): parameter
+events, `use_sim_time`, the six services, logger levels, type description. What each does is in its own file.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin, overload
+
+from rosidl_py_gen.runtime.clock_sleep import Rate
+from rosidl_py_gen.runtime.logger_service import LoggerServices
+from rosidl_py_gen.runtime.parameter_classes import bind_class
+from rosidl_py_gen.runtime.parameter_client import ParameterClient, ParameterEvents, as_parameters, event_stream
+from rosidl_py_gen.runtime.parameter_rules import Listing
+from rosidl_py_gen.runtime.parameter_service import ParameterEventPublisher, ParameterServices
+from rosidl_py_gen.runtime.parameter_values import (
+    InvalidParameterValue,
+    Parameter,
+    ParameterDescriptor,
+    ParameterNotDeclared,
+    ParameterType,
+    ParameterValue,
+    PythonValue,
+    WrongParameterType,
+    parameter_value,
+)
+from rosidl_py_gen.runtime.parameters import ParameterStore, SetResult
+from rosidl_py_gen.runtime.stream import Stream
+from rosidl_py_gen.runtime.time_source import SimTimePublisher, TimeSource
+from rosidl_py_gen.runtime.time_values import ClockType, Time
+from rosidl_py_gen.runtime.type_description_service import TypeDescriptionService, ask_type_description
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
+    from rosidl_py_gen.runtime.clock import Clock
+    from rosidl_py_gen.runtime.context import Context
+    from rosidl_py_gen.runtime.parameter_client import ParametersToSet
+    from rosidl_py_gen.runtime.parameters import ParameterEvent
+    from rosidl_py_gen.runtime.remap_rules import NodeNames
+    from rosidl_py_gen.runtime.scope import Scope
+    from rosidl_py_gen.runtime.timer import Timer
+
+T = TypeVar("T")
+
+_KINDS: dict[object, ParameterType] = {
+    bool: ParameterType.BOOL,
+    int: ParameterType.INTEGER,
+    float: ParameterType.DOUBLE,
+    str: ParameterType.STRING,
+    bytes: ParameterType.BYTE_ARRAY,
+}
+
+
+class ParameterChange(NamedTuple):
+    """One parameter that changed; `value` is None when it was unset or undeclared."""
+
+    name: str
+    value: PythonValue
+
+
+class NodeParameters:
+    """Parameter methods of `Node`, which has to call `_open_parameters` in its constructor."""
+
+    scope: Scope
+    context: Context
+    clock: Clock
+    _closed: bool
+    _names: NodeNames
+    _store: ParameterStore
+    _time_source: TimeSource
+    _changes: list[Stream[ParameterChange]]
+
+    def _open_parameters(
+        self,
+        *,
+        overrides: Mapping[str, object] | None = None,
+        allow_undeclared: bool = False,
+        declare_overrides: bool = False,
+        start_services: bool = True,
+        logger_services: bool = False,
+    ) -> None:
+        """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
+        merged = self.context.arguments.overrides_for(self._names.fully_qualified_name)
+        merged.update({name: parameter_value(value) for name, value in (overrides or {}).items()})
+        # Not `self` in the function below: a node must not be part of a cycle, or it outlives its last user.
+        changes: list[Stream[ParameterChange]] = []
+        self._changes = changes
+        events = ParameterEventPublisher(self.scope, self._names, self.clock)
+        self.scope.own(events)
+
+        def tell(event: ParameterEvent) -> None:
+            events.publish(event)
+            for parameter in (*event.new, *event.changed, *event.deleted):
+                for stream in changes:
+                    stream.push(ParameterChange(parameter.name, parameter.value.value))
+
+        self._store = ParameterStore(merged, allow_undeclared=allow_undeclared, on_event=tell)
+        self._time_source = TimeSource(self.scope, self._names, self._store, self.clock)
+        self.scope.own(self._time_source)
+        if declare_overrides:
+            self._store.declare_overrides()
+        if start_services:
+            self.scope.own(ParameterServices(self.scope, self._names, self._store))
+        if logger_services:
+            self.scope.own(LoggerServices(self.scope, self._names))
+        TypeDescriptionService.start(self.scope, self._names, self._store)
+
+    # --------------------------------------------------------------------------------------------------- declaring
+
+    def declare_parameters(
+        self,
+        cls: type[T],
+        *,
+        prefix: str = "",
+        initial: T | None = None,
+        validator: Callable[[T], str | None] | None = None,
+    ) -> T:
+        """Declare the fields of a dataclass; returns a live object whose attributes follow, see `parameter_classes.py`.
+
+        Raises:
+            ParameterClassError: an annotation cannot be a parameter.
+            ParameterError: a name is taken, an override has the wrong type or is refused. Nothing is declared then.
+        """
+        self.scope.require_open(self._closed, "the node")
+        return bind_class(self._store, cls, prefix=prefix, initial=initial, validator=validator)
+
+    def declare_parameter(
+        self,
+        name: str,
+        default: object = None,
+        descriptor: ParameterDescriptor | None = None,
+        *,
+        ignore_override: bool = False,
+    ) -> PythonValue:
+        """Declare one parameter and return its value, which is the override's if there is one.
+
+        Raises:
+            ParameterAlreadyDeclared, InvalidParameterName, InvalidParameterValue, WrongParameterType.
+        """
+        self.scope.require_open(self._closed, "the node")
+        kind = None if descriptor is None or descriptor.type is ParameterType.NOT_SET else descriptor.type
+        empty = isinstance(default, (list, tuple)) and not default
+        value = parameter_value(default, kind if empty else None)
+        return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
+
+    def undeclare_parameter(self, name: str) -> None:
+        """Forget a parameter; raises `ParameterNotDeclared`, `ParameterImmutable` when it is read-only."""
+        self._store.undeclare(name)
+
+    def has_parameter(self, name: str) -> bool:
+        """True when declared, with or without a value."""
+        return self._store.has(name)
+
+    # ----------------------------------------------------------------------------------------------------- reading
+
+    @overload
+    def get_parameter(self, name: str) -> PythonValue: ...
+    @overload
+    def get_parameter(self, name: str, type: type[T], default: T) -> T: ...
+    @overload
+    def get_parameter(self, name: str, type: type[T], default: None = None) -> T | None: ...
+    def get_parameter(self, name: str, type: Any = None, default: Any = None) -> Any:
+        """The value; `default` when the parameter is declared but unset.
+
+        Args:
+            type: ``bool``, ``int``, ``float``, ``str``, ``bytes``, or a list of one of the first four. None: any.
+
+        Raises:
+            ParameterNotDeclared, WrongParameterType (names both types).
+        """
+        if not self._store.has(name) and not self._store.allow_undeclared:
+            raise ParameterNotDeclared([name])
+        value = self._store.values().get(name, ParameterValue())
+        if not value.is_set:
+            return default
+        if type is None:
+            return value.value
+        kind = _kind_of(type)
+        if kind is not value.type:
+            raise WrongParameterType(name, kind.name, value.type.name)
+        return list(value.value) if get_origin(type) is list else value.value  # type: ignore[arg-type]
+
+    def get_parameters(self, names: Sequence[str]) -> list[PythonValue]:
+        """Values in order; raises `ParameterNotDeclared`, `ParameterUninitialized`."""
+        return [self._store.get(name).value for name in names]
+
+    def describe_parameter(self, name: str) -> ParameterDescriptor:
+        """Raises `ParameterNotDeclared`."""
+        return self._store.describe(name)
+
+    def describe(self, name: str) -> ParameterDescriptor:
+        """Short for `describe_parameter`."""
+        return self.describe_parameter(name)
+
+    def list_parameters(self, prefixes: Sequence[str] = (), depth: int = 0) -> Listing:
+        """Names and groups; depth 0 has no limit."""
+        return self._store.listing(prefixes, depth)
+
+    # ----------------------------------------------------------------------------------------------------- setting
+
+    def set_parameter(self, name: str, value: object) -> None:
+        """Set one; raises `InvalidParameterValue` with the reason when it is refused."""
+        result = self.set_parameters_atomically({name: value})
+        if not result.successful:
+            raise InvalidParameterValue(result.reason)
+
+    def set_parameters(self, values: ParametersToSet) -> list[SetResult]:
+        """Set one by one; the result of each says whether and why not."""
+        return self._store.set_each(self._fitted(values))
+
+    def set_parameters_atomically(self, values: ParametersToSet) -> SetResult:
+        """Set all or nothing, with one event."""
+        return self._store.set_atomically(self._fitted(values))
+
+    def _fitted(self, values: ParametersToSet) -> list[Parameter]:
+        """An empty list takes the type that was declared."""
+        fitted = []
+        for parameter in as_parameters(values):
+            value = parameter.value
+            if value.value == b"" and self._store.has(parameter.name):
+                kind = self._store.describe(parameter.name).type
+                value = parameter_value((), kind) if kind.is_array else value
+            fitted.append(Parameter(parameter.name, value))
+        return fitted
+
+    def add_pre_set_callback(self, callback: Callable[[list[Parameter]], list[Parameter]]) -> Callable[[], None]:
+        """May replace the list to set. Returns the function that removes it."""
+        return self._store.add_pre_set_callback(callback)
+
+    def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Callable[[], None]:
+        """May refuse a set, the newest is asked first. Returns the function that removes it."""
+        return self._store.add_on_set_callback(callback)
+
+    def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Callable[[], None]:
+        """Hears of each successful set and declaration. Returns the function that removes it."""
+        return self._store.add_post_set_callback(callback)
+
+    # ------------------------------------------------------------------------------------------------------ events
+
+    def parameter_changes(self) -> Stream[ParameterChange]:
+        """Every change of this node's parameters from now on, whoever makes it."""
+        stream: Stream[ParameterChange] = _Changes(self._changes, self.scope)
+        self._changes.append(stream)
+        self.scope.own(stream)
+        return stream
+
+    def parameter_events(self, node: str | None = None) -> ParameterEvents:
+        """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
+        return event_stream(self.scope, self._names, None if node is None else self._names.resolve_topic(node))
+
+    def create_parameter_client(self, node: str) -> ParameterClient:
+        """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""
+        self.scope.require_open(self._closed, "the node")
+        client = ParameterClient(self.scope, self._names, node, self.context.run_until_complete)
+        self.scope.own(client)
+        return client
+
+    # -------------------------------------------------------------------------------------------------------- time
+
+    def create_rate(self, frequency_hz: float) -> Rate:
+        """``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
+        return Rate(self.clock, frequency_hz)
+
+    def create_sim_time_publisher(
+        self, *, rate: float = 0.0, start: Time | None = None, period_s: float = 0.01
+    ) -> SimTimePublisher:
+        """Publish ``/clock`` by hand (`advance`, `set_time`), or by itself with `rate` simulated seconds a second."""
+        from rosidl_py_gen.runtime.clock import Clock
+        from rosidl_py_gen.runtime.timer import Timer
+
+        self.scope.require_open(self._closed, "the node")
+
+        def make_timer(callback: Callable[[], None]) -> Timer:
+            return Timer(self.scope, round(period_s * 1e9), callback, Clock(ClockType.STEADY_TIME))
+
+        begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
+        publisher = SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, make_timer)
+        self.scope.own(publisher)
+        return publisher
+
+    # ----------------------------------------------------------------------------------------------- introspection
+
+    async def get_type_description(
+        self,
+        remote_node: str,
+        type_name: str,
+        type_hash: str,
+        *,
+        include_type_sources: bool = True,
+        timeout_s: float | None = None,
+    ) -> GetTypeDescription_Response:
+        """Ask another node how one of its types is defined.
+
+        Raises:
+            TypeDescriptionError: the node's own reason. CallTimeoutError.
+        """
+        service = self._names.resolve_service(f"{self._names.resolve_topic(remote_node)}/get_type_description")
+        run = self.context.run_until_complete
+        return await ask_type_description(
+            self.scope, run, service, type_name, type_hash, include_type_sources, timeout_s
+        )
+
+
+class _Changes(Stream[ParameterChange]):
+    def __init__(self, streams: list[Stream[ParameterChange]], scope: Scope) -> None:
+        super().__init__()
+        self._streams = streams
+        self._scope = scope
+
+    def close(self, error: BaseException | None = None) -> None:
+        """Stop listening; the iterator ends. May be called twice."""
+        super().close(error)
+        self._scope.disown(self)
+        if self in self._streams:
+            self._streams.remove(self)
+
+
+def _kind_of(wanted: Any) -> ParameterType:
+    arguments = get_args(wanted)
+    if get_origin(wanted) in (list, tuple) and arguments:
+        scalar = _KINDS.get(arguments[0])
+        if scalar is not None and ParameterType.BOOL <= scalar <= ParameterType.STRING:
+            return ParameterType(scalar + 5)  # BOOL 1 -> BOOL_ARRAY 6 and so on
+    elif wanted in _KINDS:
+        return _KINDS[wanted]
+    raise TypeError(
+        f"{wanted!r} is no parameter type; expected bool, int, float, str, bytes or a list such as list[int]"
+    )

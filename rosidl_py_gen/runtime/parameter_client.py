@@ -1,0 +1,244 @@
+"""The parameters of another node, over its six services and ``/parameter_events``.
+
+Decides how answers become values and errors. Every call waits for the remote node, as part of `timeout_s`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
+from rosidl_py_gen.msgs.rcl_interfaces.srv import (
+    DescribeParameters,
+    DescribeParameters_Request,
+    GetParameters,
+    GetParameters_Request,
+    GetParameterTypes,
+    GetParameterTypes_Request,
+    ListParameters,
+    ListParameters_Request,
+    SetParameters,
+    SetParameters_Request,
+    SetParametersAtomically,
+    SetParametersAtomically_Request,
+)
+from rosidl_py_gen.runtime.client import Client
+from rosidl_py_gen.runtime.message_types import message_type, service_type
+from rosidl_py_gen.runtime.parameter_messages import (
+    descriptor_from_message,
+    event_from_message,
+    parameter_type,
+    result_from_message,
+    to_message,
+    value_from_message,
+)
+from rosidl_py_gen.runtime.parameter_rules import Listing
+from rosidl_py_gen.runtime.parameter_values import (
+    Parameter,
+    ParameterDescriptor,
+    ParameterNotDeclared,
+    ParameterType,
+    PythonValue,
+    parameter_value,
+)
+from rosidl_py_gen.runtime.parameter_yaml import dump_parameters, overrides_for, parse_parameter_file
+from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
+from rosidl_py_gen.runtime.stream import Stream
+from rosidl_py_gen.runtime.subscription import Subscription
+from rosidl_py_gen.runtime.time_values import Time
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+
+    from rosidl_py_gen.runtime.parameters import ParameterEvent, SetResult
+    from rosidl_py_gen.runtime.remap_rules import NodeNames
+    from rosidl_py_gen.runtime.scope import Scope
+
+ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
+"""Names with values, or `Parameter` objects."""
+
+
+class MalformedAnswerError(RosidlError):
+    """The remote node answered something that does not belong to the question."""
+
+
+class RemoteParameterEvent(NamedTuple):
+    """What one node said on ``/parameter_events``."""
+
+    node: str
+    stamp: Time
+    event: ParameterEvent
+
+
+def as_parameters(values: ParametersToSet) -> list[Parameter]:
+    """Raises `InvalidParameterValue` for a value that is no parameter value."""
+    if hasattr(values, "items"):
+        return [Parameter(name, parameter_value(value)) for name, value in values.items()]
+    return list(values)
+
+
+def event_stream(scope: Scope, names: NodeNames, node: str | None) -> ParameterEvents:
+    """The events of one node, or of all nodes."""
+    return ParameterEvents(scope, names.resolve_topic("/parameter_events"), node)
+
+
+class ParameterEvents(Stream[RemoteParameterEvent]):
+    """An async iterator of parameter events; close it when it is no longer needed."""
+
+    def __init__(self, scope: Scope, topic: str, node: str | None) -> None:
+        super().__init__()
+        self._scope = scope
+        self._node = node
+        self._subscription: Subscription[EventMessage] = Subscription(
+            scope, message_type(EventMessage), topic, self._arrived, PARAMETER_EVENTS
+        )
+        scope.own(self)
+
+    def _arrived(self, message: EventMessage) -> None:
+        if self._node is None or message.node == self._node:
+            self.push(RemoteParameterEvent(message.node, Time.from_msg(message.stamp), event_from_message(message)))
+
+    async def wait_for_publishers(self, timeout_s: float | None = None) -> bool:
+        """Wait until somebody is there to be heard; False when the time passed."""
+        return await self._subscription.wait_for_publishers(timeout_s)
+
+    def close(self, error: BaseException | None = None) -> None:
+        """Stop listening; the iterator ends. May be called twice."""
+        super().close(error)
+        self._scope.disown(self)
+        self._subscription.close()
+
+
+class ParameterClient:
+    """Made by `create_parameter_client`. Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds."""
+
+    def __init__(
+        self,
+        scope: Scope,
+        names: NodeNames,
+        node: str,
+        run: Callable[[Coroutine[Any, Any, Any]], Any],
+    ) -> None:
+        self.node = names.resolve_topic(node)
+        """Fully qualified name of the remote node."""
+        self._scope = scope
+        self._names = names
+        self._closed = False
+        self._streams: list[ParameterEvents] = []
+
+        def client(cls: Any, name: str) -> Client[Any, Any]:
+            service = names.resolve_service(f"{self.node}/{name}")
+            made: Client[Any, Any] = Client(scope, service_type(cls), service, PARAMETERS, run)
+            return made
+
+        self._get = client(GetParameters, "get_parameters")
+        self._types = client(GetParameterTypes, "get_parameter_types")
+        self._set = client(SetParameters, "set_parameters")
+        self._set_atomically = client(SetParametersAtomically, "set_parameters_atomically")
+        self._describe = client(DescribeParameters, "describe_parameters")
+        self._list = client(ListParameters, "list_parameters")
+
+    def _clients(self) -> tuple[Client[Any, Any], ...]:
+        return (self._get, self._types, self._set, self._set_atomically, self._describe, self._list)
+
+    async def wait_for_services(self, timeout_s: float | None = None) -> bool:
+        """Wait until the remote node serves its parameters; False when the time passed."""
+
+        def ready() -> bool:
+            return all(client.service_is_available() for client in self._clients())
+
+        return await self._scope.wait_until(ready, timeout_s, lambda: self._closed)
+
+    @overload
+    async def get(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+        self, names: str, timeout_s: float | None = None
+    ) -> PythonValue: ...
+    @overload
+    async def get(self, names: Sequence[str], timeout_s: float | None = None) -> list[PythonValue]: ...
+    async def get(self, names: str | Sequence[str], timeout_s: float | None = None) -> PythonValue | list[PythonValue]:
+        """One value for one name, a list for several; None where nothing is set.
+
+        Raises:
+            ParameterNotDeclared: at least one of them is not declared, or has no value.
+        """
+        asked = [names] if isinstance(names, str) else list(names)
+        response = await self._get.call(GetParameters_Request(names=asked), timeout_s)
+        values = [value_from_message(item).value for item in self._complete(response.values, asked)]
+        return values[0] if isinstance(names, str) else values
+
+    async def types(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]:
+        """Raises `ParameterNotDeclared` when at least one is not declared."""
+        asked = list(names)
+        response = await self._types.call(GetParameterTypes_Request(names=asked), timeout_s)
+        return [parameter_type(int(item)) for item in self._complete(response.types, asked)]
+
+    async def describe(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterDescriptor]:
+        """Raises `ParameterNotDeclared` when at least one is not declared."""
+        asked = list(names)
+        response = await self._describe.call(DescribeParameters_Request(names=asked), timeout_s)
+        return [descriptor_from_message(item) for item in self._complete(response.descriptors, asked)]
+
+    def _complete(self, answers: Sequence[Any], asked: list[str]) -> Sequence[Any]:
+        if len(answers) == len(asked):
+            return answers
+        if len(answers) == 0:
+            raise ParameterNotDeclared(asked)
+        raise MalformedAnswerError(f"{self.node} answered {len(answers)} values for {len(asked)} parameters")
+
+    async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
+        """Set one by one; the result of each says whether and why not."""
+        request = SetParameters_Request(parameters=[to_message(item) for item in as_parameters(values)])
+        response = await self._set.call(request, timeout_s)
+        return [result_from_message(item) for item in response.results]
+
+    async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
+        """Set all or nothing."""
+        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in as_parameters(values)])
+        return result_from_message((await self._set_atomically.call(request, timeout_s)).result)
+
+    async def list(self, prefixes: Sequence[str] = (), depth: int = 0, timeout_s: float | None = None) -> Listing:
+        """Names and groups; depth 0 has no limit."""
+        request = ListParameters_Request(prefixes=[*prefixes], depth=depth)
+        result = (await self._list.call(request, timeout_s)).result
+        return Listing(tuple(result.names), tuple(result.prefixes))
+
+    async def load_yaml(self, path: str | os.PathLike[str], timeout_s: float | None = None) -> dict[str, SetResult]:
+        """Set what a parameter file says for the remote node.
+
+        Raises:
+            ParameterFileError: it is not a parameter file. OSError: it cannot be read.
+        """
+        text = Path(path).read_text(encoding="utf-8")
+        found = overrides_for(parse_parameter_file(text, str(path)), self.node)
+        results = await self.set([Parameter(name, value) for name, value in found.items()], timeout_s)
+        return dict(zip(found, results, strict=False))
+
+    async def dump_yaml(self, timeout_s: float | None = None) -> str:
+        """The text of a parameter file with everything the remote node has, one question a parameter at most."""
+        values = {}
+        for name in (await self.list(timeout_s=timeout_s)).names:
+            # One by one: a single parameter without a value would empty a common answer.
+            response = await self._get.call(GetParameters_Request(names=[name]), timeout_s)
+            if len(response.values) == 1:
+                values[name] = value_from_message(response.values[0])
+        return dump_parameters(self.node, values)
+
+    def events(self) -> ParameterEvents:
+        """What happens to the remote node's parameters from now on."""
+        stream = event_stream(self._scope, self._names, self.node)
+        self._streams.append(stream)
+        return stream
+
+    def close(self) -> None:
+        """May be called twice; event streams end."""
+        if self._closed:
+            return
+        self._closed = True
+        self._scope.disown(self)
+        for stream in self._streams:
+            stream.close()
+        for client in self._clients():
+            client.close()

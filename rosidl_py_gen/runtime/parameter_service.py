@@ -1,0 +1,129 @@
+"""What makes the parameters of a node visible to others: six services and ``/parameter_events``.
+
+Decides which message answers which question; what the answer is, is `parameters.py`'s. Source: protocol.md 9.1 to 9.5.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.msgs.rcl_interfaces.msg import ListParametersResult
+from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
+from rosidl_py_gen.msgs.rcl_interfaces.srv import (
+    DescribeParameters,
+    DescribeParameters_Request,
+    DescribeParameters_Response,
+    GetParameters,
+    GetParameters_Request,
+    GetParameters_Response,
+    GetParameterTypes,
+    GetParameterTypes_Request,
+    GetParameterTypes_Response,
+    ListParameters,
+    ListParameters_Request,
+    ListParameters_Response,
+    SetParameters,
+    SetParameters_Request,
+    SetParameters_Response,
+    SetParametersAtomically,
+    SetParametersAtomically_Request,
+    SetParametersAtomically_Response,
+)
+from rosidl_py_gen.runtime.message_types import message_type, service_type
+from rosidl_py_gen.runtime.parameter_messages import (
+    descriptor_to_message,
+    event_to_message,
+    from_message,
+    result_to_message,
+    value_to_message,
+)
+from rosidl_py_gen.runtime.publisher import Publisher
+from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
+from rosidl_py_gen.runtime.service import ServiceServer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.clock import Clock
+    from rosidl_py_gen.runtime.parameters import ParameterEvent, ParameterStore
+    from rosidl_py_gen.runtime.remap_rules import NodeNames
+    from rosidl_py_gen.runtime.scope import Scope
+
+
+class ParameterEventPublisher:
+    """Publishes one ParameterEvent for each atomic set; nothing for a declaration without a value."""
+
+    def __init__(self, scope: Scope, names: NodeNames, clock: Clock) -> None:
+        self._node = names.fully_qualified_name
+        self._clock = clock
+        self._publisher: Publisher[EventMessage] = Publisher(
+            scope, message_type(EventMessage), names.resolve_topic("/parameter_events"), PARAMETER_EVENTS
+        )
+        self._closed = False
+
+    @property
+    def endpoints(self) -> list[Publisher[EventMessage]]:
+        """What the node's types in use are found in."""
+        return [self._publisher]
+
+    def publish(self, event: ParameterEvent) -> None:
+        """Tell the world."""
+        if not self._closed and (event.new or event.changed or event.deleted):
+            self._publisher.publish(event_to_message(event, self._node, self._clock.now_ns()))
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._closed = True
+        self._publisher.close()
+
+
+class ParameterServices:
+    """The six services of one node."""
+
+    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore) -> None:
+        self._store = store
+        table: list[tuple[str, Any, Callable[[Any], Any]]] = [
+            ("describe_parameters", DescribeParameters, self._describe),
+            ("get_parameters", GetParameters, self._get),
+            ("get_parameter_types", GetParameterTypes, self._types),
+            ("list_parameters", ListParameters, self._list),
+            ("set_parameters", SetParameters, self._set),
+            ("set_parameters_atomically", SetParametersAtomically, self._set_atomically),
+        ]
+        self._services: list[ServiceServer[Any, Any]] = [
+            ServiceServer(scope, service_type(cls), names.resolve_service(f"~/{name}"), handler, PARAMETERS)
+            for name, cls, handler in table
+        ]
+
+    def _describe(self, request: DescribeParameters_Request) -> DescribeParameters_Response:
+        found = self._store.describe_all(request.names)
+        return DescribeParameters_Response(descriptors=[descriptor_to_message(item) for item in found])
+
+    def _get(self, request: GetParameters_Request) -> GetParameters_Response:
+        return GetParameters_Response(values=[value_to_message(item) for item in self._store.get_all(request.names)])
+
+    def _types(self, request: GetParameterTypes_Request) -> GetParameterTypes_Response:
+        return GetParameterTypes_Response(types=bytes(self._store.types(request.names)))  # type: ignore[arg-type]
+
+    def _list(self, request: ListParameters_Request) -> ListParameters_Response:
+        found = self._store.listing(request.prefixes, request.depth)
+        result = ListParametersResult(names=list(found.names), prefixes=list(found.prefixes))
+        return ListParameters_Response(result=result)
+
+    def _set(self, request: SetParameters_Request) -> SetParameters_Response:
+        results = self._store.set_each(from_message(item) for item in request.parameters)
+        return SetParameters_Response(results=[result_to_message(item) for item in results])
+
+    def _set_atomically(self, request: SetParametersAtomically_Request) -> SetParametersAtomically_Response:
+        result = self._store.set_atomically([from_message(item) for item in request.parameters])
+        return SetParametersAtomically_Response(result=result_to_message(result))
+
+    @property
+    def endpoints(self) -> list[ServiceServer[Any, Any]]:
+        """What the node's types in use are found in."""
+        return self._services
+
+    def close(self) -> None:
+        """May be called twice."""
+        for service in self._services:
+            service.close()

@@ -1,0 +1,222 @@
+"""Parameter values, descriptors and the errors about them.
+
+Decides which Python value is which parameter type (protocol.md 9.2). Values are immutable: arrays are tuples, byte
+arrays are `bytes`. Storing and checking is `parameters.py`, messages are `parameter_messages.py`.
+"""
+
+from __future__ import annotations
+
+import operator
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+from rosidl_py_gen.errors import RosidlError
+
+PythonValue = (
+    None | bool | int | float | str | bytes | tuple[bool, ...] | tuple[int, ...] | tuple[float, ...] | tuple[str, ...]
+)
+INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
+
+
+class ParameterType(IntEnum):
+    """Numbers of rcl_interfaces/ParameterType."""
+
+    NOT_SET = 0
+    BOOL = 1
+    INTEGER = 2
+    DOUBLE = 3
+    STRING = 4
+    BYTE_ARRAY = 5
+    BOOL_ARRAY = 6
+    INTEGER_ARRAY = 7
+    DOUBLE_ARRAY = 8
+    STRING_ARRAY = 9
+
+    @property
+    def is_array(self) -> bool:
+        """True for the five array types."""
+        return self >= ParameterType.BYTE_ARRAY
+
+
+class ParameterError(RosidlError):
+    """The caller asked for something a parameter does not allow."""
+
+
+class InvalidParameterName(ParameterError, ValueError):
+    """The caller gave a name a parameter cannot have."""
+
+
+class InvalidParameterValue(ParameterError, ValueError):
+    """The caller gave a value that is no parameter value, or that the node refused; the text has the reason."""
+
+
+class ParameterAlreadyDeclared(ParameterError):
+    """The caller declared a parameter a second time."""
+
+
+class ParameterNotDeclared(ParameterError, LookupError):
+    """The caller used parameters that nobody declared; `names` lists them all."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names = tuple(names)
+        super().__init__(f"Invalid access to undeclared parameter(s): {list(names)}")
+
+
+class ParameterUninitialized(ParameterError, LookupError):
+    """The caller read a parameter that is declared but has no value yet."""
+
+
+class ParameterImmutable(ParameterError):
+    """The caller tried to change or undeclare a read-only parameter."""
+
+
+class WrongParameterType(ParameterError, TypeError):
+    """A parameter has another type than asked for; the text names both."""
+
+    def __init__(self, name: str, expected: str, actual: str) -> None:
+        self.name, self.expected, self.actual = name, expected, actual
+        super().__init__(f"parameter {name!r} is of type {actual}, expected {expected}")
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterValue:
+    """A value with its type; make one with `parameter_value`, which checks that they fit."""
+
+    type: ParameterType = ParameterType.NOT_SET
+    value: PythonValue = None
+
+    @property
+    def is_set(self) -> bool:
+        """False for NOT_SET."""
+        return self.type is not ParameterType.NOT_SET
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A name with a value."""
+
+    name: str
+    value: ParameterValue = field(default_factory=ParameterValue)
+
+
+@dataclass(frozen=True, slots=True)
+class FloatRange:
+    """Allowed values of a DOUBLE; `step` 0 means any value between the ends."""
+
+    from_value: float
+    to_value: float
+    step: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class IntRange:
+    """Allowed values of an INTEGER; `step` 0 means any value between the ends."""
+
+    from_value: int
+    to_value: int
+    step: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterDescriptor:
+    """What a node says about a parameter; fields of rcl_interfaces/ParameterDescriptor."""
+
+    name: str = ""
+    type: ParameterType = ParameterType.NOT_SET
+    description: str = ""
+    additional_constraints: str = ""
+    read_only: bool = False
+    dynamic_typing: bool = False
+    floating_point_range: FloatRange | None = None
+    integer_range: IntRange | None = None
+
+
+_SCALARS = ((bool, ParameterType.BOOL), (int, ParameterType.INTEGER), (float, ParameterType.DOUBLE))
+_ARRAY_OF = {
+    ParameterType.BOOL: ParameterType.BOOL_ARRAY,
+    ParameterType.INTEGER: ParameterType.INTEGER_ARRAY,
+    ParameterType.DOUBLE: ParameterType.DOUBLE_ARRAY,
+    ParameterType.STRING: ParameterType.STRING_ARRAY,
+}
+
+
+def parameter_value(value: object, kind: ParameterType | None = None) -> ParameterValue:
+    """Turn a Python value into a parameter value.
+
+    Accepts None, bool, int, float, str, bytes, lists, tuples, array.array and numpy scalars and arrays. An empty list
+    is a byte array, as in rclpy, unless `kind` names the array type. Raises `InvalidParameterValue`.
+    """
+    if isinstance(value, ParameterValue):
+        made = value
+    else:
+        plain = _plain(value)
+        if kind is not None and kind.is_array and plain in ((), b""):
+            return ParameterValue(kind, b"" if kind is ParameterType.BYTE_ARRAY else ())
+        made = _infer(plain)
+    if kind is not None and made.type is not kind:
+        raise InvalidParameterValue(f"{value!r} is of type {made.type.name}, expected {kind.name}")
+    return made
+
+
+def _plain(value: object) -> object:
+    """Replace numpy and array.array values by plain ones, sequences by tuples."""
+    if isinstance(value, (bytes, bytearray, memoryview)):
+        return bytes(value)
+    if isinstance(value, array):
+        return tuple(value.tolist())
+    tolist = getattr(value, "tolist", None)  # numpy, without importing it
+    if tolist is not None:
+        value = tolist()
+    if isinstance(value, (list, tuple)):
+        return tuple(_plain(item) if not isinstance(item, (list, tuple)) else item for item in value)
+    return value
+
+
+def _infer(value: object) -> ParameterValue:
+    if value is None:
+        return ParameterValue()
+    if isinstance(value, bytes):
+        return ParameterValue(ParameterType.BYTE_ARRAY, value)
+    if isinstance(value, tuple):
+        return _infer_array(value)
+    kind, plain = _infer_scalar(value)
+    return ParameterValue(kind, plain)
+
+
+def _infer_scalar(value: object) -> tuple[ParameterType, bool | int | float | str]:
+    if isinstance(value, str):
+        # str() drops the class of str enums and the like, which would not compare or print as plain text.
+        return ParameterType.STRING, str.__str__(value)
+    for python_type, kind in _SCALARS:
+        if isinstance(value, python_type):
+            if kind is ParameterType.INTEGER:
+                return kind, _int64(value)
+            return kind, value
+    raise InvalidParameterValue(
+        f"{value!r} of type {type(value).__name__} is no parameter value; expected None, bool, int, float, str, bytes "
+        "or a list of one of these types"
+    )
+
+
+def _int64(value: object) -> int:
+    number = operator.index(value)  # type: ignore[arg-type]
+    if not INT64_MIN <= number <= INT64_MAX:
+        raise InvalidParameterValue(f"{number} does not fit an int64")
+    return number
+
+
+def _infer_array(items: tuple[object, ...]) -> ParameterValue:
+    if all(isinstance(item, bytes) for item in items):
+        joined = b"".join(item for item in items if isinstance(item, bytes))
+        if len(joined) != len(items):
+            raise InvalidParameterValue(f"a list of bytes must have one byte per item, got {list(items)!r}")
+        return ParameterValue(ParameterType.BYTE_ARRAY, joined)
+    found = [_infer_scalar(item) for item in items]
+    kinds = {kind for kind, _ in found}
+    if len(kinds) != 1:
+        names = ", ".join(sorted(kind.name for kind in kinds))
+        raise InvalidParameterValue(f"all items of an array must have one type, got {names} in {list(items)!r}")
+    array_kind = _ARRAY_OF[kinds.pop()]
+    return ParameterValue(array_kind, tuple(value for _, value in found))  # type: ignore[arg-type]

@@ -1,0 +1,247 @@
+"""Service servers: a handler, or an async iterator of requests that are answered whenever it suits.
+
+Decides how requests are answered: plain handlers on the event loop, async ones as tasks, many at once. A handler that
+raises is logged and sends nothing, as in ROS; its client runs into its timeout.
+
+Before a reply is sent, the client's reply reader must be connected, else the reply would be lost. It is waited for up
+to 100 ms (protocol.md 5.2).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
+from rosidl_py_gen.runtime.ddsnames import endpoint_user_data, reply_name, request_name, type_name
+from rosidl_py_gen.runtime.request import add_header, carrier_qos, foreign_words, is_foreign, split_header
+from rosidl_py_gen.runtime.scope import Throttle, is_async
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from rosidl_py_gen.runtime.message_types import ServiceType
+    from rosidl_py_gen.runtime.qos import QoSProfile
+    from rosidl_py_gen.runtime.scope import Scope
+    from rosidl_py_gen.runtime.transport import Sample
+
+RequestT = TypeVar("RequestT")
+ResponseT = TypeVar("ResponseT")
+
+_MATCH_TRIES = 10
+_MATCH_PAUSE_S = 0.01
+
+
+class AlreadyRespondedError(RosidlError, RuntimeError):
+    """The caller answered one request twice."""
+
+
+class ServiceRequest(Generic[RequestT, ResponseT]):
+    """One request; answer it from any task of the loop, any time later. Unanswered ones are simply forgotten."""
+
+    __slots__ = ("_responded", "_sequence", "_server", "_writer_guid", "client_id", "message")
+
+    def __init__(
+        self,
+        server: ServiceServer[RequestT, ResponseT],
+        message: RequestT,
+        client_id: int,
+        sequence: int,
+        writer_guid: bytes | None,
+    ) -> None:
+        self._server = server
+        self.message = message
+        self.client_id = client_id
+        """The number by which the client knows its replies; the same for all its requests."""
+        self._sequence = sequence
+        self._writer_guid = writer_guid
+        self._responded = False
+
+    def respond(self, response: ResponseT) -> None:
+        """Send the response; returns at once.
+
+        Raises:
+            EncodeError: the response does not fit its type; the request stays unanswered and may be tried again.
+            AlreadyRespondedError, ClosedError.
+        """
+        if self._responded:
+            raise AlreadyRespondedError(f"this request to {self._server.name} was answered already")
+        self._server._respond(self, response)
+        self._responded = True
+
+
+class ServiceServer(Generic[RequestT, ResponseT]):
+    """Made by `Node.create_service`."""
+
+    def __init__(
+        self,
+        scope: Scope,
+        service_type: ServiceType[RequestT, ResponseT],
+        name: str,
+        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None,
+        qos: QoSProfile,
+    ) -> None:
+        self._scope = scope
+        self._closed = False
+        self.name = name
+        """Fully qualified service name, after expansion and remapping."""
+        self.service_type = service_type.ros_name
+        """``pkg/srv/Name``."""
+        carrier = carrier_qos(qos)
+        self._type = service_type
+        self._throttle = Throttle()
+        self._handler = handler
+        self._async_handler = handler is not None and is_async(handler)
+        self._requests: deque[ServiceRequest[RequestT, ResponseT]] = deque()
+        self._waiters: list[asyncio.Future[None]] = []
+        service_id = scope.new_entity_id()
+        prefix = not qos.avoid_ros_namespace_conventions
+        self._request_topic, self._reply_topic = request_name(name, prefix=prefix), reply_name(name, prefix=prefix)
+        self._writer = scope.participant.create_writer(
+            self._reply_topic,
+            type_name(service_type.response.ros_name),
+            carrier,
+            endpoint_user_data(service_type.response.type_hash, service_id=service_id),
+        )
+        self._reader = scope.participant.create_reader(
+            self._request_topic,
+            type_name(service_type.request.ros_name),
+            carrier,
+            endpoint_user_data(service_type.request.type_hash, service_id=service_id),
+        )
+        scope.add(self._reader.guid, self._writer.guid)
+        self._reader.set_sink(self._on_requests)
+
+    # ---------------------------------------------------------------------------------------------------- requests
+
+    def __aiter__(self) -> ServiceServer[RequestT, ResponseT]:
+        if self._handler is not None:
+            raise TypeError(f"service {self.name} has a handler; its requests cannot be iterated over too")
+        return self
+
+    async def __anext__(self) -> ServiceRequest[RequestT, ResponseT]:
+        while not self._closed:
+            if self._requests:
+                return self._requests.popleft()
+            waiter = self._scope.bridge.running_loop().create_future()
+            self._waiters.append(waiter)
+            try:
+                await waiter
+            finally:
+                if waiter in self._waiters:
+                    self._waiters.remove(waiter)
+        raise StopAsyncIteration
+
+    def _on_requests(self) -> None:
+        """The sink of the request reader."""
+        items = self._reader.queue.items
+        while items and not self._closed:
+            request = self._read(items.popleft())
+            if request is None:
+                continue
+            if self._handler is None:
+                self._requests.append(request)
+            elif self._async_handler:
+                self._scope.start(self._await_handler(self._handler, request))
+            else:
+                self._call_handler(self._handler, request)
+        if self._requests:
+            self._wake()
+
+    def _read(self, sample: Sample) -> ServiceRequest[RequestT, ResponseT] | None:
+        data, _, handle, _ = sample
+        writer_guid = self._reader.writer_guid(handle)
+        if writer_guid is not None and is_foreign(writer_guid):
+            endpoint = self._scope.graph.endpoints.get(writer_guid)
+            words = f"a client of service {self.name} is on Fast DDS"
+            if endpoint is not None:
+                words = foreign_words(self._scope.graph, endpoint, self.name, "a client")
+            if self._throttle.passes():
+                self._scope.logger.error(f"refused a request: {words}")
+            return None
+        try:
+            client_id, sequence, message = split_header(data)
+            return ServiceRequest(self, self._type.request.decode(message), client_id, sequence, writer_guid)
+        except DecodeError as err:
+            if self._throttle.passes():
+                self._scope.logger.warning(
+                    f"dropped a request to {self.name} that is no {self._type.request.ros_name}: {err}"
+                )
+            return None
+
+    def _call_handler(
+        self,
+        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]],
+        request: ServiceRequest[RequestT, ResponseT],
+    ) -> None:
+        try:
+            response: ResponseT = handler(request.message)  # type: ignore[assignment]  # is_async said it is plain
+            request.respond(response)
+        except Exception:
+            self._scope.report_failure(f"the handler of service {self.name}")
+
+    async def _await_handler(
+        self,
+        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]],
+        request: ServiceRequest[RequestT, ResponseT],
+    ) -> None:
+        try:
+            response: ResponseT = await handler(request.message)  # type: ignore[misc]  # is_async said it is async
+            if not self._closed:
+                request.respond(response)
+        except Exception:
+            self._scope.report_failure(f"the handler of service {self.name}")
+
+    # --------------------------------------------------------------------------------------------------- responses
+
+    def _respond(self, request: ServiceRequest[RequestT, ResponseT], response: ResponseT) -> None:
+        if self._closed:
+            raise ClosedError(f"service {self.name} of node {self._scope.node_name} is closed")
+        data = add_header(self._type.response.encode(response), request.client_id, request._sequence)
+        if not self._reply_reader_is_missing(request._writer_guid) and self._writer.write(data):
+            return
+        self._scope.start(self._send_later(request._writer_guid, data))
+
+    def _reply_reader_is_missing(self, writer_guid: bytes | None) -> bool:
+        """Whether the client announced an id, and no connected reply reader carries it yet."""
+        endpoints = self._scope.graph.endpoints
+        client = endpoints.get(writer_guid) if writer_guid is not None else None
+        client_id = client.user_data.get("clientid") if client is not None else None
+        if client_id is None:
+            return False
+        matched = (endpoints.get(guid) for guid in self._writer.matched_readers())
+        return not any(reader is not None and reader.user_data.get("clientid") == client_id for reader in matched)
+
+    async def _send_later(self, writer_guid: bytes | None, data: bytes) -> None:
+        for _ in range(_MATCH_TRIES):
+            if not self._reply_reader_is_missing(writer_guid):
+                break
+            await asyncio.sleep(_MATCH_PAUSE_S)
+        else:
+            self._scope.logger.warning(f"a response of {self.name} was lost: its client's reader never appeared")
+            return
+        while not self._closed and not self._writer.write(data):
+            await asyncio.sleep(0.001)
+
+    # ------------------------------------------------------------------------------------------------------- state
+
+    def _wake(self) -> None:
+        waiters, self._waiters = self._waiters, []
+        for waiter in waiters:
+            if not waiter.done():
+                waiter.set_result(None)
+
+    def close(self) -> None:
+        """Stop serving; an iterator ends, running handlers are not interrupted but cannot answer. May be called
+        twice.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        self._scope.disown(self)
+        self._requests.clear()
+        self._wake()
+        self._scope.remove(self._reader.guid, self._writer.guid)
+        self._reader.close()
+        self._writer.close()

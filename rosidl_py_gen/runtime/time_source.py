@@ -1,0 +1,148 @@
+"""Simulated time: following ``/clock``, and publishing it.
+
+Decides nothing: when to follow is `sim_time_rule.py`'s, what a jump means is `clock.py`'s. Source: protocol.md 9.6.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
+from rosidl_py_gen.runtime.message_types import message_type
+from rosidl_py_gen.runtime.parameter_values import ParameterDescriptor, parameter_value
+from rosidl_py_gen.runtime.publisher import Publisher
+from rosidl_py_gen.runtime.qos import CLOCK, DEFAULT
+from rosidl_py_gen.runtime.sim_time_rule import USE_SIM_TIME, SimTimeRule, SimTimeStep, check_use_sim_time
+from rosidl_py_gen.runtime.subscription import Subscription
+from rosidl_py_gen.runtime.time_values import ClockType, Duration, Time, TimeRangeError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.clock import Clock
+    from rosidl_py_gen.runtime.parameter_values import Parameter
+    from rosidl_py_gen.runtime.parameters import ParameterStore
+    from rosidl_py_gen.runtime.remap_rules import NodeNames
+    from rosidl_py_gen.runtime.scope import Scope
+    from rosidl_py_gen.runtime.timer import Timer
+
+
+class TimeSource:
+    """Ties the ROS clocks of one node to its parameter `use_sim_time` and, when that is true, to ``/clock``."""
+
+    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore, clock: Clock) -> None:
+        self._scope = scope
+        self._topic = names.resolve_topic("/clock")
+        self._clocks = [clock]
+        self._rule = SimTimeRule()
+        self._subscription: Subscription[ClockMessage] | None = None
+        self._closed = False
+        self._end = [store.add_on_set_callback(check_use_sim_time), store.add_post_set_callback(self._after_set)]
+        if not store.has(USE_SIM_TIME):
+            store.declare(USE_SIM_TIME, parameter_value(False), ParameterDescriptor(name=USE_SIM_TIME))
+
+    @property
+    def is_active(self) -> bool:
+        """True while simulated time is in use."""
+        return self._rule.active
+
+    def attach(self, clock: Clock) -> None:
+        """Let another ROS clock follow too."""
+        if self._rule.active:
+            clock.set_ros_time_override(self._clocks[0].now())
+            clock.enable_ros_time_override()
+        self._clocks.append(clock)
+
+    def _after_set(self, parameters: list[Parameter]) -> None:
+        match self._rule.after_set(parameters):
+            case SimTimeStep.START:
+                self._subscription = Subscription(
+                    self._scope, message_type(ClockMessage), self._topic, self._on_clock, CLOCK
+                )
+                for clock in self._clocks:
+                    # A time from an earlier round of simulation must not be shown again.
+                    clock.set_ros_time_override(Time(clock_type=ClockType.ROS_TIME))
+                    clock.enable_ros_time_override()
+            case SimTimeStep.STOP:
+                self._unsubscribe()
+                for clock in self._clocks:
+                    clock.disable_ros_time_override()
+            case SimTimeStep.NOTHING:
+                return
+
+    def _on_clock(self, message: ClockMessage) -> None:
+        if message.clock.sec < 0:
+            self._scope.logger.warning(f"ignored a negative time on {self._topic}", throttle_s=1.0)
+            return
+        now = Time.from_msg(message.clock)
+        for clock in self._clocks:
+            clock.set_ros_time_override(now)
+
+    def _unsubscribe(self) -> None:
+        if self._subscription is not None:
+            self._subscription.close()
+            self._subscription = None
+
+    def close(self) -> None:
+        """Follow nothing any more; may be called twice."""
+        if not self._closed:
+            self._closed = True
+            for end in self._end:
+                end()
+            self._unsubscribe()
+
+
+class SimTimePublisher:
+    """Publishes ``/clock``; made by `create_sim_time_publisher`.
+
+    Time stands still until `advance`, `set_time`, or, with a `rate`, by itself: `rate` simulated seconds pass in one
+    second, in steps of the given timer.
+    """
+
+    def __init__(
+        self, scope: Scope, topic: str, start: Time, rate: float, make_timer: Callable[[Callable[[], None]], Timer]
+    ) -> None:
+        if rate < 0:
+            raise TimeRangeError(f"the rate of simulated time must be 0 or more, got {rate!r}")
+        self.rate = rate
+        """Simulated seconds per second; may be changed at any time, 0 pauses."""
+        self._scope = scope
+        self._closed = False
+        self._publisher: Publisher[ClockMessage] = Publisher(scope, message_type(ClockMessage), topic, DEFAULT)
+        self._now_ns = start.nanoseconds
+        self._wall_ns = time.monotonic_ns()
+        self._timer = make_timer(self._tick) if rate else None
+
+    @property
+    def now(self) -> Time:
+        """The time published last, or about to be published first."""
+        return Time(nanoseconds=self._now_ns, clock_type=ClockType.ROS_TIME)
+
+    def advance(self, duration: Duration | float) -> None:
+        """Let time pass, a number means seconds, and publish; negative jumps back."""
+        length = duration if isinstance(duration, Duration) else Duration(seconds=duration)
+        self.set_time(self.now + length)
+
+    def set_time(self, now: Time) -> None:
+        """Publish this time."""
+        self._now_ns = now.nanoseconds
+        self._publisher.publish(ClockMessage(clock=now.to_msg()))
+
+    def _tick(self) -> None:
+        wall_ns = time.monotonic_ns()
+        passed_ns, self._wall_ns = wall_ns - self._wall_ns, wall_ns
+        self.advance(Duration(nanoseconds=round(passed_ns * self.rate)))
+
+    async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
+        """Wait until at least `count` nodes follow; False when the time passed."""
+        return await self._publisher.wait_for_subscribers(timeout_s, count=count)
+
+    def close(self) -> None:
+        """May be called twice."""
+        if not self._closed:
+            self._closed = True
+            self._scope.disown(self)
+            if self._timer is not None:
+                self._timer.close()
+            self._publisher.close()

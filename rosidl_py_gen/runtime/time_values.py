@@ -1,0 +1,236 @@
+"""Points in time and durations as integer nanoseconds.
+
+Decides arithmetic, comparison and conversion. Which clock a time comes from is part of it: times of different clocks
+can neither be ordered nor subtracted, because their zero differs. Where time comes from is `clock.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from enum import IntEnum
+from typing import TYPE_CHECKING, Protocol, overload
+
+from rosidl_py_gen.errors import RosidlError
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.msgs.builtin_interfaces.msg import Duration as DurationMessage
+    from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
+
+NS_PER_S = 1_000_000_000
+_INT32_MIN, _INT32_MAX = -(2**31), 2**31 - 1
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+class ClockTypeError(RosidlError, TypeError):
+    """The caller mixed times of different clocks, or asked a clock for what its type cannot do."""
+
+
+class TimeRangeError(RosidlError, ValueError):
+    """The caller's time or duration does not fit where it should go."""
+
+
+class ClockType(IntEnum):
+    """Where a time comes from; numbers of rcl (protocol.md 9.6)."""
+
+    ROS_TIME = 1
+    SYSTEM_TIME = 2
+    STEADY_TIME = 3
+
+
+class SecNanosec(Protocol):
+    """What builtin_interfaces/Time and Duration look like, whoever generated them."""
+
+    sec: int
+    nanosec: int
+
+
+def _total_ns(seconds: float, nanoseconds: int) -> int:
+    if not isinstance(nanoseconds, int):
+        raise TimeRangeError(f"nanoseconds must be an int, got {nanoseconds!r}")
+    if isinstance(seconds, int):
+        return seconds * NS_PER_S + nanoseconds
+    if seconds != seconds or seconds in (float("inf"), float("-inf")):
+        raise TimeRangeError(f"seconds must be finite, got {seconds!r}")
+    return round(seconds * NS_PER_S) + nanoseconds
+
+
+def _sec_nanosec(what: str, nanoseconds: int) -> tuple[int, int]:
+    """Split for a message: seconds rounded down, nanoseconds always from 0 to 999 999 999."""
+    sec, nanosec = divmod(nanoseconds, NS_PER_S)
+    if not _INT32_MIN <= sec <= _INT32_MAX:
+        raise TimeRangeError(f"{what} of {sec} s does not fit a message, whose sec is an int32")
+    return sec, nanosec
+
+
+@dataclass(frozen=True, slots=True, order=True, init=False)
+class Duration:
+    """A signed length of time; exact, in nanoseconds."""
+
+    nanoseconds: int
+
+    def __init__(self, *, seconds: float = 0, nanoseconds: int = 0) -> None:
+        object.__setattr__(self, "nanoseconds", _total_ns(seconds, nanoseconds))
+
+    @property
+    def seconds(self) -> float:
+        """The whole duration in seconds, rounded to a float."""
+        return self.nanoseconds / NS_PER_S
+
+    def __repr__(self) -> str:
+        return f"Duration(nanoseconds={self.nanoseconds})"
+
+    def __bool__(self) -> bool:
+        return self.nanoseconds != 0
+
+    def __neg__(self) -> Duration:
+        return Duration(nanoseconds=-self.nanoseconds)
+
+    def __abs__(self) -> Duration:
+        return Duration(nanoseconds=abs(self.nanoseconds))
+
+    def __add__(self, other: Duration) -> Duration:
+        if not isinstance(other, Duration):
+            return NotImplemented
+        return Duration(nanoseconds=self.nanoseconds + other.nanoseconds)
+
+    def __sub__(self, other: Duration) -> Duration:
+        if not isinstance(other, Duration):
+            return NotImplemented
+        return Duration(nanoseconds=self.nanoseconds - other.nanoseconds)
+
+    def __mul__(self, factor: float) -> Duration:
+        if isinstance(factor, int):
+            return Duration(nanoseconds=self.nanoseconds * factor)
+        if isinstance(factor, float):
+            return Duration(nanoseconds=round(self.nanoseconds * factor))
+        return NotImplemented
+
+    __rmul__ = __mul__
+
+    @overload
+    def __truediv__(self, other: Duration) -> float: ...
+    @overload
+    def __truediv__(self, other: float) -> Duration: ...
+    def __truediv__(self, other: Duration | float) -> float | Duration:
+        if isinstance(other, Duration):
+            return self.nanoseconds / other.nanoseconds
+        if isinstance(other, (int, float)):
+            return Duration(nanoseconds=round(self.nanoseconds / other))
+        return NotImplemented
+
+    def to_timedelta(self) -> timedelta:
+        """The duration rounded to microseconds."""
+        return timedelta(microseconds=round(self.nanoseconds / 1000))
+
+    @classmethod
+    def from_timedelta(cls, value: timedelta) -> Duration:
+        """Exact."""
+        return cls(nanoseconds=(value // timedelta(microseconds=1)) * 1000)
+
+    def to_msg(self) -> DurationMessage:
+        """As builtin_interfaces/Duration; raises `TimeRangeError` when sec exceeds an int32."""
+        from rosidl_py_gen.msgs.builtin_interfaces.msg import Duration as DurationMessage
+
+        sec, nanosec = _sec_nanosec("duration", self.nanoseconds)
+        return DurationMessage(sec=sec, nanosec=nanosec)
+
+    @classmethod
+    def from_msg(cls, message: SecNanosec) -> Duration:
+        """From builtin_interfaces/Duration of any generator."""
+        return cls(nanoseconds=message.sec * NS_PER_S + message.nanosec)
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class Time:
+    """A point in time on one kind of clock; never negative.
+
+    ``==`` between times of different clocks is False; ordering and subtracting them raises `ClockTypeError`.
+    """
+
+    nanoseconds: int
+    clock_type: ClockType
+
+    def __init__(
+        self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: ClockType = ClockType.SYSTEM_TIME
+    ) -> None:
+        total = _total_ns(seconds, nanoseconds)
+        if total < 0:
+            raise TimeRangeError(f"a time must not be negative, got {total} ns")
+        object.__setattr__(self, "nanoseconds", total)
+        object.__setattr__(self, "clock_type", ClockType(clock_type))
+
+    @property
+    def seconds(self) -> float:
+        """Seconds since the clock's zero, rounded to a float (about 0.2 microseconds for the system clock)."""
+        return self.nanoseconds / NS_PER_S
+
+    def __repr__(self) -> str:
+        return f"Time(nanoseconds={self.nanoseconds}, clock_type={self.clock_type.name})"
+
+    def seconds_nanoseconds(self) -> tuple[int, int]:
+        """Whole seconds and the nanoseconds that remain."""
+        return divmod(self.nanoseconds, NS_PER_S)
+
+    def __add__(self, other: Duration) -> Time:
+        if not isinstance(other, Duration):
+            return NotImplemented
+        return Time(nanoseconds=self.nanoseconds + other.nanoseconds, clock_type=self.clock_type)
+
+    __radd__ = __add__
+
+    @overload
+    def __sub__(self, other: Time) -> Duration: ...
+    @overload
+    def __sub__(self, other: Duration) -> Time: ...
+    def __sub__(self, other: Time | Duration) -> Time | Duration:
+        if isinstance(other, Time):
+            return Duration(nanoseconds=self.nanoseconds - self._same_clock(other))
+        if isinstance(other, Duration):
+            return Time(nanoseconds=self.nanoseconds - other.nanoseconds, clock_type=self.clock_type)
+        return NotImplemented
+
+    def __lt__(self, other: Time) -> bool:
+        return self.nanoseconds < self._same_clock(other) if isinstance(other, Time) else NotImplemented
+
+    def __le__(self, other: Time) -> bool:
+        return self.nanoseconds <= self._same_clock(other) if isinstance(other, Time) else NotImplemented
+
+    def __gt__(self, other: Time) -> bool:
+        return self.nanoseconds > self._same_clock(other) if isinstance(other, Time) else NotImplemented
+
+    def __ge__(self, other: Time) -> bool:
+        return self.nanoseconds >= self._same_clock(other) if isinstance(other, Time) else NotImplemented
+
+    def _same_clock(self, other: Time) -> int:
+        if other.clock_type is not self.clock_type:
+            raise ClockTypeError(
+                f"a {self.clock_type.name} and a {other.clock_type.name} have nothing to compare; "
+                "take both from one clock"
+            )
+        return other.nanoseconds
+
+    def to_datetime(self) -> datetime:
+        """In UTC, cut to microseconds; raises `ClockTypeError` for steady time, whose zero is arbitrary."""
+        if self.clock_type is ClockType.STEADY_TIME:
+            raise ClockTypeError("STEADY_TIME has an arbitrary zero and is no date")
+        return _EPOCH + timedelta(microseconds=self.nanoseconds // 1000)
+
+    @classmethod
+    def from_datetime(cls, value: datetime, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Time:
+        """Exact; raises `TimeRangeError` for a datetime without time zone."""
+        if value.tzinfo is None:
+            raise TimeRangeError(f"{value!r} has no time zone; use for example datetime.now(timezone.utc)")
+        return cls(nanoseconds=((value - _EPOCH) // timedelta(microseconds=1)) * 1000, clock_type=clock_type)
+
+    def to_msg(self) -> TimeMessage:
+        """As builtin_interfaces/Time; raises `TimeRangeError` when sec exceeds an int32."""
+        from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
+
+        sec, nanosec = _sec_nanosec("time", self.nanoseconds)
+        return TimeMessage(sec=sec, nanosec=nanosec)
+
+    @classmethod
+    def from_msg(cls, message: SecNanosec, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
+        """From builtin_interfaces/Time of any generator; a message does not say its clock, stamps are ROS time."""
+        return cls(nanoseconds=message.sec * NS_PER_S + message.nanosec, clock_type=clock_type)

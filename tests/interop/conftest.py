@@ -1,0 +1,94 @@
+"""Builds the foreign peers from Debian's packages and runs them, on loopback and in the test run's own domain.
+
+Needs cyclonedds-dev cyclonedds-tools libfastrtps-dev fastddsgen gcc g++. Tests are skipped where these are missing,
+unless INTEROP_REQUIRED is set, as in CI.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_spec = importlib.util.spec_from_file_location(
+    "runtime_conftest", Path(__file__).parent.parent / "runtime" / "conftest.py"
+)
+assert _spec is not None and _spec.loader is not None
+_runtime = sys.modules["runtime_conftest"] = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(_runtime)
+only_loopback = _runtime.only_loopback
+dds = _runtime.dds
+pytest_pyfunc_call = _runtime.pytest_pyfunc_call
+domain_id: Callable[[], int] = _runtime.domain_id
+
+SOURCES = Path(__file__).parent / "peers"
+_CYCLONE_XML = (
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces>"
+    "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
+    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address='localhost'/></Peers></Discovery>"
+    "</Domain></CycloneDDS>"
+)
+
+
+def _require(*programs: str) -> None:
+    missing = [program for program in programs if shutil.which(program) is None]
+    if missing:
+        assert "INTEROP_REQUIRED" not in os.environ, f"missing: {missing}"
+        pytest.skip(f"needs {', '.join(missing)}")
+
+
+@pytest.fixture(scope="session")
+def cyclone_peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The C program on Cyclone DDS 0.10.2; `-t`: like ROS endpoints it announces no XTypes information."""
+    _require("idlc", "gcc")
+    folder = tmp_path_factory.mktemp("cyclone_peer")
+    subprocess.run(["idlc", "-t", str(SOURCES / "types.idl")], cwd=folder, check=True, capture_output=True)
+    command = ["gcc", "-O1", "-I.", "types.c", str(SOURCES / "cyclone_peer.c"), "-lddsc", "-o", "peer"]
+    subprocess.run(command, cwd=folder, check=True)
+    return folder / "peer"
+
+
+@pytest.fixture(scope="session")
+def fastdds_peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The C++ program on Fast DDS 2.9."""
+    _require("fastddsgen", "g++")
+    folder = tmp_path_factory.mktemp("fastdds_peer")
+    shutil.copy(SOURCES / "types.idl", folder)
+    subprocess.run(["fastddsgen", "types.idl"], cwd=folder, check=True, capture_output=True)
+    sources = [str(path) for path in folder.glob("*.cxx")]
+    command = ["g++", "-I.", *sources, str(SOURCES / "fastdds_peer.cpp"), "-lfastrtps", "-lfastcdr", "-o", "peer"]
+    subprocess.run(command, cwd=folder, check=True)
+    return folder / "peer"
+
+
+@contextmanager
+def running(program: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Start a peer, wait until it is ready, and kill it at the end."""
+    environment = {
+        **os.environ,
+        "CYCLONEDDS_URI": _CYCLONE_XML.replace("<Domain>", f"<Domain Id='{domain_id()}'>"),
+    }
+    process = subprocess.Popen([str(program), *arguments], env=environment, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "READY\n"
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture
+def run_peer() -> Callable[..., object]:
+    """`running`, for tests."""
+    return running

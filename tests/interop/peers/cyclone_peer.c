@@ -1,0 +1,147 @@
+/* A foreign peer on Cyclone DDS 0.10, the version of ROS 2 Jazzy.
+ *
+ * It echoes every sample of rt/ask_<type> on rt/answer_<type>, serves rq/c_addRequest, and on the command line
+ * "call N" it calls rq/py_addRequest N times. It prints READY when everything exists, and one line per finished call.
+ */
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "dds/dds.h"
+#include "types.h"
+
+#define REQUEST example_interfaces_srv_dds__AddTwoInts_Request_
+#define RESPONSE example_interfaces_srv_dds__AddTwoInts_Response_
+
+static dds_entity_t participant;
+
+static dds_entity_t check(dds_entity_t entity, const char *what) {
+  if (entity < 0) {
+    fprintf(stderr, "%s: %s\n", what, dds_strretcode(-entity));
+    exit(1);
+  }
+  return entity;
+}
+
+static dds_qos_t *default_profile(bool best_effort) {
+  dds_qos_t *qos = dds_create_qos();
+  dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 10);
+  dds_qset_reliability(qos, best_effort ? DDS_RELIABILITY_BEST_EFFORT : DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
+  dds_qset_writer_data_lifecycle(qos, false);
+  return qos;
+}
+
+struct channel {
+  const char *name;
+  const dds_topic_descriptor_t *type;
+  bool best_effort;
+  dds_entity_t reader, writer;
+};
+
+static dds_entity_t topic(const dds_topic_descriptor_t *type, const char *name) {
+  return check(dds_create_topic(participant, type, name, NULL, NULL), name);
+}
+
+static void open_channel(struct channel *channel) {
+  char name[100];
+  dds_qos_t *qos = default_profile(channel->best_effort);
+  snprintf(name, sizeof name, "rt/ask_%s", channel->name);
+  channel->reader = check(dds_create_reader(participant, topic(channel->type, name), qos, NULL), name);
+  snprintf(name, sizeof name, "rt/answer_%s", channel->name);
+  channel->writer = check(dds_create_writer(participant, topic(channel->type, name), qos, NULL), name);
+  dds_delete_qos(qos);
+}
+
+static void echo(struct channel *channel) {
+  void *sample[1] = {NULL};
+  dds_sample_info_t info[1];
+  while (dds_take(channel->reader, sample, info, 1, 1) > 0) {
+    if (info[0].valid_data) check(dds_write(channel->writer, sample[0]), "echo");
+    dds_return_loan(channel->reader, sample, 1);
+  }
+}
+
+static void serve(struct channel *service) {
+  void *sample[1] = {NULL};
+  dds_sample_info_t info[1];
+  while (dds_take(service->reader, sample, info, 1, 1) > 0) {
+    if (info[0].valid_data) {
+      REQUEST *request = sample[0];
+      RESPONSE response = {request->client, request->number, request->a + request->b};
+      check(dds_write(service->writer, &response), "respond");
+    }
+    dds_return_loan(service->reader, sample, 1);
+  }
+}
+
+static void call(struct channel *client, int count) {
+  dds_instance_handle_t own;
+  dds_publication_matched_status_t matched = {0};
+  dds_subscription_matched_status_t matched_reader = {0};
+  check(dds_get_instance_handle(client->writer, &own), "handle");
+  while (matched.current_count == 0 || matched_reader.current_count == 0) {
+    dds_sleepfor(DDS_MSECS(10));
+    dds_get_publication_matched_status(client->writer, &matched);
+    dds_get_subscription_matched_status(client->reader, &matched_reader);
+  }
+  for (int number = 1; number <= count; number++) {
+    REQUEST request = {own, number, number, 100};
+    check(dds_write(client->writer, &request), "call");
+    bool done = false;
+    for (int tries = 0; tries < 2000 && !done; tries++) {
+      void *sample[1] = {NULL};
+      dds_sample_info_t info[1];
+      if (dds_take(client->reader, sample, info, 1, 1) > 0) {
+        RESPONSE *response = sample[0];
+        if (info[0].valid_data && response->client == own && response->number == number) {
+          printf("SUM %lld\n", (long long)response->sum);
+          fflush(stdout);
+          done = true;
+        }
+        dds_return_loan(client->reader, sample, 1);
+      } else {
+        dds_sleepfor(DDS_MSECS(1));
+      }
+    }
+    if (!done) printf("TIMEOUT %d\n", number);
+  }
+}
+
+int main(int argc, char **argv) {
+  struct channel channels[] = {
+    {"string", &std_msgs_msg_dds__String__desc, false, 0, 0},
+    {"sensor", &std_msgs_msg_dds__String__desc, true, 0, 0},
+    {"pose", &geometry_msgs_msg_dds__PoseStamped__desc, false, 0, 0},
+    {"array", &std_msgs_msg_dds__Float64MultiArray__desc, false, 0, 0},
+    {"wstring", &example_interfaces_msg_dds__WString__desc, false, 0, 0},
+    {"image", &sensor_msgs_msg_dds__Image__desc, false, 0, 0},
+  };
+  const int count = sizeof channels / sizeof channels[0];
+  participant = check(dds_create_participant(DDS_DOMAIN_DEFAULT, NULL, NULL), "participant");
+  dds_entity_t waitset = check(dds_create_waitset(participant), "waitset");
+  for (int i = 0; i < count; i++) {
+    open_channel(&channels[i]);
+    check(dds_set_status_mask(channels[i].reader, DDS_DATA_AVAILABLE_STATUS), "mask");
+    check(dds_waitset_attach(waitset, channels[i].reader, i), "attach");
+  }
+  dds_qos_t *qos = default_profile(false);
+  struct channel server = {"c_add", NULL, false, 0, 0}, client = {"py_add", NULL, false, 0, 0};
+  server.reader = check(dds_create_reader(participant, topic(&example_interfaces_srv_dds__AddTwoInts_Request__desc, "rq/c_addRequest"), qos, NULL), "server");
+  server.writer = check(dds_create_writer(participant, topic(&example_interfaces_srv_dds__AddTwoInts_Response__desc, "rr/c_addReply"), qos, NULL), "server");
+  client.reader = check(dds_create_reader(participant, topic(&example_interfaces_srv_dds__AddTwoInts_Response__desc, "rr/py_addReply"), qos, NULL), "client");
+  client.writer = check(dds_create_writer(participant, topic(&example_interfaces_srv_dds__AddTwoInts_Request__desc, "rq/py_addRequest"), qos, NULL), "client");
+  dds_delete_qos(qos);
+  check(dds_set_status_mask(server.reader, DDS_DATA_AVAILABLE_STATUS), "mask");
+  check(dds_waitset_attach(waitset, server.reader, count), "attach");
+  printf("READY\n");
+  fflush(stdout);
+  if (argc > 2 && strcmp(argv[1], "call") == 0) call(&client, atoi(argv[2]));
+  for (;;) {
+    dds_attach_t woken[16];
+    int ready = dds_waitset_wait(waitset, woken, 16, DDS_SECS(1));
+    for (int i = 0; i < ready && i < 16; i++) {
+      if (woken[i] == count) serve(&server); else echo(&channels[woken[i]]);
+    }
+  }
+}

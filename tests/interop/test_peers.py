@@ -1,0 +1,141 @@
+"""Real foreign peers: Cyclone DDS 0.10 in C, Fast DDS 2.9 in C++. Every sample makes the way out and back."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from example_interfaces.msg import WString
+from example_interfaces.srv import AddTwoInts
+from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
+from sensor_msgs.msg import Image
+from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String
+
+from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
+from rosidl_py_gen.runtime import ForeignServiceError, Node, QoSProfile
+from rosidl_py_gen.runtime.qos import SENSOR_DATA
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+_PIXELS = np.arange(1_048_576, dtype=np.uint32).astype(np.uint8)
+MESSAGES: dict[str, list[Any]] = {
+    "string": [String(data="hello"), String(data=""), String(data="grüße 😀"), String(data="x" * 70_000)],
+    "sensor": [String(data="best effort")],
+    "pose": [
+        PoseStamped(
+            header=Header(stamp=Time(sec=-1, nanosec=999_999_999), frame_id="map"),
+            pose=Pose(position=Point(x=1.5, y=-2.0, z=1e300), orientation=Quaternion(x=0.0, y=0.0, z=0.6, w=0.8)),
+        )
+    ],
+    "array": [
+        Float64MultiArray(),
+        Float64MultiArray(
+            layout=MultiArrayLayout(
+                dim=[MultiArrayDimension(label="rows", size=2, stride=6), MultiArrayDimension(label="c", size=3)],
+                data_offset=7,
+            ),
+            data=[1.0, -0.5, 1e-300, 4.0, 5.0, 6.0],
+        ),
+        Float64MultiArray(data=np.arange(131_072, dtype=np.float64)),
+    ],
+    "wstring": [WString(data="wide ✓"), WString(data=""), WString(data="ハローワールド")],
+    "image": [Image(height=1, width=1_048_576, encoding="mono8", step=1_048_576, data=_PIXELS)],
+}
+
+
+async def echo_through(node: Node, kind: str, messages: list[Any]) -> None:
+    """Publish each message and expect the same one back."""
+    qos = SENSOR_DATA if kind == "sensor" else QoSProfile()
+    publisher: Any = node.create_publisher(type(messages[0]), f"/ask_{kind}", qos)
+    answers: Any = node.create_subscription(type(messages[0]), f"/answer_{kind}", qos=qos)
+    assert await publisher.wait_for_subscribers(timeout_s=10)
+    assert await answers.wait_for_publishers(timeout_s=10)
+    await asyncio.sleep(0.2)  # the peer must have found our reader too; nothing tells us
+    for message in messages:
+        publisher.publish(message)
+        assert await answers.receive(timeout_s=5) == message
+    publisher.close()
+    answers.close()
+
+
+@pytest.mark.parametrize("kind", MESSAGES)
+async def test_cyclone_echoes(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any], kind: str) -> None:
+    with run_peer(cyclone_peer):
+        await echo_through(dds.node("tester"), kind, MESSAGES[kind])
+
+
+@pytest.mark.parametrize("kind", MESSAGES)
+async def test_fast_dds_echoes(dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any], kind: str) -> None:
+    context = dds.context()
+    with run_peer(fastdds_peer, "echo", str(context.domain_id)):
+        await echo_through(dds.node("tester", context=context), kind, MESSAGES[kind])
+
+
+async def test_our_client_calls_a_cyclone_server(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]) -> None:
+    client = dds.node("tester").create_client(AddTwoInts, "/c_add")
+    with run_peer(cyclone_peer):
+        assert await client.wait_for_service(timeout_s=10)
+        await asyncio.sleep(0.2)
+        calls = [client.call(AddTwoInts.Request(a=i, b=-100), timeout_s=10) for i in range(100)]
+        assert [response.sum for response in await asyncio.gather(*calls)] == [i - 100 for i in range(100)]
+
+
+async def test_a_cyclone_client_calls_our_server(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]) -> None:
+    def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
+        return AddTwoInts.Response(sum=request.a + request.b)
+
+    dds.node("tester").create_service(AddTwoInts, "/py_add", add)
+    with run_peer(cyclone_peer, "call", "5") as process:
+        lines = [await asyncio.to_thread(process.stdout.readline) for _ in range(5)]
+    assert lines == [f"SUM {number + 100}\n" for number in range(1, 6)]
+
+
+async def test_fast_dds_latched_samples_reach_late_joiners(
+    dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any]
+) -> None:
+    context = dds.context()
+    with run_peer(fastdds_peer, "echo", str(context.domain_id)):
+        node = dds.node("tester", context=context)
+        latched = node.create_subscription(String, "/latched", qos=QoSProfile().transient_local())
+        assert await latched.receive(timeout_s=10) == String(data="kept")
+
+
+async def test_fast_dds_servers_are_refused(dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any]) -> None:
+    context = dds.context()
+    with run_peer(fastdds_peer, "service", str(context.domain_id)):
+        client = dds.node("tester", context=context).create_client(AddTwoInts, "/fast_add")
+        with pytest.raises(ForeignServiceError, match="Fast DDS"):
+            await client.call(AddTwoInts.Request(), timeout_s=10)
+
+
+async def test_a_big_endian_ros_node_is_read_correctly(
+    dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any]
+) -> None:
+    context = dds.context()
+    with run_peer(fastdds_peer, "big", str(context.domain_id)):
+        node = dds.node("tester", context=context)
+        assert await node.wait_for_node("/bigendian", timeout_s=10)
+        subscription = node.create_subscription(String, "/big")
+        assert await subscription.receive(timeout_s=5) == String(data="from the other end")
+        assert [info.node_name for info in node.get_publishers_info_by_topic("/big")] == ["bigendian"]
+
+
+async def test_a_peer_that_is_killed_disappears_and_may_return(
+    dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]
+) -> None:
+    client = dds.node("tester").create_client(AddTwoInts, "/c_add")
+    for _ in range(2):
+        with run_peer(cyclone_peer):
+            assert await client.wait_for_service(timeout_s=10)
+            await asyncio.sleep(0.2)
+            assert (await client.call(AddTwoInts.Request(a=1, b=2), timeout_s=5)).sum == 3
+        # Killed: Cyclone's participant lease is 10 s.
+        for _ in range(140):
+            if not client.service_is_available():
+                break
+            await asyncio.sleep(0.1)
+        assert not client.service_is_available()

@@ -1,0 +1,131 @@
+"""Worlds for the runtime's tests: every test that uses `world` runs on the memory transport and again on real DDS.
+
+Real DDS stays on this machine: the autouse fixture sets the environment so, and refuses to join a domain that is not
+loopback only or not one of ours. Async test functions run on an event loop of their own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import os
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from rosidl_py_gen.generate import generate
+from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.spec.find import search_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PACKAGES = ["std_msgs", "std_srvs", "example_interfaces", "geometry_msgs", "sensor_msgs"]
+_folder = tempfile.TemporaryDirectory(prefix="runtime-tests-")
+generate(search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Path(_folder.name))
+sys.path.insert(0, _folder.name)
+
+FIRST_DOMAIN = 60
+
+
+def domain_id() -> int:
+    """A domain of this test process alone, so that parallel runs do not see each other."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+    return FIRST_DOMAIN + (os.getpid() * 7 + int(worker)) % 120
+
+
+@pytest.fixture(autouse=True)
+def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Force discovery onto localhost, and fail whoever joins DDS any other way."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id()))
+    for name in ("CYCLONEDDS_URI", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "argv", ["test"])
+    from rosidl_py_gen.runtime import cyclone
+
+    original = cyclone.CycloneTransport.open
+
+    def guarded(
+        self: cyclone.CycloneTransport, number: int, user_data: bytes, *, cyclone_xml: str
+    ) -> cyclone.CycloneParticipant:
+        assert 'address="127.0.0.1"' in cyclone_xml, f"not bound to loopback: {cyclone_xml}"
+        assert cyclone_xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {cyclone_xml}"
+        assert number == domain_id(), f"domain {number} is not this test run's"
+        return original(self, number, user_data, cyclone_xml=cyclone_xml)
+
+    monkeypatch.setattr(cyclone.CycloneTransport, "open", guarded)
+    yield
+    Context.close_default()
+
+
+class World:
+    """Contexts and nodes that see each other, all closed at the end of the test."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+        self.transport = MemoryTransport() if kind == "memory" else None
+        self.contexts: list[Context] = []
+        self.nodes: list[Node] = []  # a node that nobody holds closes itself
+
+    def context(self, *args: str) -> Context:
+        """A context of this world; `args` is a command line without program name."""
+        context = Context(transport=self.transport, args=["test", *args])
+        self.contexts.append(context)
+        return context
+
+    def node(self, name: str, namespace: str = "", *, context: Context | None = None) -> Node:
+        """A node, in a context of its own unless one is given."""
+        node = Node(name, namespace, context=context or self.context())
+        self.nodes.append(node)
+        return node
+
+    def pair(self) -> tuple[Node, Node]:
+        """Two nodes in two contexts."""
+        return self.node("alice"), self.node("bob")
+
+    def close(self) -> None:
+        """Close all contexts; none of their threads may survive."""
+        for context in self.contexts:
+            context.close()
+        names = [thread.name for thread in threading.enumerate() if thread.name.startswith("rosidl-py-gen")]
+        assert names == []
+
+
+@pytest.fixture(params=["memory", "dds"])
+def world(request: pytest.FixtureRequest) -> Iterator[World]:
+    """See `World`."""
+    made = World(request.param)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def memory() -> Iterator[World]:
+    """A world on the memory transport only."""
+    made = World("memory")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def dds() -> Iterator[World]:
+    """A world on DDS only."""
+    made = World("dds")
+    yield made
+    made.close()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run async tests; 30 seconds are more than any of them needs."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+    asyncio.run(asyncio.wait_for(pyfuncitem.obj(**arguments), 30 if "soak" not in pyfuncitem.name else None))
+    return True

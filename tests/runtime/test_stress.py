@@ -1,0 +1,289 @@
+"""Behaviour under stress: floods, stalls, many entities, death. SOAK_MINUTES=60 makes the soak test last an hour."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from example_interfaces.srv import AddTwoInts
+from std_msgs.msg import Int32, String, UInt8MultiArray
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile
+
+if TYPE_CHECKING:
+    from .conftest import World
+
+ROOT = Path(__file__).parents[2]
+
+
+def resources() -> tuple[int, int]:
+    """Threads (DDS ones included) and file descriptors of this process."""
+    return len(os.listdir("/proc/self/task")), len(os.listdir("/proc/self/fd"))
+
+
+def rss_kb() -> int:
+    """Resident memory now."""
+    with open("/proc/self/statm") as statm:
+        return int(statm.read().split()[1]) * 4
+
+
+async def test_a_stalled_reliable_reader_stops_neither_the_loop_nor_other_tasks(dds: World, tmp_path: Path) -> None:
+    # A process that subscribes reliably and is then stopped: it acknowledges nothing, but its lease has not run out.
+    program = (
+        "import asyncio\nfrom rosidl_py_gen.runtime import Node, QoSProfile\n"
+        "async def main():\n    async with Node('stalled') as node:\n"
+        "        s = node.create_subscription('std_msgs/msg/UInt8MultiArray', 'big', qos=QoSProfile().keep_all())\n"
+        "        async for m in s: print(len(m['data']), flush=True)\n"
+        "asyncio.run(main())\n"
+    )
+    reader = subprocess.Popen(
+        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        publisher = dds.node("talker").create_publisher(UInt8MultiArray, "big", QoSProfile().keep_all())
+        assert await publisher.wait_for_subscribers(timeout_s=10)
+        publisher.publish(UInt8MultiArray(data=bytes(1)))
+        assert await publisher.wait_for_acknowledged(timeout_s=5)
+        reader.send_signal(signal.SIGSTOP)
+        longest_publish = longest_pause = 0.0
+        last = time.monotonic()
+        for _ in range(100):  # 20 MB, far more than DDS takes without an answer
+            start = time.monotonic()
+            publisher.publish(UInt8MultiArray(data=bytes(200_000)))
+            longest_publish = max(longest_publish, time.monotonic() - start)
+            await asyncio.sleep(0.005)
+            longest_pause, last = max(longest_pause, time.monotonic() - last), time.monotonic()
+        assert not await publisher.wait_for_acknowledged(timeout_s=0.1)
+        assert longest_publish < 0.1
+        assert longest_pause < 0.2
+        reader.send_signal(signal.SIGCONT)
+        assert await publisher.wait_for_acknowledged(timeout_s=20)
+        assert reader.stdout is not None
+        sizes = [await asyncio.to_thread(reader.stdout.readline) for _ in range(101)]
+        assert sizes == ["1\n"] + ["200000\n"] * 100
+    finally:
+        reader.kill()
+        reader.communicate()
+
+
+async def test_a_blocked_publish_in_a_thread_leaves_the_interpreter_running(dds: World) -> None:
+    program = "import time; from rosidl_py_gen.runtime import Node\nn=Node('r')\n"
+    program += (
+        "n.create_subscription('std_msgs/msg/UInt8MultiArray','big',qos=1)\nprint('up',flush=True); time.sleep(60)"
+    )
+    reader = subprocess.Popen(
+        [sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        publisher = dds.node("talker").create_publisher(UInt8MultiArray, "big", QoSProfile().keep_all())
+        assert await publisher.wait_for_subscribers(timeout_s=10)
+        reader.send_signal(signal.SIGSTOP)
+        message = UInt8MultiArray(data=bytes(200_000))
+
+        def flood() -> None:
+            with contextlib.suppress(ClosedError):
+                for _ in range(100):
+                    publisher.publish(message)
+
+        thread = threading.Thread(target=flood, daemon=True)
+        thread.start()
+        ticks = 0
+        for _ in range(50):
+            await asyncio.sleep(0.01)
+            ticks += 1
+        assert thread.is_alive()  # it waits, and we ticked meanwhile
+        assert ticks == 50
+        publisher.close()
+        thread.join(2)
+        assert not thread.is_alive()
+    finally:
+        reader.kill()
+        reader.communicate()
+
+
+async def test_a_killed_server_leaves_and_its_pending_calls_time_out(dds: World) -> None:
+    program = (
+        "import asyncio\nfrom rosidl_py_gen.runtime import Node\n"
+        "async def main():\n    async with Node('server') as node:\n"
+        "        node.create_service('example_interfaces/srv/AddTwoInts', 'add')\n"
+        "        await asyncio.Event().wait()\n"
+        "asyncio.run(main())\n"
+    )
+    node = dds.node("client")
+    client = node.create_client(AddTwoInts, "add")
+    server = subprocess.Popen([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(ROOT)})
+    try:
+        assert await client.wait_for_service(timeout_s=10)
+        call = asyncio.create_task(client.call(AddTwoInts.Request(), timeout_s=1))
+        await asyncio.sleep(0.2)
+        server.kill()
+        with pytest.raises(CallTimeoutError):
+            await call
+        for _ in range(130):  # the participant's lease is 10 s
+            if not client.service_is_available() and "/server" not in node.get_node_names():
+                break
+            await asyncio.sleep(0.1)
+        assert "/server" not in node.get_node_names()
+        assert client.pending_count == 0
+    finally:
+        server.kill()
+        server.wait()
+
+
+async def test_a_hundred_nodes_and_a_thousand_topics_leave_nothing_behind(world: World) -> None:
+    with world.context() as warm_up:
+        Node("warm", context=warm_up).close()
+    gc.collect()
+    before = resources()
+    with world.context() as context:
+        nodes = [Node(f"n{number}", context=context, enable_rosout=False) for number in range(100)]
+        for number in range(1000):
+            nodes[number % 100].create_publisher(Int32, f"t{number}")
+            nodes[number % 50].create_subscription(Int32, f"t{number}", lambda message: None)
+        assert len(nodes[0].get_topic_names_and_types()) == 1000
+        assert len(nodes[0].get_node_names()) == 100
+        for node in nodes:
+            node.close()
+        await asyncio.sleep(0.1)
+        assert context.discovery.graph.topics() == []
+    await asyncio.sleep(0.2)
+    assert resources() == before
+
+
+async def test_create_and_close_a_thousand_times(world: World) -> None:
+    node = world.node("n")
+    peer = world.node("peer")
+
+    def once() -> None:
+        publisher = node.create_publisher(Int32, "t")
+        subscription = node.create_subscription(Int32, "t", lambda message: None)
+        client = node.create_client(AddTwoInts, "s")
+        server = node.create_service(AddTwoInts, "s", lambda request: AddTwoInts.Response())
+        timer = node.create_timer(1.0, lambda: None)
+        for endpoint in (publisher, subscription, client, server, timer):
+            endpoint.close()
+
+    for _ in range(100):
+        once()
+        await asyncio.sleep(0)
+    await asyncio.sleep(0.3)
+    gc.collect()
+    before, memory = resources(), rss_kb()
+    for _ in range(1000):
+        once()
+        await asyncio.sleep(0)
+    await asyncio.sleep(0.3)
+    gc.collect()
+    assert resources() == before
+    assert rss_kb() - memory < 20_000
+    assert list(node.scope.owned.values()) == list(node.scope.owned.values())[:1]  # rosout
+    ours = [e for e in peer.scope.graph.endpoints.values() if e.info.guid[:12] == node.context.participant.guid[:12]]
+    assert {endpoint.info.topic for endpoint in ours} <= {"rt/rosout", "ros_discovery_info"}
+
+
+def test_contexts_can_be_opened_and_closed_again_and_again(world: World) -> None:
+    world.context().close()
+    gc.collect()
+    before = resources()
+    for _ in range(30):
+        with world.context() as context:
+            Node("n", context=context).create_publisher(Int32, "t")
+    time.sleep(0.2)
+    assert resources() == before
+
+
+def test_nodes_in_threads_publish_until_they_are_closed(world: World) -> None:
+    """Two contexts, five nodes each, ten publishers each, ten rounds, all at once (r2r's own stress test)."""
+    failures: list[BaseException] = []
+
+    def work(context: Context, number: int) -> None:
+        try:
+            for _ in range(2):
+                with Node(f"n{number}", context=context) as node:
+                    publishers = [node.create_publisher(String, f"t{k}") for k in range(10)]
+                    for _ in range(10):
+                        for publisher in publishers:
+                            publisher.publish(String(data="x"))
+        except BaseException as err:
+            failures.append(err)
+
+    contexts = [world.context(), world.context()]
+    threads = [threading.Thread(target=work, args=(contexts[k % 2], k)) for k in range(10)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    assert failures == []
+
+
+@pytest.fixture
+def soak_s(request: pytest.FixtureRequest) -> float:
+    """Seconds of traffic: 20, or what SOAK_MINUTES says."""
+    return float(os.environ.get("SOAK_MINUTES", "0")) * 60 or 20.0
+
+
+async def test_soak_memory_stays_flat_under_traffic(dds: World, soak_s: float) -> None:
+    alice, bob = dds.pair()
+    received = 0
+
+    def on_text(message: String) -> None:
+        nonlocal received
+        received += 1
+
+    bob.create_subscription(String, "text", on_text)
+    images = bob.create_subscription(UInt8MultiArray, "bytes", qos=2)
+    alice.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a + request.b))
+    client = bob.create_client(AddTwoInts, "add")
+    text, data = alice.create_publisher(String, "text"), alice.create_publisher(UInt8MultiArray, "bytes", 2)
+    assert await client.wait_for_service(timeout_s=5)
+    big = UInt8MultiArray(data=bytes(300_000))
+
+    async def traffic(seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            for _ in range(5):
+                text.publish(String(data="x" * 200))
+            data.publish(big)
+            images.latest()
+            assert (await client.call(AddTwoInts.Request(a=1, b=2), timeout_s=5)).sum == 3
+            await asyncio.sleep(0)
+
+    await traffic(soak_s / 4)
+    gc.collect()
+    warm, counted = rss_kb(), resources()
+    await traffic(soak_s * 3 / 4)
+    gc.collect()
+    assert received > 1000
+    assert rss_kb() - warm < 8_000
+    assert resources() == counted
+
+
+async def test_a_slow_callback_gets_the_newest_messages(dds: World) -> None:
+    """r2r's issue 130: with keep-last 1 a slow reader must not work on stale data."""
+    alice, bob = dds.pair()
+    lags: list[int] = []
+    sent = 0
+
+    async def slow(message: Int32) -> None:
+        lags.append(sent - message.data)
+        await asyncio.sleep(0.03)
+
+    subscription: Any = bob.create_subscription(Int32, "n", slow, 1)
+    publisher = alice.create_publisher(Int32, "n", 1)
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    for sent in range(1, 301):
+        publisher.publish(Int32(data=sent))
+        await asyncio.sleep(0.001)
+    assert max(lags) <= 1
+    assert subscription.dropped > 200

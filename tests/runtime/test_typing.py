@@ -1,0 +1,62 @@
+"""What a type checker sees: messages, not Any."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from .conftest import _folder  # type: ignore[import-not-found,unused-ignore]
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = """
+from typing import Any
+
+from example_interfaces.srv import AddTwoInts
+from std_msgs.msg import String
+from typing_extensions import assert_type
+
+from rosidl_py_gen.runtime import Client, Node, Publisher, ServiceServer, Subscription
+
+
+async def main(node: Node) -> None:
+    assert_type(node.create_publisher(String, "a"), Publisher[String])
+    subscription = node.create_subscription(String, "a")
+    assert_type(subscription, Subscription[String])
+    assert_type(await subscription.receive(), String)
+    assert_type((await subscription.receive_with_info())[0], String)
+    assert_type(subscription.latest(), String | None)
+    async for message in subscription:
+        assert_type(message, String)
+    assert_type(node.create_subscription(String, "a", raw=True), Subscription[bytes])
+    assert_type(node.create_subscription("std_msgs/msg/String", "a"), Subscription[dict[str, Any]])
+    node.create_subscription(String, "a", lambda message: print(message.data.upper()))
+    client = node.create_client(AddTwoInts, "b")
+    assert_type(client, Client[AddTwoInts.Request, AddTwoInts.Response])
+    assert_type(await client.call(AddTwoInts.Request(a=1), timeout_s=1), AddTwoInts.Response)
+    assert_type(client.call_sync(AddTwoInts.Request(a=1)).sum, int)
+    server = node.create_service(AddTwoInts, "b", lambda request: AddTwoInts.Response(sum=request.a))
+    assert_type(server, ServiceServer[AddTwoInts.Request, AddTwoInts.Response])
+"""
+WRONG = """
+node.create_publisher(String, "a").publish(AddTwoInts.Request())
+"""
+
+
+def check(tmp_path: Path, program: str) -> str:
+    """Run mypy --strict on a program."""
+    path = tmp_path / "program.py"
+    path.write_text(program)
+    command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "--follow-imports=silent", str(path)]
+    environment = {**os.environ, "MYPYPATH": f"{_folder.name}{os.pathsep}{ROOT}"}
+    return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False).stdout
+
+
+def test_inference_under_strict_mypy(tmp_path: Path) -> None:
+    assert check(tmp_path, PROGRAM) == ""
+
+
+def test_a_message_of_another_type_is_an_error(tmp_path: Path) -> None:
+    imports = PROGRAM.split("\n\n\n")[0]
+    assert "arg-type" in check(tmp_path, imports + "\nnode = Node('n')\n" + WRONG)

@@ -1,0 +1,89 @@
+"""Service introspection: protocol.md 12.1."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from parameter_worlds import World, run, until
+
+from rosidl_py_gen import get_service
+from rosidl_py_gen.runtime.clock import ClockType, Time
+from rosidl_py_gen.runtime.introspection import IntrospectionState, introspect
+
+AddTwoInts: Any = get_service("example_interfaces/srv/AddTwoInts")
+STATE = IntrospectionState
+
+
+async def exchange(world: World, client_state: IntrospectionState, server_state: IntrospectionState) -> Any:
+    """One call; returns the events seen, the client and the server."""
+    events: list[Any] = []
+    world.node("listener").create_subscription(AddTwoInts.Event, "/add/_service_event", events.append, 100)
+    node = world.node("n")
+    server = node.create_service(AddTwoInts, "add", lambda r: AddTwoInts.Response(sum=r.a + r.b))
+    caller = world.node("caller")
+    client = caller.create_client(AddTwoInts, "add")
+    node.clock.enable_ros_time_override()
+    node.clock.set_ros_time_override(Time(seconds=77, clock_type=ClockType.ROS_TIME))
+    introspect(server, node.clock, server_state)
+    introspect(client, caller.clock, client_state)
+    assert (await client.call(AddTwoInts.Request(a=2, b=3), timeout_s=5)).sum == 5
+    return events, client, server, node, caller
+
+
+def test_contents_show_all_four_steps(world: World) -> None:
+    async def main() -> None:
+        events, *_ = await exchange(world, STATE.CONTENTS, STATE.CONTENTS)
+        await until(lambda: len(events) == 4)
+        by_type = {event.info.event_type: event for event in events}
+        assert sorted(by_type) == [0, 1, 2, 3]
+        assert len({event.info.sequence_number for event in events}) == 1
+        for kind in (0, 1):
+            assert [(r.a, r.b) for r in by_type[kind].request] == [(2, 3)] and by_type[kind].response == []
+        for kind in (2, 3):
+            assert [r.sum for r in by_type[kind].response] == [5] and by_type[kind].request == []
+        gids = [bytes(by_type[kind].info.client_gid) for kind in range(4)]
+        # The two sides do not agree about the client's id, as under rmw_cyclonedds.
+        assert gids[0] == gids[3] != bytes(16) and gids[1] == gids[2] != bytes(16) and gids[0] != gids[1]
+        assert by_type[1].info.stamp.sec == 77 and by_type[0].info.stamp.sec > 1_000_000_000
+
+    run(main)
+
+
+def test_metadata_shows_no_contents(world: World) -> None:
+    async def main() -> None:
+        events, *_ = await exchange(world, STATE.OFF, STATE.METADATA)
+        await until(lambda: len(events) == 2)
+        assert [event.info.event_type for event in events] == [1, 2]
+        assert all(event.request == [] and event.response == [] for event in events)
+
+    run(main)
+
+
+def test_it_can_be_changed_and_switched_off(world: World) -> None:
+    async def main() -> None:
+        events, client, server, node, caller = await exchange(world, STATE.METADATA, STATE.METADATA)
+        introspect(server, node.clock, STATE.OFF)
+        introspect(client, caller.clock, STATE.CONTENTS)
+        await until(lambda: len(events) == 4)
+        await client.call(AddTwoInts.Request(a=1), timeout_s=5)
+        await until(lambda: len(events) == 6)
+        assert [len(event.request) for event in events[4:]] == [1, 0]
+        introspect(client, caller.clock, STATE.OFF)
+        introspect(client, caller.clock, STATE.OFF)
+        assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
+        assert len(events) == 6
+
+    run(main)
+
+
+@pytest.mark.parametrize("state", [STATE.METADATA, STATE.CONTENTS])
+def test_closing_endpoints_with_introspection_is_clean(world: World, state: IntrospectionState) -> None:
+    async def main() -> None:
+        _, client, server, node, caller = await exchange(world, state, state)
+        client.close()
+        server.close()
+        caller.close()
+        node.close()
+
+    run(main)

@@ -1,0 +1,387 @@
+"""The parameter store: the semantics of rclpy (protocol.md 9.3 to 9.5), and a random walk against a model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from rosidl_py_gen.runtime.parameter_values import (
+    IntRange,
+    InvalidParameterName,
+    InvalidParameterValue,
+    Parameter,
+    ParameterAlreadyDeclared,
+    ParameterDescriptor,
+    ParameterImmutable,
+    ParameterNotDeclared,
+    ParameterType,
+    ParameterUninitialized,
+    ParameterValue,
+    WrongParameterType,
+    parameter_value,
+)
+from rosidl_py_gen.runtime.parameters import ParameterEvent, ParameterStore, SetResult
+
+DYNAMIC = ParameterDescriptor(dynamic_typing=True)
+OK = SetResult(True)
+
+
+def p(name: str, value: object = None) -> Parameter:
+    return Parameter(name, parameter_value(value))
+
+
+class World:
+    def __init__(self, overrides: dict[str, object] | None = None, *, allow_undeclared: bool = False) -> None:
+        self.events: list[ParameterEvent] = []
+        self.store = ParameterStore(
+            {name: parameter_value(value) for name, value in (overrides or {}).items()},
+            allow_undeclared=allow_undeclared,
+            on_event=self.events.append,
+        )
+
+    def declare(self, name: str, default: object = None, descriptor: ParameterDescriptor | None = None) -> object:
+        return self.store.declare(name, parameter_value(default), descriptor).value
+
+    def set(self, *parameters: Parameter) -> SetResult:
+        return self.store.set_atomically(parameters)
+
+    def get(self, name: str) -> object:
+        return self.store.get(name).value
+
+
+def test_declaring_stores_describes_and_announces() -> None:
+    world = World()
+    assert world.declare("a", 3, ParameterDescriptor(description="an int")) == 3
+    assert world.get("a") == 3
+    assert world.store.describe("a") == ParameterDescriptor("a", ParameterType.INTEGER, "an int")
+    assert world.events == [ParameterEvent(new=(p("a", 3),))]
+
+
+def test_declaring_twice_is_an_error() -> None:
+    world = World()
+    world.declare("a", 1)
+    with pytest.raises(ParameterAlreadyDeclared, match="'a' is already declared"):
+        world.declare("a", 1)
+
+
+def test_a_name_is_needed() -> None:
+    with pytest.raises(InvalidParameterName):
+        World().declare("", 1)
+
+
+def test_a_parameter_without_default_needs_a_type_or_dynamic_typing() -> None:
+    world = World()
+    with pytest.raises(InvalidParameterValue, match="has no default, so its type is unknown"):
+        world.declare("a")
+    world.declare("a", None, ParameterDescriptor(type=ParameterType.DOUBLE))
+    with pytest.raises(ParameterUninitialized):
+        world.get("a")
+    assert world.events == [ParameterEvent()]
+    assert world.set(p("a", 1)).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.INTEGER'"
+    assert world.set(p("a", 1.0)) == OK
+    assert world.events[-1] == ParameterEvent(new=(p("a", 1.0),))
+    world.declare("b", None, DYNAMIC)
+    assert world.get("b") is None
+
+
+def test_default_and_descriptor_must_agree() -> None:
+    with pytest.raises(WrongParameterType, match="is of type INTEGER, expected DOUBLE"):
+        World().declare("a", 1, ParameterDescriptor(type=ParameterType.DOUBLE))
+
+
+def test_overrides_replace_defaults_unless_ignored_and_must_have_the_type() -> None:
+    world = World({"a": 5, "b": "text", "c": 7})
+    assert world.declare("a", 1) == 5
+    with pytest.raises(WrongParameterType, match="'b' is of type STRING, expected INTEGER"):
+        world.declare("b", 1)
+    assert not world.store.has("b")
+    assert world.store.declare("c", parameter_value(1), ignore_override=True).value == 1
+    assert world.store.overrides["a"].value == 5
+
+
+def test_overrides_can_be_declared_automatically() -> None:
+    world = World({"a": 5, "b": "text"})
+    world.declare("a", 1)
+    world.store.declare_overrides()
+    assert (world.get("a"), world.get("b")) == (5, "text")
+    assert world.set(p("b", 1)).reason == "Wrong parameter type, expected 'Type.STRING' got 'Type.INTEGER'"
+
+
+def test_declaring_out_of_range_or_against_a_callback_is_an_error_and_leaves_nothing() -> None:
+    world = World()
+    with pytest.raises(InvalidParameterValue, match=r"out of range. Min: 0, Max: 2, value: 3"):
+        world.declare("a", 3, ParameterDescriptor(integer_range=IntRange(0, 2)))
+    world.store.add_on_set_callback(lambda parameters: SetResult(False, "no"))
+    with pytest.raises(InvalidParameterValue, match="cannot be declared as 3: no"):
+        world.declare("a", 3)
+    assert not world.store.has("a") and world.events == []
+
+
+def test_read_only_may_be_declared_but_not_set_nor_undeclared() -> None:
+    world = World({"a": 2})
+    assert world.declare("a", 1, ParameterDescriptor(read_only=True)) == 2
+    assert world.set(p("a", 3)).reason == "Trying to set a read-only parameter: a."
+    with pytest.raises(ParameterImmutable):
+        world.store.undeclare("a")
+
+
+def test_setting_tells_new_from_changed_and_an_equal_value_counts() -> None:
+    world = World()
+    world.declare("a", 1)
+    world.declare("b", None, DYNAMIC)
+    assert world.set(p("a", 1), p("b", 2)) == OK
+    assert world.events[-1] == ParameterEvent(new=(p("b", 2),), changed=(p("a", 1),))
+
+
+def test_all_undeclared_names_are_in_the_reason() -> None:
+    """rclpy forgets the first name (protocol.md 9.4); a single one gives an empty list there."""
+    world = World()
+    world.declare("a", 1)
+    result = world.set(p("x", 1), p("a", 2), p("y", 3))
+    assert result == SetResult(False, "Invalid access to undeclared parameter(s): ['x', 'y']")
+    assert world.get("a") == 1
+
+
+def test_an_atomic_set_is_all_or_nothing_and_single_sets_go_on() -> None:
+    world = World()
+    for name in ("a", "b", "c"):
+        world.declare(name, 1)
+    events = len(world.events)
+    wanted = [p("a", 2), p("b", "no"), p("c", 2)]
+    reason = "Wrong parameter type, expected 'Type.INTEGER' got 'Type.STRING'"
+    assert world.store.set_atomically(wanted) == SetResult(False, reason)
+    assert [world.get(n) for n in "abc"] == [1, 1, 1] and len(world.events) == events
+    assert world.store.set_each(wanted) == [OK, SetResult(False, reason), OK]
+    assert [world.get(n) for n in "abc"] == [2, 1, 2] and len(world.events) == events + 2
+
+
+def test_a_name_given_twice_counts_once_with_its_last_value() -> None:
+    world = World(allow_undeclared=True)
+    assert world.set(p("a", 1), p("a", 2)) == OK
+    assert world.get("a") == 2 and world.events == [ParameterEvent(new=(p("a", 2),))]
+
+
+def test_dynamic_typing_accepts_any_type_and_unsetting_undeclares() -> None:
+    world = World()
+    world.declare("a", 1, DYNAMIC)
+    assert world.set(p("a", "text")) == OK
+    assert world.store.describe("a").type is ParameterType.STRING
+    assert world.set(p("a")) == OK
+    assert world.events[-1] == ParameterEvent(deleted=(p("a"),))
+    assert not world.store.has("a")
+    with pytest.raises(ParameterNotDeclared):
+        world.store.describe("a")
+
+
+def test_allow_undeclared_declares_with_dynamic_typing() -> None:
+    world = World(allow_undeclared=True)
+    assert world.get("a") is None
+    assert world.store.describe("a") == ParameterDescriptor("a")
+    assert world.store.get_all(["a"]) == [ParameterValue()]
+    assert world.set(p("a", 1)) == OK and world.set(p("a", "x")) == OK
+    assert world.store.describe("a").dynamic_typing
+    assert world.store.types(["a", "zz"]) == [ParameterType.STRING, ParameterType.NOT_SET]
+    assert not world.set(p("", 1)).successful
+
+
+def test_services_answer_nothing_when_one_name_is_missing() -> None:
+    world = World()
+    world.declare("a", 1)
+    world.declare("u", None, ParameterDescriptor(type=ParameterType.BOOL))
+    assert world.store.get_all(["a", "a"]) == [parameter_value(1)] * 2
+    assert world.store.get_all(["a", "x"]) == [] and world.store.get_all(["a", "u"]) == []
+    assert world.store.types(["a", "u"]) == [ParameterType.INTEGER, ParameterType.NOT_SET]
+    assert world.store.types(["a", "x"]) == []
+    assert [d.name for d in world.store.describe_all(["u", "a"])] == ["u", "a"]
+    assert world.store.describe_all(["a", "x"]) == []
+
+
+def test_undeclaring_is_silent_and_needs_a_declared_name() -> None:
+    world = World()
+    world.declare("a", 1)
+    events = len(world.events)
+    world.store.undeclare("a")
+    assert len(world.events) == events
+    with pytest.raises(ParameterNotDeclared):
+        world.store.undeclare("a")
+    assert world.declare("a", "other type now") == "other type now"
+
+
+def test_callbacks_run_in_the_order_of_rclpy() -> None:
+    world = World()
+    world.declare("a", 1)
+    seen: list[str] = []
+
+    def on_set(tag: str, result: SetResult = OK) -> object:
+        def callback(parameters: list[Parameter]) -> SetResult:
+            seen.append(f"on{tag}:{world.get('a')}")
+            return result
+
+        return world.store.add_on_set_callback(callback)
+
+    on_set("1")
+    on_set("2")
+    world.store.add_post_set_callback(lambda ps: seen.append(f"post1:{world.get('a')}"))
+    world.store.add_post_set_callback(lambda ps: seen.append(f"post2:{len(world.events)}"))
+    assert world.set(p("a", 2)) == OK
+    assert seen == ["on2:1", "on1:1", "post2:2", "post1:2"]
+
+
+def test_the_first_refusal_ends_the_asking() -> None:
+    world = World()
+    world.declare("a", 1)
+    asked: list[int] = []
+    world.store.add_on_set_callback(lambda ps: asked.append(1) or OK)  # type: ignore[func-returns-value]
+    remove = world.store.add_on_set_callback(lambda ps: SetResult(False, "because"))
+    assert world.set(p("a", 2)) == SetResult(False, "because") and asked == [] and world.get("a") == 1
+    remove()
+    remove()
+    assert world.set(p("a", 2)) == OK and asked == [1]
+
+
+def test_pre_set_callbacks_replace_the_list() -> None:
+    world = World()
+    world.declare("a", 1)
+    world.declare("b", 1)
+    first = world.store.add_pre_set_callback(lambda ps: [*ps, p("b", 7)])
+    second = world.store.add_pre_set_callback(lambda ps: [])
+    assert world.set(p("a", 2)) == OK and world.get("b") == 7
+    first()
+    assert world.set(p("a", 3)) == SetResult(
+        False,
+        "parameter list cannot be empty, this might be due to pre_set_parameters_callback modifying the original "
+        "parameters list.",
+    )
+    second()
+    assert world.get("a") == 2
+    world.declare("c", 1)
+
+
+def test_an_optional_parameter_may_be_unset_and_stays_declared_with_its_type() -> None:
+    world = World()
+    world.store.declare("a", parameter_value(1.5), optional=True)
+    assert world.set(p("a")) == OK
+    assert world.events[-1] == ParameterEvent(deleted=(p("a"),))
+    assert world.store.has("a") and world.store.types(["a"]) == [ParameterType.NOT_SET]
+    assert world.set(p("a")) == OK and world.events[-1] == ParameterEvent()
+    assert world.set(p("a", 1)).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.INTEGER'"
+    assert world.set(p("a", 2.0)) == OK and world.events[-1] == ParameterEvent(new=(p("a", 2.0),))
+
+
+def test_an_empty_list_in_an_override_takes_the_declared_type() -> None:
+    world = World({"a": [], "b": []})
+    assert world.store.declare("a", parameter_value(["x"])) == parameter_value([], ParameterType.STRING_ARRAY)
+    with pytest.raises(WrongParameterType):
+        world.declare("b", 1)
+
+
+def test_appliers_hear_of_values_before_the_event_and_only_of_successful_sets() -> None:
+    world = World()
+    world.declare("a", 1)
+    seen: list[object] = []
+    end = world.store.add_applier(lambda values: seen.append((values["a"].value, len(world.events))))
+    world.set(p("a", "wrong"))
+    assert world.set(p("a", 2)) == OK and seen == [(2, 1)]
+    end()
+    assert world.set(p("a", 3)) == OK and len(seen) == 1
+
+
+VALUES = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-5, 5),
+    st.sampled_from([0.0, 1.5]),
+    st.text(max_size=2),
+    st.lists(st.booleans()),
+)
+NAMES = st.sampled_from(["a", "b", "g.a", "g.b"])
+
+
+class StoreAgainstModel(RuleBasedStateMachine):
+    """The model is a dict of name -> (type, value, dynamic); the store must agree after every step."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.model: dict[str, tuple[ParameterType, ParameterValue, bool]] = {}
+        self.from_events: dict[str, ParameterValue] = {}
+
+    @initialize(allow=st.booleans())
+    def create(self, allow: bool) -> None:
+        self.allow = allow
+        self.store = ParameterStore(allow_undeclared=allow, on_event=self.hear)
+
+    def hear(self, event: ParameterEvent) -> None:
+        for parameter in event.new:
+            assert not self.from_events.get(parameter.name, ParameterValue()).is_set
+        for parameter in event.changed:
+            assert parameter.name in self.from_events
+        for parameter in event.new + event.changed:
+            self.from_events[parameter.name] = parameter.value
+        for parameter in event.deleted:
+            del self.from_events[parameter.name]
+
+    @rule(name=NAMES, value=VALUES, dynamic=st.booleans())
+    def declare(self, name: str, value: object, dynamic: bool) -> None:
+        given = parameter_value(value)
+        possible = name not in self.model and (dynamic or given.is_set)
+        try:
+            self.store.declare(name, given, replace(DYNAMIC, dynamic_typing=dynamic))
+            assert possible
+            self.model[name] = (given.type, given, dynamic)
+        except (ParameterAlreadyDeclared, InvalidParameterValue):
+            assert not possible
+
+    @rule(name=NAMES)
+    def undeclare(self, name: str) -> None:
+        try:
+            self.store.undeclare(name)
+        except ParameterNotDeclared:
+            assert name not in self.model
+            return
+        del self.model[name]
+        self.from_events.pop(name, None)
+
+    @rule(items=st.lists(st.tuples(NAMES, VALUES), min_size=1, max_size=4))
+    def set_atomically(self, items: list[tuple[str, object]]) -> None:
+        wanted = [p(name, value) for name, value in items]
+        possible = all(self.may_set(parameter) for parameter in wanted)
+        assert self.store.set_atomically(wanted).successful == possible
+        if possible:
+            self.apply(wanted)
+
+    @rule(items=st.lists(st.tuples(NAMES, VALUES), max_size=4))
+    def set_each(self, items: list[tuple[str, object]]) -> None:
+        wanted = [p(name, value) for name, value in items]
+        for parameter, result in zip(wanted, self.store.set_each(wanted), strict=True):
+            assert result.successful == self.may_set(parameter)
+            if result.successful:
+                self.apply([parameter])
+
+    def may_set(self, parameter: Parameter) -> bool:
+        known = self.model.get(parameter.name)
+        if known is None:
+            return self.allow
+        return known[2] or parameter.value.type is known[0]
+
+    def apply(self, parameters: list[Parameter]) -> None:
+        for parameter in {parameter.name: parameter for parameter in parameters}.values():
+            dynamic = self.model.get(parameter.name, (None, None, True))[2]
+            if parameter.value.is_set:
+                self.model[parameter.name] = (parameter.value.type, parameter.value, dynamic)
+            else:
+                self.model.pop(parameter.name, None)
+
+    @invariant()
+    def agree(self) -> None:
+        values = {name: value for name, (_, value, _) in self.model.items()}
+        assert self.store.values() == values
+        assert {name: value for name, value in values.items() if value.is_set} == self.from_events
+        assert set(self.store.listing().names) == set(values)
+
+
+TestStoreAgainstModel = StoreAgainstModel.TestCase
+TestStoreAgainstModel.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
