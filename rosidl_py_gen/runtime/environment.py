@@ -21,7 +21,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import quoteattr
 
 from rosidl_py_gen.errors import RosidlError
 
@@ -208,9 +207,16 @@ def _general(interfaces: str) -> str:
     return f"<General>{interfaces}<AllowMulticast>false</AllowMulticast></General>"
 
 
+def _attribute(text: str) -> str:
+    """A quoted XML attribute value; the standard library's helper would load a web client with it."""
+    for char, entity in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ('"', "&quot;")):
+        text = text.replace(char, entity)
+    return f'"{text}"'
+
+
 def _discovery(peers: tuple[str, ...]) -> str:
     """Set explicitly what ROS peers expect; Cyclone 11 has other defaults than the 0.10 of ROS."""
-    listed = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in peers)
+    listed = "".join(f"<Peer address={_attribute(peer)}/>" for peer in peers)
     return (
         "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
         f"<MaxAutoParticipantIndex>{MAX_PARTICIPANT_INDEX}</MaxAutoParticipantIndex>"

@@ -1,7 +1,7 @@
 """Builds the foreign peers from Debian's packages and runs them, on loopback and in the test run's own domain.
 
 Needs cyclonedds-dev cyclonedds-tools libfastrtps-dev fastddsgen gcc g++. Tests are skipped where these are missing,
-unless INTEROP_REQUIRED is set, as in CI.
+unless ROSIDL_TEST_REQUIRE_PEERS is set, as in CI.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _CYCLONE_XML = (
 def _require(*programs: str) -> None:
     missing = [program for program in programs if shutil.which(program) is None]
     if missing:
-        assert "INTEROP_REQUIRED" not in os.environ, f"missing: {missing}"
+        assert "ROSIDL_TEST_REQUIRE_PEERS" not in os.environ, f"missing: {missing}"
         pytest.skip(f"needs {', '.join(missing)}")
 
 
