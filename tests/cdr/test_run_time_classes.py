@@ -1,0 +1,128 @@
+"""Classes made at run time: never another definition's, never a broken one's, and misuse is told in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from compiler_worlds import write
+
+import rosidl_py_gen as ros
+from rosidl_py_gen import DefinitionError, EncodeError, InvalidNameError, TypeNotFoundError, compile_text, get_message
+
+LINE = "=" * 80
+
+
+def test_a_broken_definition_fails_every_time(tmp_path: Path) -> None:
+    folder = write(tmp_path, {"br_msgs/msg/Inner.msg": "int32 a\nuint99 b\n", "br_msgs/msg/Outer.msg": "Inner i\n"})
+    for _ in range(2):
+        for name in ("br_msgs/msg/Outer", "br_msgs/msg/Inner"):
+            with pytest.raises(DefinitionError, match="uint99"):
+                get_message(name, path=[folder])
+
+
+def test_definitions_that_differ_in_constants_or_defaults_only_are_different_classes() -> None:
+    first = compile_text("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state\n")
+    other = compile_text("leak_msgs/msg/State", "uint8 FAIL=0\nuint8 OK=1\nuint8 state\n")
+    third = compile_text("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state 1\n")
+    assert len({first, other, third}) == 3
+    assert (first.OK, other.OK, third.OK) == (0, 1, 0)
+    assert (first().state, third().state) == (0, 1)
+    assert compile_text("leak_msgs/msg/State", "uint8 OK=0\nuint8 FAIL=1\nuint8 state\n") is first
+
+
+def test_a_nested_difference_counts_too() -> None:
+    def outer(default: int) -> Any:
+        return compile_text("leak_msgs/msg/Outer", f"In i\n{LINE}\nMSG: leak_msgs/In\nuint8 x {default}\n")
+
+    assert (outer(1)().i.x, outer(2)().i.x) == (1, 2)
+    assert outer(1) is outer(1)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("std_srvs/srv/SetBool_Event", "bool data\n---\nbool success\nstring message\n"),
+        ("std_srvs/srv/SetBool_Request", "bool data\n---\nbool success\nstring message\n"),
+        ("flat_msgs/srv/Do_Request", "bool data\n"),
+        ("flat_msgs/action/Go_FeedbackMessage", "int32 a\n---\nint32 b\n---\nint32 c\n"),
+        (
+            "flat_msgs/action/Go_FeedbackMessage",
+            f"unique_identifier_msgs/UUID goal_id\nint32 c\n{LINE}\nMSG: unique_identifier_msgs/UUID\nuint8[16] uuid\n",
+        ),
+    ],
+)
+def test_derived_types_compile_from_either_text(name: str, text: str) -> None:
+    cls = compile_text(name, text)
+    assert ros.type_name(cls) == name
+    assert cls.decode(cls().encode()) == cls()
+
+
+@pytest.mark.parametrize("leaf_first", [True, False])
+def test_deep_nesting_is_an_error_in_any_order(leaf_first: bool) -> None:
+    levels = [f"{LINE}\nMSG: deep_msgs/M{i:03d}\n" + (f"M{i - 1:03d} m\n" if i else "int32 x\n") for i in range(300)]
+    text = "".join(levels if leaf_first else reversed(levels))
+    with pytest.raises(DefinitionError, match="deeper than"):
+        compile_text("deep_msgs/msg/Top", "M299 m\n" + text)
+
+
+def test_a_type_the_text_lacks_is_named() -> None:
+    with pytest.raises(DefinitionError, match=r'unknown type "my_msgs/Bar" \(searched: the text'):
+        compile_text("my_msgs/msg/Foo", "Bar b\n")
+
+
+def test_one_folder_may_be_given_as_it_is(tmp_path: Path) -> None:
+    folder = write(tmp_path, {"one_msgs/msg/A.msg": "int8 x 3\n"})
+    assert get_message("one_msgs/A", path=str(folder))().x == 3
+    assert get_message("one_msgs/A", path=folder) is get_message("one_msgs/A", path=[folder])
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda: ros.encode(5),
+        lambda: ros.validate("x"),
+        lambda: ros.to_dict("x"),
+        lambda: ros.to_json(None),
+        lambda: ros.decode(int, b""),
+        lambda: ros.from_json(dict, "{}"),
+        lambda: ros.from_dict(dict, {}),
+        lambda: ros.type_hash(7),
+    ],
+)
+def test_what_is_no_message_is_refused_in_words(call: Any) -> None:
+    with pytest.raises(TypeNotFoundError, match="expected a generated message"):
+        call()
+
+
+def test_a_name_that_is_no_text_is_refused_in_words() -> None:
+    with pytest.raises(InvalidNameError, match="expected the name of an interface, found NoneType"):
+        get_message(None)  # type: ignore[arg-type]
+
+
+def test_conversion_names_a_wrong_value() -> None:
+    poses = get_message("geometry_msgs/msg/PoseArray")
+    for convert in (ros.to_dict, ros.to_json):
+        with pytest.raises(EncodeError, match=r"poses\[0\]: expected geometry_msgs/msg/Pose, found 5"):
+            convert(poses(poses=[5]))  # type: ignore[call-arg]
+    with pytest.raises(EncodeError, match=r"String.data: expected str, found b'x'"):
+        ros.to_json(get_message("std_msgs/msg/String")(data=b"x"))  # type: ignore[call-arg]
+
+
+def test_large_data_is_viewed_in_any_buffer() -> None:
+    image = get_message("sensor_msgs/msg/Image")
+    data = image(encoding="mono8", data=np.arange(100_000, dtype=np.uint8)).encode()  # type: ignore[call-arg]
+    for buffer in (data, bytearray(data), memoryview(b"1234" + data)[4:], np.frombuffer(data, np.uint8)):
+        decoded: Any = image.decode(buffer)
+        assert decoded.encoding == "mono8"
+        assert np.shares_memory(decoded.data, np.frombuffer(buffer, np.uint8))
+        assert not decoded.data.flags.writeable
+
+
+def test_the_public_methods_are_documented() -> None:
+    string = get_message("std_msgs/msg/String")
+    assert string.encode.__name__ == "encode"
+    assert "EncodeError" in (string.encode.__doc__ or "")
+    assert "DecodeError" in (string.decode.__doc__ or "")
