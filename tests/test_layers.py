@@ -58,7 +58,7 @@ SEAMS = {
     "pytest": ("runtime.pytest_plugin",),
 }
 # Only these may import the node: everything else gets a transport and a resolved name.
-NODE_USERS = ("runtime", "runtime.pytest_plugin", "cli")
+NODE_USERS = ("runtime", "runtime.lifecycle_node", "runtime.pytest_plugin", "cli")
 # Never, not even for type checkers.
 APART = [("spec", "runtime"), ("codegen", "runtime"), ("runtime", "spec"), ("runtime", "codegen")]
 # Generated code needs the middle and numpy, nothing else.

@@ -13,13 +13,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logging import LogLevelError, parse_level
 from rosidl_py_gen.runtime.names_rules import normalize_namespace
-from rosidl_py_gen.runtime.parameter_yaml import (
-    NodeParameters,
-    ParameterFileError,
-    overrides_for,
-    parse_parameter_file,
-    parse_parameter_value,
-)
+from rosidl_py_gen.runtime.parameter_overrides import NodeParameters, ParameterFileError, overrides_for
 from rosidl_py_gen.runtime.remap_rules import InvalidRemapRuleError, RemapRule, parse_remap_rule
 
 if TYPE_CHECKING:
@@ -86,6 +80,8 @@ class _Parser:
         self.remap_rules.append(parse_remap_rule(value))
 
     def parameter(self, value: str) -> None:
+        from rosidl_py_gen.runtime.parameter_yaml import parse_parameter_value
+
         left, separator, text = value.partition(":=")
         if not separator:
             raise RosArgumentError("there is no ':='; expected [NODE:]name:=value")
@@ -97,6 +93,8 @@ class _Parser:
         self.parameters.append(NodeParameters(pattern, {name: parse_parameter_value(text)}))
 
     def params_file(self, value: str) -> None:
+        from rosidl_py_gen.runtime.parameter_yaml import parse_parameter_file
+
         try:
             text = self.read_text(value)
         except (OSError, UnicodeDecodeError) as error:

@@ -26,8 +26,10 @@ from rosidl_py_gen.runtime.scope import Throttle, request_numbers
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
+    from rosidl_py_gen.runtime.clock import Clock
+    from rosidl_py_gen.runtime.introspection import IntrospectionState
     from rosidl_py_gen.runtime.message_types import ServiceType
-    from rosidl_py_gen.runtime.qos import QoSProfile
+    from rosidl_py_gen.runtime.qos import QoSLike, QoSProfile
     from rosidl_py_gen.runtime.scope import Scope
 
 RequestT = TypeVar("RequestT")
@@ -54,6 +56,7 @@ class Client(Generic[RequestT, ResponseT]):
         self._scope = scope
         self._run = run
         self._closed = False
+        self._introspection: object | None = None
         self.name = name
         """Fully qualified service name, after expansion and remapping."""
         self.service_type = service_type.ros_name
@@ -238,6 +241,18 @@ class Client(Generic[RequestT, ResponseT]):
                 future.set_exception(err)
 
     # ------------------------------------------------------------------------------------------------------- state
+
+    def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
+        """Publish what passes on ``<service>/_service_event`` from now on; see `introspection.py`.
+
+        Args:
+            clock: stamps the events; usually the node's.
+            qos: counts when introspection goes from OFF to something else.
+        """
+        self._scope.require_open(self._closed, f"the client of {self.name}")
+        from rosidl_py_gen.runtime.introspection import introspect
+
+        introspect(self, clock, state, qos)
 
     @property
     def pending_count(self) -> int:

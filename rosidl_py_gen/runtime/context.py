@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime.bridge import Bridge
 from rosidl_py_gen.runtime.ddsnames import participant_user_data
 from rosidl_py_gen.runtime.discovery import Discovery
 from rosidl_py_gen.runtime.environment import cyclone_xml, read_environment
-from rosidl_py_gen.runtime.log_console import install_console, read_console_environment
+from rosidl_py_gen.runtime.log_console import install_console, read_console_environment, remove_console
 from rosidl_py_gen.runtime.logging import get_root_logger, set_logger_level
 
 if TYPE_CHECKING:
@@ -68,15 +68,17 @@ class Context:
         transport: Transport | None = None,
     ) -> None:
         settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
-        self.arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
+        self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
+        self.arguments = list(self.ros_arguments.program)
+        """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
         self._apply_logging()
-        for sentence in (*settings.warnings, *self.arguments.warnings):
+        for sentence in (*settings.warnings, *self.ros_arguments.warnings):
             get_root_logger().warning(sentence)
         self.domain_id = settings.domain_id
         self.settings = settings
         xml = cyclone_xml(settings, process_id=os.getpid(), extra=_TUNING)
         chosen = transport if transport is not None else _dds()
-        user_data = participant_user_data(self.arguments.enclave)
+        user_data = participant_user_data(self.ros_arguments.enclave)
         self.participant = chosen.open(settings.domain_id, user_data, cyclone_xml=xml)
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
@@ -90,9 +92,11 @@ class Context:
 
     def _apply_logging(self) -> None:
         install_console(read_console_environment(os.environ))
-        if self.arguments.log_level is not None:
-            set_logger_level("", self.arguments.log_level)
-        for name, level in self.arguments.log_levels:
+        if not self.ros_arguments.stdout_logs:
+            remove_console()
+        if self.ros_arguments.log_level is not None:
+            set_logger_level("", self.ros_arguments.log_level)
+        for name, level in self.ros_arguments.log_levels:
             set_logger_level(name, level)
 
     # ----------------------------------------------------------------------------------------------------- sharing

@@ -17,7 +17,6 @@ from __future__ import annotations
 import ctypes as ct
 import sys
 import threading
-import weakref
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING, ClassVar
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport import DiscoveryEvent, Sink
 
 _MAX_WOKEN = 256
+_MAX_IDLE_TOPICS = 256
 _GUARD = 0
 
 
@@ -133,11 +133,11 @@ class _DataType:
         self.__idl__ = _Idl(dds_type)
 
 
-_data_types: weakref.WeakValueDictionary[str, _DataType] = weakref.WeakValueDictionary()
+_data_types: dict[str, _DataType] = {}
 
 
 def _data_type(dds_type: str) -> _DataType:
-    """One object per type: Cyclone compares types by identity first."""
+    """One object per type, kept for ever: Cyclone compares types by identity, and drops references in its own threads."""
     found = _data_types.get(dds_type)
     if found is None:
         found = _data_types[dds_type] = _DataType(dds_type)
@@ -159,6 +159,7 @@ class CycloneParticipant:
         self._closed = False
         self._lock = threading.Lock()
         self._topics: dict[tuple[str, str], list[int]] = {}
+        self._idle_topics: dict[tuple[str, str], None] = {}
         self._ready: dict[Sink, None] = {}
         self._notify: Callable[[], None] | None = None
         self._sources: dict[int, CycloneReader] = {}
@@ -220,6 +221,7 @@ class CycloneParticipant:
     def _hold_topic(self, topic: str, type: str) -> int:
         with self._lock:
             held = self._topics.get((topic, type))
+            self._idle_topics.pop((topic, type), None)
             if held is None:
                 code = _clayer.ddspy_topic_create(self.entity, topic, _data_type(type), None, None)
                 held = self._topics[topic, type] = [_api.check(code, f"create topic {topic} ({type})"), 0]
@@ -227,13 +229,20 @@ class CycloneParticipant:
             return held[0]
 
     def release_topic(self, topic: str, type: str) -> None:
-        """Give back what `_hold_topic` took; the last user deletes the topic."""
+        """Give back what `_hold_topic` took.
+
+        Topics without users are kept for the next one, up to a number: creating and deleting the same topic over and
+        over beside discovery is where the library was once seen to crash.
+        """
         with self._lock:
             held = self._topics[topic, type]
             held[1] -= 1
             if held[1] == 0:
-                del self._topics[topic, type]
-                _api.delete(held[0])
+                self._idle_topics[topic, type] = None
+                if len(self._idle_topics) > _MAX_IDLE_TOPICS:
+                    oldest = next(iter(self._idle_topics))
+                    del self._idle_topics[oldest]
+                    _api.delete(self._topics.pop(oldest)[0])
 
     # -------------------------------------------------------------------------------------------------- waiting
 

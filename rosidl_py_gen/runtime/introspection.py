@@ -56,11 +56,11 @@ def introspect(
     if state is IntrospectionState.OFF:
         if tap is not None:
             tap.close()
-            endpoint._introspection = None  # type: ignore[union-attr]
+            endpoint._introspection = None
     elif tap is not None:
         tap.state = state
     else:
-        endpoint._introspection = _Tap(endpoint, clock, state, qos)  # type: ignore[union-attr]
+        endpoint._introspection = _Tap(endpoint, clock, state, qos)
 
 
 class _Tap:

@@ -14,7 +14,9 @@ from rosidl_py_gen.runtime.client import Client
 from rosidl_py_gen.runtime.clock import Clock, ClockType
 from rosidl_py_gen.runtime.context import Context
 from rosidl_py_gen.runtime.message_types import Untyped, message_type, raw_type, service_type
+from rosidl_py_gen.runtime.node_actions import NodeActions
 from rosidl_py_gen.runtime.node_graph import NodeGraph
+from rosidl_py_gen.runtime.node_parameters import NodeParameters
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import as_profile
 from rosidl_py_gen.runtime.remap_rules import NodeNames
@@ -25,7 +27,7 @@ from rosidl_py_gen.runtime.subscription import Subscription
 from rosidl_py_gen.runtime.timer import Timer
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Awaitable, Callable, Mapping
 
     from typing_extensions import Self
 
@@ -39,7 +41,7 @@ ResponseT = TypeVar("ResponseT", bound=Message)
 _DEFAULT_DEPTH = 10
 
 
-class Node(NodeGraph):
+class Node(NodeGraph, NodeActions, NodeParameters):
     """A ROS 2 node.
 
     Args:
@@ -47,18 +49,34 @@ class Node(NodeGraph):
         namespace: with or without a leading ``/``; may be overridden by ``-r __ns:=...``.
         context: None means the shared default one.
         enable_rosout: publish what `logger` logs on ``/rosout``.
+        overrides: initial values of parameters; they win over those of the command line.
+        allow_undeclared: parameters may be set without having been declared.
+        declare_overrides: declare every parameter that has an initial value.
+        start_services: serve the six parameter services.
+        logger_services: serve ``~/get_logger_levels`` and ``~/set_logger_levels``.
 
     Raises:
         InvalidNameError: for name or namespace.
+        ParameterError: an initial value does not fit, such as ``use_sim_time:=3``.
     """
 
     def __init__(
-        self, name: str, namespace: str = "", *, context: Context | None = None, enable_rosout: bool = True
+        self,
+        name: str,
+        namespace: str = "",
+        *,
+        context: Context | None = None,
+        enable_rosout: bool = True,
+        overrides: Mapping[str, object] | None = None,
+        allow_undeclared: bool = False,
+        declare_overrides: bool = False,
+        start_services: bool = True,
+        logger_services: bool = False,
     ) -> None:
         self._closed = True  # until there is something to close
         shared = context or Context.default()
         self.context = shared
-        self._names = NodeNames.create(name, namespace, shared.arguments.remap_rules)
+        self._names = NodeNames.create(name, namespace, shared.ros_arguments.remap_rules)
         shared.bridge.adopt_running_loop()
         shared.adopt(self)
         self._closed = False
@@ -69,8 +87,19 @@ class Node(NodeGraph):
         self._discovery = self.scope.discovery
         self.clock = Clock(ClockType.ROS_TIME)
         """ROS time; system time until simulated time is switched on."""
-        if enable_rosout and shared.arguments.rosout_logs:
+        if enable_rosout and shared.ros_arguments.rosout_logs:
             self.scope.own(RosoutPublisher(self.scope))
+        try:
+            self._open_parameters(
+                overrides=overrides,
+                allow_undeclared=allow_undeclared,
+                declare_overrides=declare_overrides,
+                start_services=start_services,
+                logger_services=logger_services,
+            )
+        except BaseException:
+            self.close()
+            raise
 
     # -------------------------------------------------------------------------------------------------------- names
 

@@ -1,6 +1,7 @@
 """The action methods of a node.
 
-Decides names and defaults as ROS users know them; what the endpoints do is in their own files.
+Decides names and defaults as ROS users know them; what the endpoints do is in their own files, which are imported when
+they are first used: most nodes have no actions, and every node has to start fast.
 """
 
 from __future__ import annotations
@@ -8,16 +9,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from rosidl_py_gen.cdr import Action, Message
-from rosidl_py_gen.runtime.action_client import ActionClient
-from rosidl_py_gen.runtime.action_server import ActionServer
-from rosidl_py_gen.runtime.action_types import ActionNames, action_type
 from rosidl_py_gen.runtime.message_types import Untyped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rosidl_py_gen.runtime.action_client import ActionClient
     from rosidl_py_gen.runtime.action_goal import ServerGoal
-    from rosidl_py_gen.runtime.action_server import Policy
+    from rosidl_py_gen.runtime.action_server import ActionServer, Policy
     from rosidl_py_gen.runtime.clock import Clock
     from rosidl_py_gen.runtime.context import Context
     from rosidl_py_gen.runtime.remap_rules import NodeNames
@@ -89,6 +88,9 @@ class NodeActions:
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError.
         """
+        from rosidl_py_gen.runtime.action_server import ActionServer
+        from rosidl_py_gen.runtime.action_types import ActionNames, action_type
+
         self.scope.require_open(self._closed, "the node")
         server: ActionServer[Any, Any, Any] = ActionServer(
             self.scope,
@@ -134,6 +136,9 @@ class NodeActions:
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError.
         """
+        from rosidl_py_gen.runtime.action_client import ActionClient
+        from rosidl_py_gen.runtime.action_types import ActionNames, action_type
+
         self.scope.require_open(self._closed, "the node")
         client: ActionClient[Any, Any, Any] = ActionClient(
             self.scope,

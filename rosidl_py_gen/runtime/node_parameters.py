@@ -1,17 +1,14 @@
 """The parameter, time and introspection methods of a node.
 
 Decides names, defaults and the order in which a node brings up what every ROS node has (protocol.md 9.1): parameter
-events, `use_sim_time`, the six services, logger levels, type description. What each does is in its own file.
+events, `use_sim_time`, the six services, logger levels, type description. What each does is in its own file; what not
+every node needs is imported when it is first used.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin, overload
 
-from rosidl_py_gen.runtime.clock_sleep import Rate
-from rosidl_py_gen.runtime.logger_service import LoggerServices
-from rosidl_py_gen.runtime.parameter_classes import bind_class
-from rosidl_py_gen.runtime.parameter_client import ParameterClient, ParameterEvents, as_parameters, event_stream
 from rosidl_py_gen.runtime.parameter_rules import Listing
 from rosidl_py_gen.runtime.parameter_service import ParameterEventPublisher, ParameterServices
 from rosidl_py_gen.runtime.parameter_values import (
@@ -36,8 +33,9 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
     from rosidl_py_gen.runtime.clock import Clock
+    from rosidl_py_gen.runtime.clock_sleep import Rate
     from rosidl_py_gen.runtime.context import Context
-    from rosidl_py_gen.runtime.parameter_client import ParametersToSet
+    from rosidl_py_gen.runtime.parameter_client import ParameterClient, ParameterEvents, ParametersToSet
     from rosidl_py_gen.runtime.parameters import ParameterEvent
     from rosidl_py_gen.runtime.remap_rules import NodeNames
     from rosidl_py_gen.runtime.scope import Scope
@@ -83,7 +81,7 @@ class NodeParameters:
         logger_services: bool = False,
     ) -> None:
         """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
-        merged = self.context.arguments.overrides_for(self._names.fully_qualified_name)
+        merged = self.context.ros_arguments.overrides_for(self._names.fully_qualified_name)
         merged.update({name: parameter_value(value) for name, value in (overrides or {}).items()})
         # Not `self` in the function below: a node must not be part of a cycle, or it outlives its last user.
         changes: list[Stream[ParameterChange]] = []
@@ -105,6 +103,8 @@ class NodeParameters:
         if start_services:
             self.scope.own(ParameterServices(self.scope, self._names, self._store))
         if logger_services:
+            from rosidl_py_gen.runtime.logger_service import LoggerServices
+
             self.scope.own(LoggerServices(self.scope, self._names))
         TypeDescriptionService.start(self.scope, self._names, self._store)
 
@@ -124,6 +124,8 @@ class NodeParameters:
             ParameterClassError: an annotation cannot be a parameter.
             ParameterError: a name is taken, an override has the wrong type or is refused. Nothing is declared then.
         """
+        from rosidl_py_gen.runtime.parameter_classes import bind_class
+
         self.scope.require_open(self._closed, "the node")
         return bind_class(self._store, cls, prefix=prefix, initial=initial, validator=validator)
 
@@ -217,6 +219,8 @@ class NodeParameters:
 
     def _fitted(self, values: ParametersToSet) -> list[Parameter]:
         """An empty list takes the type that was declared."""
+        from rosidl_py_gen.runtime.parameter_client import as_parameters
+
         fitted = []
         for parameter in as_parameters(values):
             value = parameter.value
@@ -249,10 +253,14 @@ class NodeParameters:
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
         """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
+        from rosidl_py_gen.runtime.parameter_client import event_stream
+
         return event_stream(self.scope, self._names, None if node is None else self._names.resolve_topic(node))
 
     def create_parameter_client(self, node: str) -> ParameterClient:
         """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""
+        from rosidl_py_gen.runtime.parameter_client import ParameterClient
+
         self.scope.require_open(self._closed, "the node")
         client = ParameterClient(self.scope, self._names, node, self.context.run_until_complete)
         self.scope.own(client)
@@ -262,6 +270,8 @@ class NodeParameters:
 
     def create_rate(self, frequency_hz: float) -> Rate:
         """``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
+        from rosidl_py_gen.runtime.clock_sleep import Rate
+
         return Rate(self.clock, frequency_hz)
 
     def create_sim_time_publisher(

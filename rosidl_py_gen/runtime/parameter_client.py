@@ -34,6 +34,7 @@ from rosidl_py_gen.runtime.parameter_messages import (
     to_message,
     value_from_message,
 )
+from rosidl_py_gen.runtime.parameter_overrides import overrides_for
 from rosidl_py_gen.runtime.parameter_rules import Listing
 from rosidl_py_gen.runtime.parameter_values import (
     Parameter,
@@ -43,7 +44,7 @@ from rosidl_py_gen.runtime.parameter_values import (
     PythonValue,
     parameter_value,
 )
-from rosidl_py_gen.runtime.parameter_yaml import dump_parameters, overrides_for, parse_parameter_file
+from rosidl_py_gen.runtime.parameter_yaml import dump_parameters, parse_parameter_file
 from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
 from rosidl_py_gen.runtime.stream import Stream
 from rosidl_py_gen.runtime.subscription import Subscription

@@ -7,29 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.msgs.rcl_interfaces.msg import ListParametersResult
-from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
-from rosidl_py_gen.msgs.rcl_interfaces.srv import (
-    DescribeParameters,
-    DescribeParameters_Request,
-    DescribeParameters_Response,
-    GetParameters,
-    GetParameters_Request,
-    GetParameters_Response,
-    GetParameterTypes,
-    GetParameterTypes_Request,
-    GetParameterTypes_Response,
-    ListParameters,
-    ListParameters_Request,
-    ListParameters_Response,
-    SetParameters,
-    SetParameters_Request,
-    SetParameters_Response,
-    SetParametersAtomically,
-    SetParametersAtomically_Request,
-    SetParametersAtomically_Response,
-)
-from rosidl_py_gen.runtime.message_types import message_type, service_type
+from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
+from rosidl_py_gen.runtime.late_types import late_message_type, late_service_type
 from rosidl_py_gen.runtime.parameter_messages import (
     descriptor_to_message,
     event_to_message,
@@ -56,13 +35,16 @@ class ParameterEventPublisher:
     def __init__(self, scope: Scope, names: NodeNames, clock: Clock) -> None:
         self._node = names.fully_qualified_name
         self._clock = clock
-        self._publisher: Publisher[EventMessage] = Publisher(
-            scope, message_type(EventMessage), names.resolve_topic("/parameter_events"), PARAMETER_EVENTS
+        self._publisher: Publisher[msg.ParameterEvent] = Publisher(
+            scope,
+            late_message_type("rcl_interfaces/msg/ParameterEvent"),
+            names.resolve_topic("/parameter_events"),
+            PARAMETER_EVENTS,
         )
         self._closed = False
 
     @property
-    def endpoints(self) -> list[Publisher[EventMessage]]:
+    def endpoints(self) -> list[Publisher[msg.ParameterEvent]]:
         """What the node's types in use are found in."""
         return [self._publisher]
 
@@ -82,41 +64,49 @@ class ParameterServices:
 
     def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore) -> None:
         self._store = store
-        table: list[tuple[str, Any, Callable[[Any], Any]]] = [
-            ("describe_parameters", DescribeParameters, self._describe),
-            ("get_parameters", GetParameters, self._get),
-            ("get_parameter_types", GetParameterTypes, self._types),
-            ("list_parameters", ListParameters, self._list),
-            ("set_parameters", SetParameters, self._set),
-            ("set_parameters_atomically", SetParametersAtomically, self._set_atomically),
+        table: list[tuple[str, str, Callable[[Any], Any]]] = [
+            ("describe_parameters", "DescribeParameters", self._describe),
+            ("get_parameters", "GetParameters", self._get),
+            ("get_parameter_types", "GetParameterTypes", self._types),
+            ("list_parameters", "ListParameters", self._list),
+            ("set_parameters", "SetParameters", self._set),
+            ("set_parameters_atomically", "SetParametersAtomically", self._set_atomically),
         ]
         self._services: list[ServiceServer[Any, Any]] = [
-            ServiceServer(scope, service_type(cls), names.resolve_service(f"~/{name}"), handler, PARAMETERS)
-            for name, cls, handler in table
+            ServiceServer(
+                scope,
+                late_service_type(f"rcl_interfaces/srv/{title}"),
+                names.resolve_service(f"~/{name}"),
+                handler,
+                PARAMETERS,
+            )
+            for name, title, handler in table
         ]
 
-    def _describe(self, request: DescribeParameters_Request) -> DescribeParameters_Response:
+    def _describe(self, request: srv.DescribeParameters_Request) -> srv.DescribeParameters_Response:
         found = self._store.describe_all(request.names)
-        return DescribeParameters_Response(descriptors=[descriptor_to_message(item) for item in found])
+        return srv.DescribeParameters_Response(descriptors=[descriptor_to_message(item) for item in found])
 
-    def _get(self, request: GetParameters_Request) -> GetParameters_Response:
-        return GetParameters_Response(values=[value_to_message(item) for item in self._store.get_all(request.names)])
+    def _get(self, request: srv.GetParameters_Request) -> srv.GetParameters_Response:
+        return srv.GetParameters_Response(
+            values=[value_to_message(item) for item in self._store.get_all(request.names)]
+        )
 
-    def _types(self, request: GetParameterTypes_Request) -> GetParameterTypes_Response:
-        return GetParameterTypes_Response(types=bytes(self._store.types(request.names)))  # type: ignore[arg-type]
+    def _types(self, request: srv.GetParameterTypes_Request) -> srv.GetParameterTypes_Response:
+        return srv.GetParameterTypes_Response(types=bytes(self._store.types(request.names)))  # type: ignore[arg-type]
 
-    def _list(self, request: ListParameters_Request) -> ListParameters_Response:
+    def _list(self, request: srv.ListParameters_Request) -> srv.ListParameters_Response:
         found = self._store.listing(request.prefixes, request.depth)
-        result = ListParametersResult(names=list(found.names), prefixes=list(found.prefixes))
-        return ListParameters_Response(result=result)
+        result = msg.ListParametersResult(names=list(found.names), prefixes=list(found.prefixes))
+        return srv.ListParameters_Response(result=result)
 
-    def _set(self, request: SetParameters_Request) -> SetParameters_Response:
+    def _set(self, request: srv.SetParameters_Request) -> srv.SetParameters_Response:
         results = self._store.set_each(from_message(item) for item in request.parameters)
-        return SetParameters_Response(results=[result_to_message(item) for item in results])
+        return srv.SetParameters_Response(results=[result_to_message(item) for item in results])
 
-    def _set_atomically(self, request: SetParametersAtomically_Request) -> SetParametersAtomically_Response:
+    def _set_atomically(self, request: srv.SetParametersAtomically_Request) -> srv.SetParametersAtomically_Response:
         result = self._store.set_atomically([from_message(item) for item in request.parameters])
-        return SetParametersAtomically_Response(result=result_to_message(result))
+        return srv.SetParametersAtomically_Response(result=result_to_message(result))
 
     @property
     def endpoints(self) -> list[ServiceServer[Any, Any]]:

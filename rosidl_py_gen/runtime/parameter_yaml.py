@@ -11,12 +11,11 @@ import base64
 import binascii
 import math
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
 import yaml
 
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.parameter_overrides import NodeParameters, ParameterFileError
 from rosidl_py_gen.runtime.parameter_values import (
     INT64_MAX,
     INT64_MIN,
@@ -27,7 +26,7 @@ from rosidl_py_gen.runtime.parameter_values import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
 PARAMETERS_KEY = "ros__parameters"
 _PLAIN = "!plain"
@@ -40,33 +39,6 @@ _FLOAT = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?\Z")
 _HEX_FLOAT = re.compile(r"[+-]?0[xX](?:[0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]+)(?:[pP][+-]?[0-9]+)?\Z")
 _NAN = re.compile(r"(?:\.nan|\.NaN|\.NAN|[+-]?[nN][aA][nN])\Z")
 _INFINITE = re.compile(r"(?P<sign>[+-]?)(?:\.inf|\.Inf|\.INF|[iI][nN][fF](?:[iI][nN][iI][tT][yY])?)\Z")
-
-
-class ParameterFileError(RosidlError, ValueError):
-    """The user's parameter YAML has to change; the text says where."""
-
-
-@dataclass(frozen=True, slots=True)
-class NodeParameters:
-    """Values for the nodes whose fully qualified name `pattern` matches; `pattern` begins with ``/``."""
-
-    pattern: str
-    values: Mapping[str, ParameterValue]
-
-    def matches(self, fully_qualified_name: str) -> bool:
-        """``/*`` stands for one part of a name, ``/**`` for any number of them."""
-        regex = re.escape(self.pattern).replace(r"/\*", r"(/\w+)")
-        # What is left of "/**" is the second star, which now repeats the group.
-        return re.fullmatch(regex.replace(r"\*", "*"), fully_qualified_name) is not None
-
-
-def overrides_for(entries: Iterable[NodeParameters], fully_qualified_name: str) -> dict[str, ParameterValue]:
-    """The values for one node: all entries that match, later ones override earlier ones."""
-    found: dict[str, ParameterValue] = {}
-    for entry in entries:
-        if entry.matches(fully_qualified_name):
-            found.update(entry.values)
-    return found
 
 
 # ----------------------------------------------------------------------------------------------------------- scalars

@@ -21,8 +21,10 @@ from rosidl_py_gen.runtime.scope import Throttle, is_async
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
+    from rosidl_py_gen.runtime.clock import Clock
+    from rosidl_py_gen.runtime.introspection import IntrospectionState
     from rosidl_py_gen.runtime.message_types import ServiceType
-    from rosidl_py_gen.runtime.qos import QoSProfile
+    from rosidl_py_gen.runtime.qos import QoSLike, QoSProfile
     from rosidl_py_gen.runtime.scope import Scope
     from rosidl_py_gen.runtime.transport import Sample
 
@@ -84,6 +86,7 @@ class ServiceServer(Generic[RequestT, ResponseT]):
     ) -> None:
         self._scope = scope
         self._closed = False
+        self._introspection: object | None = None
         self.name = name
         """Fully qualified service name, after expansion and remapping."""
         self.service_type = service_type.ros_name
@@ -225,6 +228,18 @@ class ServiceServer(Generic[RequestT, ResponseT]):
             await asyncio.sleep(0.001)
 
     # ------------------------------------------------------------------------------------------------------- state
+
+    def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
+        """Publish what passes on ``<service>/_service_event`` from now on; see `introspection.py`.
+
+        Args:
+            clock: stamps the events; usually the node's.
+            qos: counts when introspection goes from OFF to something else.
+        """
+        self._scope.require_open(self._closed, f"service {self.name}")
+        from rosidl_py_gen.runtime.introspection import introspect
+
+        introspect(self, clock, state, qos)
 
     def _wake(self) -> None:
         waiters, self._waiters = self._waiters, []

@@ -13,15 +13,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription, TypeSource
-from rosidl_py_gen.msgs.type_description_interfaces.srv import (
-    GetTypeDescription,
-    GetTypeDescription_Request,
-    GetTypeDescription_Response,
-)
+from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
 from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.runtime.client import Client
-from rosidl_py_gen.runtime.message_types import service_type
+from rosidl_py_gen.runtime.late_types import late_service_type
 from rosidl_py_gen.runtime.parameter_values import ParameterDescriptor, ParameterType, parameter_value
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.service import ServiceServer
@@ -34,6 +29,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.remap_rules import NodeNames
     from rosidl_py_gen.runtime.scope import Scope
 
+SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 PARAMETER = "start_type_description_service"
 _HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
 _PARTS = {"service_type": ("Request", "Response"), "action_type": ("SendGoal", "GetResult", "FeedbackMessage")}
@@ -51,7 +47,7 @@ class TypeDescriptionService:
         self._scope = scope
         self._service: ServiceServer[Any, Any] = ServiceServer(
             scope,
-            service_type(GetTypeDescription),
+            late_service_type(SERVICE),
             names.resolve_service("~/get_type_description"),
             self._answer,
             SERVICES_DEFAULT,
@@ -76,8 +72,8 @@ class TypeDescriptionService:
         if store.get(PARAMETER).value is True:
             scope.own(cls(scope, names))
 
-    def _answer(self, request: GetTypeDescription_Request) -> GetTypeDescription_Response:
-        response = GetTypeDescription_Response(successful=False)
+    def _answer(self, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
+        response = srv.GetTypeDescription_Response(successful=False)
         if not _HASH.match(request.type_hash):
             response.failure_reason = "Failed to parse type hash"
             return response
@@ -88,7 +84,7 @@ class TypeDescriptionService:
         from rosidl_py_gen import from_dict
 
         description = type_description(found)
-        response.type_description = from_dict(TypeDescription, description)
+        response.type_description = from_dict(msg.TypeDescription, description)
         if request.include_type_sources:
             names = [description["type_description"]["type_name"]]
             names += sorted(item["type_name"] for item in description["referenced_type_descriptions"])
@@ -113,7 +109,7 @@ class TypeDescriptionService:
         self._service.close()
 
 
-def type_source(name: str) -> TypeSource:
+def type_source(name: str) -> msg.TypeSource:
     """The definition of ``pkg/msg/Name`` as it is written in its file; derived types have none."""
     package, kind, stem = name.split("/")
     for folder in _interface_folders(package):
@@ -121,9 +117,9 @@ def type_source(name: str) -> TypeSource:
             path = folder / kind / f"{stem}.{suffix}"
             if path.is_file():
                 text = path.read_bytes().decode("utf-8", "replace")
-                return TypeSource(type_name=name, encoding=suffix, raw_file_contents=text)
+                return msg.TypeSource(type_name=name, encoding=suffix, raw_file_contents=text)
     # X_Request and A_SendGoal come from the file of X and A.
-    return TypeSource(type_name=name, encoding="implicit" if "_" in stem else kind)
+    return msg.TypeSource(type_name=name, encoding="implicit" if "_" in stem else kind)
 
 
 def _interface_folders(package: str) -> Iterator[Path]:
@@ -141,14 +137,14 @@ async def ask_type_description(
     wanted_hash: str,
     include_sources: bool,
     timeout_s: float | None,
-) -> GetTypeDescription_Response:
+) -> srv.GetTypeDescription_Response:
     """Call ``get_type_description`` of a node; raises `TypeDescriptionError` with the node's reason."""
-    client: Client[GetTypeDescription_Request, GetTypeDescription_Response] = Client(
-        scope, service_type(GetTypeDescription), service, SERVICES_DEFAULT, run
+    client: Client[srv.GetTypeDescription_Request, srv.GetTypeDescription_Response] = Client(
+        scope, late_service_type(SERVICE), service, SERVICES_DEFAULT, run
     )
     scope.own(client)
     try:
-        request = GetTypeDescription_Request(
+        request = srv.GetTypeDescription_Request(
             type_name=type_name, type_hash=wanted_hash, include_type_sources=include_sources
         )
         response = await client.call(request, timeout_s)

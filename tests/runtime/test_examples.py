@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+
+from rosidl_py_gen.runtime import Node, SetResult
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -87,3 +91,55 @@ def test_ctrl_c_ends_asyncio_run_at_once_although_the_loop_waits_in_dds() -> Non
     process.send_signal(signal.SIGINT)
     output, errors = process.communicate(timeout=2)
     assert (output, errors) == ("interrupted\n", "")
+
+
+def test_fibonacci_with_a_cancel() -> None:
+    serving = start("fibonacci_server.py")
+    output, errors = start("fibonacci_client.py", "4").communicate(timeout=20)
+    lines = output.splitlines()
+    assert (lines[:4], errors) == (
+        ["so far: 0 1 1", "so far: 0 1 1 2", "so far: 0 1 1 2 3", "SUCCEEDED: 0 1 1 2 3"],
+        "",
+    )
+    (cancelled,) = lines[4:]
+    words = cancelled.split()
+    assert words[:2] == ["CANCELED", "after"] and 3 <= int(words[2]) < 41
+    assert serving.stdout is not None and serving.stdout.readline().startswith("cancelled after ")
+    stop(serving)
+
+
+def test_parameters_from_a_file_and_set_from_outside() -> None:
+    driving = start("parameters.py", "--ros-args", "--params-file", str(EXAMPLES / "parameters.yaml"))
+    assert driving.stdout is not None
+    assert driving.stdout.readline() == "manual, 1.2 m/s, left 120, tags ['indoor', 'slow']\n"
+
+    async def change() -> list[SetResult]:
+        async with Node("asker") as node:
+            client = node.create_parameter_client("/drive")
+            return await client.set({"max_speed": 2.0, "mode": "wild", "frame": "map", "left.pwm": 256}, timeout_s=10)
+
+    results = asyncio.run(change())
+    assert [result.successful for result in results] == [True, False, False, False]
+    lines = iter(driving.stdout.readline, "")
+    assert next(line for line in lines if line.startswith("max_speed = 2.0")) == (
+        "max_speed = 2.0; the maximum speed is 2.0 m/s\n"
+    )
+    stop(driving)
+
+
+def test_simulated_time_runs_ten_times_as_fast_and_others_follow() -> None:
+    simulating = start("sim_time.py")
+    listening = start("listener.py")
+    talking = start("talker_callbacks.py", "--ros-args", "-p", "use_sim_time:=true")
+    assert simulating.stdout is not None and listening.stdout is not None
+    begin = time.monotonic()
+    times = [float(simulating.stdout.readline().split()[2]) for _ in range(20)]
+    assert times == sorted(times) and times[-1] - times[0] > 15
+    assert time.monotonic() - begin < 15
+    listening.stdout.readline()
+    begin = time.monotonic()
+    for _ in range(20):
+        assert listening.stdout.readline().startswith("I heard: ")
+    assert time.monotonic() - begin < 10
+    for process in (simulating, listening, talking):
+        stop(process)

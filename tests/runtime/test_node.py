@@ -5,16 +5,33 @@ from __future__ import annotations
 import asyncio
 import gc
 import logging
+import subprocess
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String
 
+from rosidl_py_gen import get_message, get_service, runtime
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
-from rosidl_py_gen.runtime import Context, EndpointType, MemoryTransport, Node, QoSProfile
+from rosidl_py_gen.runtime import (
+    Context,
+    EndpointType,
+    IntrospectionState,
+    LifecycleNode,
+    MemoryTransport,
+    Node,
+    Outcome,
+    QoSProfile,
+    State,
+)
 from rosidl_py_gen.runtime.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.late_types import MESSAGES, SERVICES, late_message_type, late_service_type
+from rosidl_py_gen.runtime.message_types import message_type, service_type
+from rosidl_py_gen.runtime.parameter_values import ParameterError
 from rosidl_py_gen.runtime.qos import ROSOUT, Durability, History, Reliability
 
 if TYPE_CHECKING:
@@ -87,18 +104,126 @@ async def test_topics_and_services_are_listed_in_all_and_by_node(world: World) -
     alice.create_service(AddTwoInts, "/add")
     bob.create_client(AddTwoInts, "/add")
     string, int32, add = ["std_msgs/msg/String"], ["std_msgs/msg/Int32"], ["example_interfaces/srv/AddTwoInts"]
-    log = ["rcl_interfaces/msg/Log"]
-    await settled(lambda: len(bob.get_topic_names_and_types()) == 3)
-    assert bob.get_topic_names_and_types() == [("/in", int32), ("/out", string), ("/rosout", log)]
+    log, event = ["rcl_interfaces/msg/Log"], ["rcl_interfaces/msg/ParameterEvent"]
+    common = [("/parameter_events", event), ("/rosout", log)]
+    await settled(lambda: len(bob.get_topic_names_and_types()) == 4)
+    assert bob.get_topic_names_and_types() == [("/in", int32), ("/out", string), *common]
     assert ("rq/addRequest", ["example_interfaces::srv::dds_::AddTwoInts_Request_"]) in bob.get_topic_names_and_types(
         no_demangle=True
     )
-    assert bob.get_service_names_and_types() == [("/add", add)]
-    await settled(lambda: bob.get_service_names_and_types_by_node("alice") == [("/add", add)])
-    assert bob.get_publisher_names_and_types_by_node("alice") == [("/out", string), ("/rosout", log)]
+    of_alice, of_bob = every_nodes_services("/alice"), every_nodes_services("/bob")
+    assert bob.get_service_names_and_types() == [("/add", add), *of_alice, *of_bob]
+    await settled(lambda: bob.get_service_names_and_types_by_node("alice") == [("/add", add), *of_alice])
+    assert bob.get_publisher_names_and_types_by_node("alice") == [("/out", string), *common]
     assert bob.get_subscriber_names_and_types_by_node("alice") == [("/in", int32)]
     assert bob.get_client_names_and_types_by_node("bob") == [("/add", add)]
     assert bob.get_client_names_and_types_by_node("alice") == []
+
+
+def every_nodes_services(node: str) -> list[tuple[str, list[str]]]:
+    """What protocol.md 9.1 says every node serves."""
+    parameters = (
+        "DescribeParameters",
+        "GetParameterTypes",
+        "GetParameters",
+        "GetTypeDescription",
+        "ListParameters",
+        "SetParameters",
+        "SetParametersAtomically",
+    )
+    found = []
+    for name in parameters:
+        package = "type_description_interfaces" if name == "GetTypeDescription" else "rcl_interfaces"
+        snake = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name)[1:]
+        found.append((f"{node}/{snake}", [f"{package}/srv/{name}"]))
+    return sorted(found)
+
+
+async def test_program_arguments_are_handed_back_and_parameters_taken(memory: World) -> None:
+    context = memory.context("--fast", "--ros-args", "-p", "speed:=2", "-p", "arm:speed:=3", "--", "file")
+    assert context.arguments == ["test", "--fast", "file"]
+    arm, leg = memory.node("arm", context=context), memory.node("leg", context=context)
+    assert [node.declare_parameter("speed", 1) for node in (arm, leg)] == [3, 2]
+
+
+async def test_no_stdout_logs(
+    memory: World, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # with handlers of the program's own the console is quiet
+    memory.node("loud").logger.warning("heard")
+    memory.node("quiet", context=memory.context("--ros-args", "--disable-stdout-logs")).logger.warning("unheard")
+    printed = capfd.readouterr().err
+    assert "heard" in printed and "unheard" not in printed
+
+
+def test_a_node_that_cannot_start_leaves_nothing(memory: World) -> None:
+    context = memory.context("--ros-args", "-p", "use_sim_time:=3")
+    with pytest.raises(ParameterError):
+        Node("n", context=context)
+    assert context.discovery.graph.nodes() == []
+
+
+def test_types_that_are_imported_late_are_the_bundled_ones() -> None:
+    for name, hashes in SERVICES.items():
+        early, late = service_type(get_service(name)), late_service_type(name)
+        assert hashes == (early.type_hash, early.request.type_hash, early.response.type_hash)
+        assert (late.ros_name, late.request.ros_name, late.response.ros_name) == (
+            name,
+            early.request.ros_name,
+            early.response.ros_name,
+        )
+        message = get_service(name).Request()
+        assert late.request.decode(late.request.encode(message)) == message
+    for name, type_hash in MESSAGES.items():
+        assert type_hash == message_type(name).type_hash == late_message_type(name).type_hash
+        assert late_message_type(name).encode(get_message(name)()) == get_message(name)()._encode()
+
+
+def test_a_node_starts_without_what_it_may_never_need() -> None:
+    program = (
+        "import sys\nfrom rosidl_py_gen.runtime import Context, MemoryTransport, Node\n"
+        "node = Node('n', context=Context(transport=MemoryTransport(), args=['p']))\n"
+        "print([m for m in sys.modules if m == 'yaml' or '.runtime.action' in m or '_srv' in m or '.srv._' in m])\n"
+        "node.context.close()\n"
+    )
+    command = [sys.executable, "-c", program]
+    run = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True)
+    assert run.stdout == "[]\n"
+
+
+def test_every_exported_name_exists() -> None:
+    assert {name: getattr(runtime, name) for name in runtime.__all__}.keys() == runtime._MODULE_OF.keys()
+
+
+async def test_a_lifecycle_node_is_a_node_with_all_options(world: World) -> None:
+    async with LifecycleNode("n", "/ns", context=world.context(), overrides={"a": 2}) as node:
+        assert (node.fully_qualified_name, node.declare_parameter("a", 1)) == ("/ns/n", 2)
+        assert await node.configure() is Outcome.SUCCESS
+        assert node.state is State.INACTIVE
+    assert node.is_closed
+
+
+async def test_introspection_of_closed_endpoints_is_refused(memory: World) -> None:
+    node = memory.node("n")
+    for endpoint in (node.create_client(AddTwoInts, "a"), node.create_service(AddTwoInts, "a")):
+        endpoint.close()
+        with pytest.raises(ClosedError):
+            endpoint.configure_introspection(node.clock, 10, IntrospectionState.METADATA)
+
+
+async def test_options_of_a_node(memory: World) -> None:
+    node = Node(
+        "n",
+        context=memory.context(),
+        overrides={"a": 1},
+        declare_overrides=True,
+        start_services=False,
+        logger_services=True,
+    )
+    assert node.get_parameter("a", int) == 1
+    names = ["/n/get_logger_levels", "/n/get_type_description", "/n/set_logger_levels"]
+    await settled(lambda: [name for name, _ in node.get_service_names_and_types_by_node("n")] == names)
+    node.close()
 
 
 async def test_incompatible_qos_is_explained_once_with_both_nodes(

@@ -11,13 +11,52 @@ from .conftest import _folder  # type: ignore[import-not-found,unused-ignore]
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = """
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
+import numpy as np
+from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from typing_extensions import assert_type
 
-from rosidl_py_gen.runtime import Client, Node, Publisher, ServiceServer, Subscription
+from rosidl_py_gen.runtime import (
+    ActionClient,
+    ActionServer,
+    Client,
+    GoalStatus,
+    Node,
+    Publisher,
+    Range,
+    ServerGoal,
+    ServiceServer,
+    Subscription,
+)
+
+
+@dataclass
+class Drive:
+    max_speed: Annotated[float, Range(0.0, 2.5)] = 0.8
+
+
+async def execute(goal: ServerGoal[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback]) -> Fibonacci.Result:
+    assert_type(goal.request, Fibonacci.Goal)
+    goal.publish_feedback(Fibonacci.Feedback(sequence=np.array([goal.request.order], np.int32)))
+    return Fibonacci.Result(sequence=np.array([1], np.int32))
+
+
+async def more(node: Node) -> None:
+    server = node.create_action_server(Fibonacci, "c", execute)
+    assert_type(server, ActionServer[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback])
+    client = node.create_action_client(Fibonacci, "c")
+    assert_type(client, ActionClient[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback])
+    goal = await client.send_goal(Fibonacci.Goal(order=5))
+    async for feedback in goal.feedback():
+        assert_type(feedback, Fibonacci.Feedback)
+    assert_type(await goal.result(), tuple[GoalStatus, Fibonacci.Result])
+    assert_type(node.declare_parameters(Drive), Drive)
+    assert_type(node.get_parameter("x", int), int | None)
+    assert_type(node.get_parameter("x", str, "none"), str)
 
 
 async def main(node: Node) -> None:
@@ -42,6 +81,9 @@ async def main(node: Node) -> None:
 WRONG = """
 node.create_publisher(String, "a").publish(AddTwoInts.Request())
 """
+WRONG_GOAL = """
+node.create_action_client(Fibonacci, "a").send_goal_sync(Fibonacci.Result())
+"""
 
 
 def check(tmp_path: Path, program: str) -> str:
@@ -59,4 +101,5 @@ def test_inference_under_strict_mypy(tmp_path: Path) -> None:
 
 def test_a_message_of_another_type_is_an_error(tmp_path: Path) -> None:
     imports = PROGRAM.split("\n\n\n")[0]
+    assert "arg-type" in check(tmp_path, imports + "\nnode = Node('n')\n" + WRONG_GOAL)
     assert "arg-type" in check(tmp_path, imports + "\nnode = Node('n')\n" + WRONG)

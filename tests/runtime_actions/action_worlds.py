@@ -11,13 +11,8 @@ from typing import Any
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
 from rosidl_py_gen.runtime.environment import cyclone_xml, read_environment
-from rosidl_py_gen.runtime.node_actions import NodeActions
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
-
-
-class ActionNode(Node, NodeActions):
-    """A node with actions, wherever the methods are mixed in."""
 
 
 DOMAIN = 181 + os.getpid() % 50
@@ -37,13 +32,13 @@ class World:
     def __init__(self, kind: str) -> None:
         self.transport = MemoryTransport() if kind == "memory" else None
         self.contexts: list[Context] = []
-        self.nodes: list[ActionNode] = []
+        self.nodes: list[Node] = []
         self._numbers = itertools.count()
 
-    def node(self, name: str = "", *, args: list[str] | None = None) -> ActionNode:
+    def node(self, name: str = "", *, args: list[str] | None = None) -> Node:
         context = open_context(args or [], self.transport)
         self.contexts.append(context)
-        node = ActionNode(name or f"node{next(self._numbers)}", context=context)
+        node = Node(name or f"node{next(self._numbers)}", context=context)
         self.nodes.append(node)  # a node that nobody holds closes itself
         return node
 

@@ -10,20 +10,9 @@ from typing import Annotated, Any
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime import Context, Node
 from rosidl_py_gen.runtime.environment import cyclone_xml
-from rosidl_py_gen.runtime.node_actions import NodeActions
-from rosidl_py_gen.runtime.node_parameters import NodeParameters
 from rosidl_py_gen.runtime.parameter_fields import Range
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
-
-
-class Peer(Node, NodeActions, NodeParameters):
-    """All methods on one node, wherever they are mixed in."""
-
-    def __init__(self, name: str, context: Context) -> None:
-        super().__init__(name, context=context)
-        if not issubclass(Node, NodeParameters):
-            self._open_parameters()
 
 
 @dataclass
@@ -53,7 +42,7 @@ async def execute(goal: Any) -> Any:
 
 async def main(domain_id: int) -> None:
     with open_context(domain_id) as context:
-        async with Peer("peer", context) as node:
+        async with Node("peer", context=context) as node:
             node.declare_parameters(Drive)
             node.create_action_server(Fibonacci, "fib", execute)
             print("ready", flush=True)

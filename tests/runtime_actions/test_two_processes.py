@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 from action_worlds import DOMAIN, run
-from peer_process import Fibonacci, Peer, open_context
+from peer_process import Fibonacci, open_context
 
 from rosidl_py_gen import type_hash
+from rosidl_py_gen.runtime import Node
 from rosidl_py_gen.runtime.action_handle import ActionServerLost
 from rosidl_py_gen.runtime.goal import GoalStatus
 from rosidl_py_gen.runtime.parameters import SetResult
@@ -40,7 +41,7 @@ def peer(monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[bytes]]:
 def test_an_action_with_feedback_and_cancel(peer: subprocess.Popen[bytes]) -> None:
     async def main() -> None:
         with open_context(DOMAIN) as context:
-            node = Peer("here", context)
+            node = Node("here", context=context)
             client = node.create_action_client(Fibonacci, "fib")
             assert await client.wait_for_server(timeout_s=10)
             handle = await client.send_goal(Fibonacci.Goal(order=3), timeout_s=10)
@@ -62,7 +63,7 @@ def test_an_action_with_feedback_and_cancel(peer: subprocess.Popen[bytes]) -> No
 def test_parameters_and_type_descriptions(peer: subprocess.Popen[bytes]) -> None:
     async def main() -> None:
         with open_context(DOMAIN) as context:
-            node = Peer("here", context)
+            node = Node("here", context=context)
             remote = node.create_parameter_client("/peer")
             assert await remote.wait_for_services(timeout_s=10)
             events = remote.events()
@@ -86,7 +87,7 @@ def test_parameters_and_type_descriptions(peer: subprocess.Popen[bytes]) -> None
 def test_a_server_that_is_killed_is_noticed(peer: subprocess.Popen[bytes]) -> None:
     async def main() -> None:
         with open_context(DOMAIN) as context:
-            node = Peer("here", context)
+            node = Node("here", context=context)
             client = node.create_action_client(Fibonacci, "fib", server_lost_after_s=1.0)
             handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
             peer.kill()

@@ -9,19 +9,6 @@ from typing import Any
 
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
 from rosidl_py_gen.runtime.environment import cyclone_xml, read_environment
-from rosidl_py_gen.runtime.node_parameters import NodeParameters
-
-
-class ParameterNode(Node, NodeParameters):
-    """A node with parameters, whether or not `Node` has them itself."""
-
-    def __init__(self, name: str, namespace: str = "", *, context: Context, **options: Any) -> None:
-        if issubclass(Node, NodeParameters):
-            super().__init__(name, namespace, context=context, **options)
-        else:
-            super().__init__(name, namespace, context=context)
-            self._open_parameters(**options)
-
 
 DOMAIN = 181 + os.getpid() % 50
 """Of this test process alone, so that parallel runs do not see each other."""
@@ -47,8 +34,8 @@ class World:
         self.contexts.append(context)
         return context
 
-    def node(self, name: str, namespace: str = "", *, args: str = "", **options: Any) -> ParameterNode:
-        node = ParameterNode(name, namespace, context=self.context(args), **options)
+    def node(self, name: str, namespace: str = "", *, args: str = "", **options: Any) -> Node:
+        node = Node(name, namespace, context=self.context(args), **options)
         self.nodes.append(node)  # a node that nobody holds closes itself
         return node
 

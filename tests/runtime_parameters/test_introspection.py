@@ -9,7 +9,8 @@ from parameter_worlds import World, run, until
 
 from rosidl_py_gen import get_service
 from rosidl_py_gen.runtime.clock import ClockType, Time
-from rosidl_py_gen.runtime.introspection import IntrospectionState, introspect
+from rosidl_py_gen.runtime.introspection import IntrospectionState
+from rosidl_py_gen.runtime.qos import SYSTEM_DEFAULT
 
 AddTwoInts: Any = get_service("example_interfaces/srv/AddTwoInts")
 STATE = IntrospectionState
@@ -25,8 +26,8 @@ async def exchange(world: World, client_state: IntrospectionState, server_state:
     client = caller.create_client(AddTwoInts, "add")
     node.clock.enable_ros_time_override()
     node.clock.set_ros_time_override(Time(seconds=77, clock_type=ClockType.ROS_TIME))
-    introspect(server, node.clock, server_state)
-    introspect(client, caller.clock, client_state)
+    server.configure_introspection(node.clock, SYSTEM_DEFAULT, server_state)
+    client.configure_introspection(caller.clock, SYSTEM_DEFAULT, client_state)
     assert (await client.call(AddTwoInts.Request(a=2, b=3), timeout_s=5)).sum == 5
     return events, client, server, node, caller
 
@@ -63,14 +64,14 @@ def test_metadata_shows_no_contents(world: World) -> None:
 def test_it_can_be_changed_and_switched_off(world: World) -> None:
     async def main() -> None:
         events, client, server, node, caller = await exchange(world, STATE.METADATA, STATE.METADATA)
-        introspect(server, node.clock, STATE.OFF)
-        introspect(client, caller.clock, STATE.CONTENTS)
+        server.configure_introspection(node.clock, SYSTEM_DEFAULT, STATE.OFF)
+        client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.CONTENTS)
         await until(lambda: len(events) == 4)
         await client.call(AddTwoInts.Request(a=1), timeout_s=5)
         await until(lambda: len(events) == 6)
         assert [len(event.request) for event in events[4:]] == [1, 0]
-        introspect(client, caller.clock, STATE.OFF)
-        introspect(client, caller.clock, STATE.OFF)
+        client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.OFF)
+        client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.OFF)
         assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
         assert len(events) == 6
 

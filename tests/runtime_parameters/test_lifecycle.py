@@ -18,18 +18,15 @@ from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     GetAvailableTransitions,
     GetState,
 )
-from rosidl_py_gen.runtime import Context, Node
-from rosidl_py_gen.runtime.lifecycle import NodeLifecycle
+from rosidl_py_gen.runtime import Context, LifecycleNode
 from rosidl_py_gen.runtime.lifecycle_rule import Outcome, State, TransitionError
 
 
-class Managed(NodeLifecycle, Node):
+class Managed(LifecycleNode):
     """Notes which callbacks ran; `answers` says what they return or raise."""
 
     def __init__(self, name: str, context: Context) -> None:
         super().__init__(name, context=context)
-        if not hasattr(self, "_machine"):
-            self._open_lifecycle()
         self.calls: list[tuple[str, State]] = []
         self.answers: dict[str, Any] = {}
         self.hold: asyncio.Event | None = None

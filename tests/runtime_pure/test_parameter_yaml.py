@@ -8,12 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rosidl_py_gen.runtime.parameter_overrides import NodeParameters, ParameterFileError, overrides_for
 from rosidl_py_gen.runtime.parameter_values import ParameterType, ParameterValue, parameter_value
 from rosidl_py_gen.runtime.parameter_yaml import (
-    NodeParameters,
-    ParameterFileError,
     dump_parameters,
-    overrides_for,
     parse_parameter_file,
     parse_parameter_value,
     plain_scalar,

@@ -1,0 +1,30 @@
+"""Count Fibonacci numbers for whoever asks, many goals at once; each can be cancelled. Stop with Ctrl-C."""
+
+import asyncio
+
+import numpy as np
+from example_interfaces.action import Fibonacci
+
+from rosidl_py_gen.runtime import Node, ServerGoal, run
+
+
+async def execute(goal: ServerGoal[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback]) -> Fibonacci.Result | None:
+    sequence = [0, 1]
+    for _ in range(goal.request.order - 1):
+        if goal.cancel_requested:
+            print(f"cancelled after {len(sequence)} numbers", flush=True)
+            goal.canceled(Fibonacci.Result(sequence=np.array(sequence, np.int32)))
+            return None
+        sequence.append(sequence[-2] + sequence[-1])
+        goal.publish_feedback(Fibonacci.Feedback(sequence=np.array(sequence, np.int32)))
+        await asyncio.sleep(0.1)  # something that takes its time
+    return Fibonacci.Result(sequence=np.array(sequence, np.int32))  # the goal has succeeded
+
+
+async def main() -> None:
+    async with Node("fibonacci_server") as node:
+        node.create_action_server(Fibonacci, "fibonacci", execute)
+        await asyncio.Event().wait()
+
+
+run(main)

@@ -1,0 +1,18 @@
+"""Simulated time at ten times the normal speed: published by one node, followed by another. Stop with Ctrl-C.
+
+Other programs follow too: python talker_callbacks.py --ros-args -p use_sim_time:=true
+"""
+
+from rosidl_py_gen.runtime import Node, run
+
+
+async def main() -> None:
+    async with Node("simulator") as simulator, Node("follower", overrides={"use_sim_time": True}) as node:
+        simulator.create_sim_time_publisher(rate=10.0)
+        rate = node.create_rate(1.0)
+        while True:
+            await rate.sleep()  # one simulated second, 0.1 real ones
+            print(f"simulated time: {node.clock.now().nanoseconds / 1e9:.1f} s", flush=True)
+
+
+run(main)
