@@ -137,7 +137,7 @@ _data_types: dict[str, _DataType] = {}
 
 
 def _data_type(dds_type: str) -> _DataType:
-    """One object per type, kept for ever: Cyclone compares types by identity, and drops references in its own threads."""
+    """One object per type, for ever: Cyclone compares types by identity, and drops references in its own threads."""
     found = _data_types.get(dds_type)
     if found is None:
         found = _data_types[dds_type] = _DataType(dds_type)
