@@ -316,3 +316,17 @@ async def until(condition: object, timeout_s: float = 5.0) -> None:
     while not condition():
         assert time.monotonic() < deadline, "it never happened"
         await asyncio.sleep(0.005)
+
+
+async def test_a_publisher_can_say_that_it_is_alive(world: World) -> None:
+    alice, bob = world.pair()
+    manual = QoSProfile().manual_liveliness(lease_s=60)
+    publisher = alice.create_publisher(String, "alive", manual)
+    subscription = bob.create_subscription(String, "alive", qos=manual)
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    publisher.assert_liveliness()
+    publisher.publish(String(data="here"))
+    assert (await subscription.receive(timeout_s=5)).data == "here"
+    publisher.close()
+    with pytest.raises(ClosedError):
+        publisher.assert_liveliness()
