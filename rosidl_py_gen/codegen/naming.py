@@ -16,7 +16,24 @@ from rosidl_py_gen.cdr import support
 
 # Names a method body uses as globals or has as parameters and fixed locals; other locals must never hide them.
 _METHOD_NAMES = {
-    *("append", "cls", "copy", "data", "end", "error", "head", "message", "np", "parts", "pos", "raw", "self", "view"),
+    *(
+        "append",
+        "cls",
+        "copy",
+        "data",
+        "dataclass",
+        "end",
+        "field",
+        "error",
+        "head",
+        "message",
+        "np",
+        "parts",
+        "pos",
+        "raw",
+        "self",
+        "view",
+    ),
     *("recover_decode", "recover_encode"),
     *(name for name in vars(support) if not name.startswith("_")),
 }

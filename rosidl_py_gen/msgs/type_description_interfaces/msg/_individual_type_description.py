@@ -66,15 +66,15 @@ class IndividualTypeDescription(Message):
                 expect_list(fields)
             append(_pack_1[pos & 7](len(fields)))
             pos = (pos + 4 & -4) + 4
-            for field in fields:
-                if type(field) is not Field:
-                    expect(field, Field)
-                name = utf8(field.name)
+            for field_ in fields:
+                if type(field_) is not Field:
+                    expect(field_, Field)
+                name = utf8(field_.name)
                 append(_pack_2[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
                 append(name)
                 pos += len(name)
-                type_ = field.type
+                type_ = field_.type
                 if type(type_) is not FieldType:
                     expect(type_, FieldType)
                 append(_pack_3(type_.type_id))
@@ -92,7 +92,7 @@ class IndividualTypeDescription(Message):
                 pos = (pos + 7 & -8) + 20
                 append(nested_type_name)
                 pos += len(nested_type_name)
-                default_value = utf8(field.default_value)
+                default_value = utf8(field_.default_value)
                 append(_pack_1[pos & 7](len(default_value) + 1))
                 pos = (pos + 4 & -4) + 4
                 append(default_value)
@@ -125,16 +125,16 @@ class IndividualTypeDescription(Message):
             fields: list[Field] = []
             message.fields = fields
             for _ in range(fields_count):
-                field = new(Field)
-                fields.append(field)
+                field_ = new(Field)
+                fields.append(field_)
                 pos = pos + 3 & -4
                 (name_count,) = _unpack_1(raw, pos)
                 pos += 4
                 end = pos + name_count - 1
                 if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                field.name = raw[pos:end].decode()
-                field.type = type_ = new(FieldType)
+                field_.name = raw[pos:end].decode()
+                field_.type = type_ = new(FieldType)
                 pos = end + 1
                 (type_.type_id,) = _unpack_2(raw, pos)
                 pos += 1
@@ -155,7 +155,7 @@ class IndividualTypeDescription(Message):
                 end = pos + default_value_count - 1
                 if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                field.default_value = raw[pos:end].decode()
+                field_.default_value = raw[pos:end].decode()
                 pos = end + 1
             return message
         except Fault as error:

@@ -79,15 +79,15 @@ class TypeDescription(Message):
                 expect_list(fields)
             append(_pack_1[pos & 7](len(fields)))
             pos = (pos + 4 & -4) + 4
-            for field in fields:
-                if type(field) is not Field:
-                    expect(field, Field)
-                name = utf8(field.name)
+            for field_ in fields:
+                if type(field_) is not Field:
+                    expect(field_, Field)
+                name = utf8(field_.name)
                 append(_pack_2[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
                 append(name)
                 pos += len(name)
-                type_ = field.type
+                type_ = field_.type
                 if type(type_) is not FieldType:
                     expect(type_, FieldType)
                 append(_pack_3(type_.type_id))
@@ -105,7 +105,7 @@ class TypeDescription(Message):
                 pos = (pos + 7 & -8) + 20
                 append(nested_type_name)
                 pos += len(nested_type_name)
-                default_value = utf8(field.default_value)
+                default_value = utf8(field_.default_value)
                 append(_pack_1[pos & 7](len(default_value) + 1))
                 pos = (pos + 4 & -4) + 4
                 append(default_value)
@@ -132,15 +132,15 @@ class TypeDescription(Message):
                     expect_list(fields_)
                 append(_pack_1[pos & 7](len(fields_)))
                 pos = (pos + 4 & -4) + 4
-                for field_ in fields_:
-                    if type(field_) is not Field:
-                        expect(field_, Field)
-                    name_ = utf8(field_.name)
+                for field_2 in fields_:
+                    if type(field_2) is not Field:
+                        expect(field_2, Field)
+                    name_ = utf8(field_2.name)
                     append(_pack_2[pos & 7](len(name_) + 1))
                     pos = (pos + 3 & -4) + 4
                     append(name_)
                     pos += len(name_)
-                    type_2 = field_.type
+                    type_2 = field_2.type
                     if type(type_2) is not FieldType:
                         expect(type_2, FieldType)
                     append(_pack_3(type_2.type_id))
@@ -158,7 +158,7 @@ class TypeDescription(Message):
                     pos = (pos + 7 & -8) + 20
                     append(nested_type_name_)
                     pos += len(nested_type_name_)
-                    default_value_ = utf8(field_.default_value)
+                    default_value_ = utf8(field_2.default_value)
                     append(_pack_1[pos & 7](len(default_value_) + 1))
                     pos = (pos + 4 & -4) + 4
                     append(default_value_)
@@ -192,16 +192,16 @@ class TypeDescription(Message):
             fields: list[Field] = []
             type_description.fields = fields
             for _ in range(fields_count):
-                field = new(Field)
-                fields.append(field)
+                field_ = new(Field)
+                fields.append(field_)
                 pos = pos + 3 & -4
                 (name_count,) = _unpack_1(raw, pos)
                 pos += 4
                 end = pos + name_count - 1
                 if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                field.name = raw[pos:end].decode()
-                field.type = type_ = new(FieldType)
+                field_.name = raw[pos:end].decode()
+                field_.type = type_ = new(FieldType)
                 pos = end + 1
                 (type_.type_id,) = _unpack_2(raw, pos)
                 pos += 1
@@ -222,7 +222,7 @@ class TypeDescription(Message):
                 end = pos + default_value_count - 1
                 if raw[end]:
                     raise ValueError("a string does not end in NUL")
-                field.default_value = raw[pos:end].decode()
+                field_.default_value = raw[pos:end].decode()
                 pos = end + 1
             pos = pos + 3 & -4
             (referenced_type_descriptions,) = _unpack_1(raw, pos)
@@ -247,16 +247,16 @@ class TypeDescription(Message):
                 fields_: list[Field] = []
                 referenced_type_description.fields = fields_
                 for _ in range(fields_count_):
-                    field_ = new(Field)
-                    fields_.append(field_)
+                    field_2 = new(Field)
+                    fields_.append(field_2)
                     pos = pos + 3 & -4
                     (name_count_,) = _unpack_1(raw, pos)
                     pos += 4
                     end = pos + name_count_ - 1
                     if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    field_.name = raw[pos:end].decode()
-                    field_.type = type_2 = new(FieldType)
+                    field_2.name = raw[pos:end].decode()
+                    field_2.type = type_2 = new(FieldType)
                     pos = end + 1
                     (type_2.type_id,) = _unpack_2(raw, pos)
                     pos += 1
@@ -277,7 +277,7 @@ class TypeDescription(Message):
                     end = pos + default_value_count_ - 1
                     if raw[end]:
                         raise ValueError("a string does not end in NUL")
-                    field_.default_value = raw[pos:end].decode()
+                    field_2.default_value = raw[pos:end].decode()
                     pos = end + 1
             return message
         except Fault as error:

@@ -94,7 +94,7 @@ class Keywords(Message):
             pos3 = pos2
             if len(lambda_):
                 pos3 = (pos2 + 7 & -8) + 8 * len(lambda_)
-            field = float64s(self.field)
+            field_ = float64s(self.field)
             pos4 = pos3 + 16
             list_ = self.list
             list_packed = pack_strings(list_)
@@ -105,9 +105,9 @@ class Keywords(Message):
                     _pack_1[pos & 7](len(lambda_)),
                     PAD8[pos2 & 7] if len(lambda_) else b"",
                     lambda_,
-                    _pack_2(self.self, self.np, self.int, len(field)),
-                    PAD8[pos4 & 7] if len(field) else b"",
-                    field,
+                    _pack_2(self.self, self.np, self.int, len(field_)),
+                    PAD8[pos4 & 7] if len(field_) else b"",
+                    field_,
                     _pack_3(BOOL[self.encode], BOOL[self.decode], len(list_)),
                     list_packed,
                     _pack_4(fixed_uint8s(self.bytes, 4)),

@@ -132,7 +132,7 @@ class Ask_Response(Message):
             pos3 = pos2
             if len(lambda_):
                 pos3 = (pos2 + 7 & -8) + 8 * len(lambda_)
-            field = float64s(words.field)
+            field_ = float64s(words.field)
             pos4 = pos3 + 16
             list_ = words.list
             list_packed = pack_strings(list_)
@@ -143,9 +143,9 @@ class Ask_Response(Message):
                     _pack_2[pos & 7](len(lambda_)),
                     PAD8[pos2 & 7] if len(lambda_) else b"",
                     lambda_,
-                    _pack_3(words.self, words.np, words.int, len(field)),
-                    PAD8[pos4 & 7] if len(field) else b"",
-                    field,
+                    _pack_3(words.self, words.np, words.int, len(field_)),
+                    PAD8[pos4 & 7] if len(field_) else b"",
+                    field_,
                     _pack_4(BOOL[words.encode], BOOL[words.decode], len(list_)),
                     list_packed,
                     _pack_5(fixed_uint8s(words.bytes, 4)),
@@ -278,13 +278,13 @@ class Ask_Event(Message):
                 append(lambda_)
                 if len(lambda_):
                     pos = (pos + 7 & -8) + 8 * len(lambda_)
-                field = float64s(words.field)
-                append(_pack_3(words.self, words.np, words.int, len(field)))
+                field_ = float64s(words.field)
+                append(_pack_3(words.self, words.np, words.int, len(field_)))
                 pos += 16
-                append(PAD8[pos & 7] if len(field) else b"")
-                append(field)
-                if len(field):
-                    pos = (pos + 7 & -8) + 8 * len(field)
+                append(PAD8[pos & 7] if len(field_) else b"")
+                append(field_)
+                if len(field_):
+                    pos = (pos + 7 & -8) + 8 * len(field_)
                 list_ = words.list
                 append(_pack_4(BOOL[words.encode], BOOL[words.decode], len(list_)))
                 pos += 8
