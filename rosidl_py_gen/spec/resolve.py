@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.descriptions import Description, FieldRow, action_rows, default_text, describe, rihs01, service_rows
@@ -260,20 +261,22 @@ def _visit(library: Library, top: MessageDef, state: dict[str, int]) -> None:
 def _report_unknown(library: Library, item: FieldDef) -> None:
     name = split_ros_name(item.type.base)
     short = f"{name.package}/{name.name}"
+    # In a .msg the type stands in column 1; an .idl member is located by its name.
+    at = item.location if item.location.source.format == "idl" else replace(item.location, column=1)
     if library.exists(name):
         return  # the file is there and has problems of its own, reported there
     package = library.search.packages.get(name.package)
     if package is None:
         where = ", ".join(library.search.searched) or "nothing"
         if library.has_package(name.package):
-            library.findings.add(item.location, f'unknown type "{short}" (searched: {where})')
+            library.findings.add(at, f'unknown type "{short}" (searched: {where})')
             return
         known: Iterable[str] = library.search.packages
         hint = did_you_mean(name.package, known)
-        library.findings.add(item.location, f'unknown package "{name.package}" for {short}{hint} (searched: {where})')
+        library.findings.add(at, f'unknown package "{name.package}" for {short}{hint} (searched: {where})')
         return
     known = [f"{other.package}/{other.name}" for other in package.files if other.kind == "msg"]
-    library.findings.add(item.location, f'unknown type "{short}"{did_you_mean(short, known)}')
+    library.findings.add(at, f'unknown type "{short}"{did_you_mean(short, known)}')
 
 
 def raise_findings(library: Library) -> None:

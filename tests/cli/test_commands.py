@@ -191,9 +191,9 @@ def test_errors_have_place_line_and_caret_and_nothing_is_written(shell: Shell, t
         "underscores, a letter first, no underscore last",
         "    float64 Wrong 3",
         "            ^",
-        'src/a_msgs/msg/Worse.msg:1:16: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?',
+        'src/a_msgs/msg/Worse.msg:1:1: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?',
         "    std_msgs/Heder header",
-        "                   ^",
+        "    ^",
         "2 problems; nothing was written",
     ]
 
@@ -250,7 +250,7 @@ def test_files_of_others_are_refused(shell: Shell, world: str) -> None:
 def test_a_missing_package_says_who_needs_it_and_where_was_searched(shell: Shell, tmp_path: Path) -> None:
     folder = write(tmp_path / "src", {"a_msgs/msg/A.msg": "robot_msgs/State s"})
     answer = shell("--path", str(folder), "--filter", "a_msgs")
-    assert 'A.msg:1:18: unknown package "robot_msgs" for robot_msgs/State' in answer.err
+    assert 'A.msg:1:1: unknown package "robot_msgs" for robot_msgs/State' in answer.err
     assert f"(searched: {folder}, bundled)" in answer.err
 
 

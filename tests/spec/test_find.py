@@ -272,16 +272,16 @@ def test_the_short_name_needs_a_kind() -> None:
 BROKEN: list[tuple[dict[str, str | bytes], list[str]]] = [
     (
         {"a_msgs/msg/A.msg": "uint8 x\nstd_msgs/Heder header"},
-        ['a_msgs/msg/A.msg:2:16: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?'],
+        ['a_msgs/msg/A.msg:2:1: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?'],
     ),
     (
         {"a_msgs/msg/A.msg": "Piont p", "a_msgs/msg/Point.msg": "uint8 x"},
-        ['a_msgs/msg/A.msg:1:7: unknown type "a_msgs/Piont"; did you mean "a_msgs/Point"?'],
+        ['a_msgs/msg/A.msg:1:1: unknown type "a_msgs/Piont"; did you mean "a_msgs/Point"?'],
     ),
     (
         {"a_msgs/msg/A.msg": "sensor_msg/Image i"},
         [
-            'a_msgs/msg/A.msg:1:18: unknown package "sensor_msg" for sensor_msg/Image; did you mean "sensor_msgs"? (searched: '
+            'a_msgs/msg/A.msg:1:1: unknown package "sensor_msg" for sensor_msg/Image; did you mean "sensor_msgs"? (searched: '
         ],
     ),
     ({"a_msgs/msg/A.msg": "A a"}, ["a_msgs/msg/A.msg:1:3: a_msgs/msg/A contains itself through this field"]),
@@ -297,7 +297,7 @@ BROKEN: list[tuple[dict[str, str | bytes], list[str]]] = [
         {"a_msgs/msg/A.msg": "int x\nNo y", "a_msgs/srv/S.srv": "uint8 X\n---\nint8 y 200"},
         [
             'a_msgs/msg/A.msg:1:1: "int" is neither',
-            'a_msgs/msg/A.msg:2:4: unknown type "a_msgs/No"',
+            'a_msgs/msg/A.msg:2:1: unknown type "a_msgs/No"',
             'a_msgs/srv/S.srv:1:7: "X" is not a field name',
             "a_msgs/srv/S.srv:3:8: expected an integer in -128..127",
         ],

@@ -195,7 +195,7 @@ ERRORS = [
     ("module b { module msg { struct Sample { long x; }; }; };", "expected Sample in module a_msgs::msg, found b::msg"),
     ("module a_msgs { \x00 };", "1:17: expected "),
     ("module a {" * 5000, "1:"),
-    ("/* never closed", "1:1: "),
+    ("/* never closed", "1:1: the comment is never closed"),
 ]  # fmt: skip
 
 
