@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport import DiscoveryEvent, Sink
 
 _MAX_WOKEN = 256
+_WOKEN_SIZE = ct.c_size_t(_MAX_WOKEN)
+_int64 = ct.c_int64
 _MAX_IDLE_TOPICS = 256
 _GUARD = 0
 
@@ -69,7 +71,7 @@ except ImportError as err:
         f"The import failed with: {err}"
     ) from err
 _api = abi.Api(_library)
-_wait = _api.waitset_wait
+_wait = _api.bare_wait
 
 
 # ------------------------------------------------------------------------------------------------------------ domains
@@ -291,7 +293,7 @@ class CycloneParticipant:
     def wait(self, timeout_ns: int) -> bool:
         """See `transport.Participant`."""
         woken = self._woken
-        count = _wait(self._waitset, woken, _MAX_WOKEN, timeout_ns)
+        count = _wait(self._waitset, woken, _WOKEN_SIZE, _int64(timeout_ns))
         if count == 1:  # by far the most frequent case
             reader = self._sources.get(woken[0])
             if reader is not None:

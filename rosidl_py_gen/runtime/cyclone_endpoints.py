@@ -19,7 +19,6 @@ from rosidl_py_gen.runtime.cyclone_sockets import LARGE_BYTES, warn_about_socket
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.cyclone import CycloneParticipant
-    from rosidl_py_gen.runtime.cyclone_abi import Api
     from rosidl_py_gen.runtime.transport import Payload, ReceiveQueue, Sink
 
 _BATCH = 32
@@ -31,6 +30,7 @@ _by_reference = ct.byref
 _string_at = ct.PYFUNCTYPE(ct.py_object, ct.c_void_p, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
 """`ctypes.string_at` without its Python wrapper."""
 _Container = abi.Container
+_time_ns = time.time_ns
 _container_fields = struct.Struct("=QQ").unpack_from
 _info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
 """valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
@@ -53,7 +53,7 @@ class CycloneWriter:
         self._key = (owner.domain_id, topic)
         self._entity = entity
         self._api = api = owner.api
-        self._dds_write = api.write
+        self._dds_write = api.bare_write
         self.guid = owner.guid_of(entity)
         handle = ct.c_uint64()
         api.check(api.get_instance_handle(entity, ct.byref(handle)), "read an instance handle")
@@ -111,6 +111,7 @@ class TakeBuffers:
         base = ct.addressof(self.containers)
         self.pointers = (ct.c_void_p * _BATCH)(*(base + 16 * index for index in range(_BATCH)))
         self.infos = (ct.c_ubyte * (64 * _BATCH))()
+        self.size = ct.c_size_t(_BATCH)
         self.container_bytes = memoryview(self.containers).cast("B")
         self.info_bytes = memoryview(self.infos)
 
@@ -127,8 +128,11 @@ class CycloneReader:
         self.queue = queue
         self.sink: Sink | None = None
         self._api = owner.api
-        self._take = owner.api.take
+        self._take = owner.api.bare_take
         self._free = owner.api.free
+        self._buffers = owner.buffers
+        self._big_endian = owner.big_endian
+        self._push = queue.push
         self.guid = owner.guid_of(entity)
         self._number = owner.watch(self)
         with _local_lock:
@@ -147,42 +151,43 @@ class CycloneReader:
 
     def fetch(self) -> bool:
         """Move all samples from DDS into the queue; returns whether there were any. From any thread."""
-        buffers = self._owner.buffers
-        pointers, infos, containers = buffers.pointers, buffers.infos, buffers.containers
+        buffers = self._buffers
+        containers = buffers.containers
         found = False
         with buffers.lock:
             count = _BATCH
             while count == _BATCH:
-                count = self._take(self.entity, pointers, infos, _BATCH, _BATCH)
-                now = time.time_ns()
+                count = self._take(self.entity, buffers.pointers, buffers.infos, buffers.size, _BATCH)
+                now = _time_ns()
                 for index in range(count):
                     pointer, size = _container_fields(buffers.container_bytes, 16 * index)
                     # Cyclone frees what it finds here when the next sample carries no data.
                     containers[2 * index] = 0
                     valid, source_ns, writer = _info_fields(buffers.info_bytes, 64 * index)
-                    if valid:
-                        self._push(pointer, size, source_ns, writer, now)
-                        found = True
-                    else:
+                    data: Payload
+                    if size < _VIEW_FROM_BYTES or not valid:
+                        data = _string_at(pointer, size) if valid else b""
                         self._free(pointer)
+                    else:
+                        data = self._large(pointer, size)
+                    if valid:
+                        if self._big_endian:
+                            data = self._with_byte_order(data, writer)
+                        self._push((data, source_ns, writer, now))
+                        found = True
         return found
 
-    def _push(self, pointer: int, size: int, source_ns: int, writer: int, now_ns: int) -> None:
-        data: Payload
-        if size < _VIEW_FROM_BYTES:
-            data = _string_at(pointer, size)
-            self._free(pointer)
-        else:
-            data = _view(self._api, pointer, size)
-            if size > LARGE_BYTES:
-                warn_about_socket_buffers(size)
-        if self._owner.big_endian:
-            data = self._with_byte_order(data, writer)
-        self.queue.push((data, source_ns, writer, now_ns))
+    def _large(self, pointer: int, size: int) -> memoryview:
+        """A read-only view of memory that DDS allocated; it is freed when the last view of it is gone."""
+        if size > LARGE_BYTES:
+            warn_about_socket_buffers(size)
+        array = (ct.c_ubyte * size).from_address(pointer)
+        weakref.finalize(array, self._free, pointer).atexit = False
+        return memoryview(array).cast("B").toreadonly()
 
     def _with_byte_order(self, data: Payload, writer: int) -> Payload:
         guid = self.writer_guid(writer)
-        if guid is None or guid[:12] not in self._owner.big_endian:
+        if guid is None or guid[:12] not in self._big_endian:
             return data
         return b"\0\0" + bytes(data[2:])
 
@@ -210,10 +215,3 @@ class CycloneReader:
             self.entity = 0
         self._api.delete(entity)
         self._owner.release_topic(self._topic, self._type)
-
-
-def _view(api: Api, pointer: int, size: int) -> memoryview:
-    """A read-only view of memory that DDS allocated; it is freed when the last view of it is gone."""
-    array = (ct.c_ubyte * size).from_address(pointer)
-    weakref.finalize(array, api.free, pointer).atexit = False
-    return memoryview(array).cast("B").toreadonly()
