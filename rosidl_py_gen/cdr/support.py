@@ -25,11 +25,23 @@ from rosidl_py_gen.cdr.arrays import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
     from typing_extensions import Self as Self
 
+    # What constructors take where the attribute is an array.
+    Bools = NDArray[np.bool_] | Sequence[bool]
+    Uint8s = NDArray[np.uint8] | Sequence[int]
+    Int8s = NDArray[np.int8] | Sequence[int]
+    Uint16s = NDArray[np.uint16] | Sequence[int]
+    Int16s = NDArray[np.int16] | Sequence[int]
+    Uint32s = NDArray[np.uint32] | Sequence[int]
+    Int32s = NDArray[np.int32] | Sequence[int]
+    Uint64s = NDArray[np.uint64] | Sequence[int]
+    Int64s = NDArray[np.int64] | Sequence[int]
+    Float32s = NDArray[np.float32] | Sequence[float]
+    Float64s = NDArray[np.float64] | Sequence[float]
     Append = Callable[[bytes], object]
     Readable = bytes | bytearray | memoryview | NDArray[Any]
     T = TypeVar("T")

@@ -34,6 +34,12 @@ class Folder:
                 lines.append("")
         return "\n".join(lines)
 
+    def parameter(self, text: str, indent: int) -> str:
+        """One parameter of a function that has each on a line of its own; formatters differ in how they break it."""
+        line = f"{' ' * indent}{text},"
+        self.overflow |= len(line) > WIDTH
+        return line
+
     def line(self, line: str) -> list[str]:
         """One logical line as one or more physical ones; a pragma behind it counts for no width and is kept with its
         beginning, where type checkers look for it.

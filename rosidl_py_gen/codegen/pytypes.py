@@ -14,15 +14,22 @@ if TYPE_CHECKING:
     from rosidl_py_gen.codegen.naming import Imports
     from rosidl_py_gen.spec.model import ConstantDef, FieldDef
 
+SUPPORT = "rosidl_py_gen.cdr.support"
 _ZERO = {"bool": "False", "int": "0", "float": "0.0"}
 
 
 @dataclass(frozen=True, slots=True)
 class FieldView:
-    """One field as the template prints it."""
+    """One field as the template prints it.
+
+    Attributes:
+        annotation: what the attribute is.
+        accepted: what the constructor takes; wider for numbers, since encoding takes any sequence of them.
+    """
 
     name: str
     annotation: str
+    accepted: str
     value: str
     doc: tuple[str, ...]
     ignore: str
@@ -45,7 +52,11 @@ def field_view(item: FieldDef, imports: Imports, classes: dict[str, str]) -> Fie
     name = py_name(item.name)
     # A field may have the name of a method of the base class; the method then gives way.
     ignore = "  # type: ignore[assignment]" if name in ("encode", "decode") else ""
-    return FieldView(name, _annotation(kind, imports, classes), _default(item, imports, classes), _doc(item), ignore)
+    annotation = _annotation(kind, imports, classes)
+    accepted = annotation
+    if kind.primitive is not None and kind.arity is not Arity.SCALAR:
+        accepted = imports.use(SUPPORT, kind.primitive.numpy.rstrip("_").capitalize() + "s", for_typing=True)
+    return FieldView(name, annotation, accepted, _default(item, imports, classes), _doc(item), ignore)
 
 
 def constant_view(item: ConstantDef, imports: Imports) -> ConstantView:

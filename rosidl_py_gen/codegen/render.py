@@ -25,6 +25,7 @@ def _environment() -> Environment:
     environment.filters |= {
         "docstring": lambda lines, indent: docstring(lines, " " * indent),
         "string": py_string,
+        "parameter": pass_context(lambda context, text, indent: context["folder"].parameter(text, indent)),
         "code": pass_context(lambda context, text, indent=0: context["folder"].code(text, indent)),
     }
     return environment

@@ -10,7 +10,7 @@ from rosidl_py_gen.codegen.decode import DecoderView, decoder_view
 from rosidl_py_gen.codegen.encode import EncoderView, encoder_view
 from rosidl_py_gen.codegen.literals import py_string, visible
 from rosidl_py_gen.codegen.naming import Imports, sort_key
-from rosidl_py_gen.codegen.pytypes import ConstantView, FieldView, constant_view, defaults_text, field_view
+from rosidl_py_gen.codegen.pytypes import SUPPORT, ConstantView, FieldView, constant_view, defaults_text, field_view
 from rosidl_py_gen.codegen.statements import Structs
 from rosidl_py_gen.names import RosName, py_name, snake_case
 from rosidl_py_gen.spec.model import ActionDef, Interface, MessageDef, ServiceDef, messages_of
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.codegen.layout import Layouts
 
 _CDR = "rosidl_py_gen.cdr"
-_SUPPORT = "rosidl_py_gen.cdr.support"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +60,7 @@ class MessageView:
     doc: tuple[str, ...]
     constants: tuple[ConstantView, ...]
     fields: tuple[FieldView, ...]
+    constructor: tuple[str, ...]
     type_info: str
     encoder: EncoderView
     decoder: DecoderView
@@ -87,6 +87,7 @@ class ModuleView:
     """A generated module."""
 
     ros_name: str
+    type_checking: str
     imports: tuple[str, ...]
     typing_imports: tuple[str, ...]
     structs: tuple[tuple[str, str], ...]
@@ -139,6 +140,7 @@ def module_view(interface: Interface, layouts: Layouts, target: Target) -> Modul
     functions = _struct_functions(structs, imports)
     return ModuleView(
         str(interface.name),
+        imports.use("typing", "TYPE_CHECKING"),
         tuple(imports.lines()),
         tuple(imports.lines(for_typing=True)),
         functions,
@@ -176,20 +178,29 @@ def _message(
     constants = tuple(constant_view(item, imports) for item in message.constants)
     encoder = encoder_view(plan, imports, structs, classes)
     decoder = decoder_view(plan, imports, structs, classes)
-    imports.use(_SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
-    imports.use(_SUPPORT, "new", in_class=False)
+    imports.use(SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
+    imports.use(SUPPORT, "new", in_class=False)
     return MessageView(
         classes[full_name],
         full_name,
         visible(message.comment) or (f"{full_name}.",),
         constants,
         fields,
+        _constructor(fields),
         _type_info(message, name["TypeInfo"], target.hashes(full_name), classes),
         encoder,
         decoder,
         plan.heavy,
         name,
     )
+
+
+def _constructor(fields: tuple[FieldView, ...]) -> tuple[str, ...]:
+    """The parameters of ``__init__`` as type checkers shall see it; empty when the dataclass's own says the same."""
+    if all(item.accepted == item.annotation for item in fields):
+        return ()
+    this = "self" if all(item.name != "self" for item in fields) else "__self"
+    return (this, *(f"{item.name}: {item.accepted} = ..." for item in fields))
 
 
 def _type_info(message: MessageDef, type_info: str, digest: str, classes: dict[str, str]) -> str:
@@ -213,16 +224,16 @@ def _class_scope_names(imports: Imports, heavy: bool) -> dict[str, str]:
     names = {word: imports.builtin(word) for word in builtins}
     if heavy:
         names["bytearray"] = imports.builtin("bytearray")
-        names["Append"] = imports.use(_SUPPORT, "Append", for_typing=True)
-    names["Fault"] = imports.use(_SUPPORT, "Fault", in_class=False)
+        names["Append"] = imports.use(SUPPORT, "Append", for_typing=True)
+    names["Fault"] = imports.use(SUPPORT, "Fault", in_class=False)
     names |= {word: imports.use(_CDR, word) for word in ("Message", "TypeInfo")}
     for word in ("recover_decode", "recover_encode"):
         imports.use(_CDR, word, in_class=False)
     names["dataclass"] = imports.use("dataclasses", "dataclass")
     names["ClassVar"] = imports.use("typing", "ClassVar")
-    names["TYPE_CHECKING"] = imports.use("typing", "TYPE_CHECKING", in_class=False)
-    names["Self"] = imports.use(_SUPPORT, "Self", for_typing=True)
-    names["Readable"] = imports.use(_SUPPORT, "Readable", for_typing=True)
+    names["TYPE_CHECKING"] = imports.use("typing", "TYPE_CHECKING")
+    names["Self"] = imports.use(SUPPORT, "Self", for_typing=True)
+    names["Readable"] = imports.use(SUPPORT, "Readable", for_typing=True)
     return names
 
 
@@ -230,7 +241,7 @@ def _struct_functions(structs: Structs, imports: Imports) -> tuple[tuple[str, st
     result: list[tuple[str, str]] = []
     for name, role, code, align, nul in structs:
         if align > 1:
-            function = imports.use(_SUPPORT, "packers", in_class=False)
+            function = imports.use(SUPPORT, "packers", in_class=False)
             last = ", nul=True" if nul else ""
             result.append((name, f'{function}("{code}", {align}{last})'))
         else:

@@ -93,7 +93,7 @@ class ParameterServices:
         )
 
     def _types(self, request: srv.GetParameterTypes_Request) -> srv.GetParameterTypes_Response:
-        return srv.GetParameterTypes_Response(types=bytes(self._store.types(request.names)))  # type: ignore[arg-type]
+        return srv.GetParameterTypes_Response(types=bytes(self._store.types(request.names)))
 
     def _list(self, request: srv.ListParameters_Request) -> srv.ListParameters_Response:
         found = self._store.listing(request.prefixes, request.depth)

@@ -104,7 +104,7 @@ CASES |= {
     "names_of_strings": "\n".join(f"string[<=3] {word}" for word in WORDS),
     "names_of_defaults": "\n".join(f"int16[2] {word} [1,2]" for word in WORDS),
     "names_of_messages": "\n".join(f"Other[] {word}" for word in WORDS),
-    "names_of_constants": "uint8 NP=1\nuint8 ANY=1\nstring T=x\nfloat32 NDARRAY=1\nuint8 S=1\nuint8 TYPE=1\nuint8 TYPE_CHECKING=1",
+    "names_of_constants": "uint8 NP=1\nuint8 ANY=1\nstring T=x\nfloat32 NDARRAY=1\nuint8 S=1\nuint8 TYPE=1\nuint8 TYPE_CHECKING=1\nuint8[] x",
     "one_letter": "\n".join(f"uint8[] {letter}" for letter in "abcdefghijklmnopqrstuvwxyz"),
     "long_names": "\n".join(f"{kind} {'very_long_name_' * 20}{i}" for i, kind in enumerate(("uint8", "string", "float64[]", "Other"))),
     "empty": "",
@@ -143,6 +143,8 @@ NAMES = [
     "Result",
     "Feedback",
     "Sample",
+    "Float64s",
+    "Uint8s",
 ]
 
 

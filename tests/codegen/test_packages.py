@@ -90,7 +90,8 @@ def test_a_users_program_passes_strict_mypy(everything: Path, tmp_path: Path) ->
         "from example_interfaces.action import Fibonacci\n"
         "from example_interfaces.srv import AddTwoInts, AddTwoInts_Request\n"
         "from geometry_msgs.msg import Point, PoseStamped\n"
-        "from sensor_msgs.msg import Image, PointField\n"
+        "import numpy as np\n"
+        "from sensor_msgs.msg import Image, JointState, PointField\n"
         "from std_msgs.msg import Header\n"
         "import rosidl_py_gen as ros\n"
         "from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as OwnTime\n"
@@ -99,7 +100,9 @@ def test_a_users_program_passes_strict_mypy(everything: Path, tmp_path: Path) ->
         "pose.header.stamp = Time(sec=3)\n"
         "pose.pose.position = Point(1.0, 2.0, z=3.0)\n"
         "again: PoseStamped = PoseStamped.decode(pose.encode())\n"
-        "image: Image = ros.decode(Image, ros.encode(Image()), copy=True)\n"
+        "image: Image = ros.decode(Image, ros.encode(Image(data=b'ab')), copy=True)\n"
+        "state = JointState(name=['a'], position=[1, 2.0], velocity=(), effort=np.zeros(2))\n"
+        "peak: float = state.position.max().item()\n"
         "size: int = image.data.nbytes + PointField.FLOAT32\n"
         "request: AddTwoInts_Request = AddTwoInts.Request(a=1, b=2)\n"
         "total: int = AddTwoInts.Response(sum=3).sum\n"
@@ -114,10 +117,11 @@ def test_wrong_programs_do_not_pass_mypy(everything: Path, tmp_path: Path) -> No
     program = tmp_path / "program.py"
     program.write_text(
         "from geometry_msgs.msg import Point\nPoint(x='a')\nPoint().w\nfrom geometry_msgs.msg import Nothing\n"
+        "from sensor_msgs.msg import JointState\nJointState(position=['a'])\n"
     )
     with pytest.raises(AssertionError) as caught:
         mypy(everything, str(program))
-    for line, code in ((2, "arg-type"), (3, "attr-defined"), (4, "attr-defined")):
+    for line, code in ((2, "arg-type"), (3, "attr-defined"), (4, "attr-defined"), (6, "list-item")):
         assert any(f"program.py:{line}:" in one and code in one for one in str(caught.value).splitlines())
 
 

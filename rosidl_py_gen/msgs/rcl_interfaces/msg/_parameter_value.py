@@ -30,7 +30,14 @@ from rosidl_py_gen.cdr.support import (
 )
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import (
+        Bools,
+        Float64s,
+        Int64s,
+        Readable,
+        Self,
+        Uint8s,
+    )
 
 __all__ = ["ParameterValue"]
 
@@ -93,6 +100,22 @@ class ParameterValue(Message):
     """Holds the value if type is PARAMETER_DOUBLE_ARRAY"""
     string_array_value: list[str] = field(default_factory=list)
     """Holds the value if type is PARAMETER_STRING_ARRAY"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            type: int = ...,
+            bool_value: bool = ...,
+            integer_value: int = ...,
+            double_value: float = ...,
+            string_value: str = ...,
+            byte_array_value: Uint8s = ...,
+            bool_array_value: Bools = ...,
+            integer_array_value: Int64s = ...,
+            double_array_value: Float64s = ...,
+            string_array_value: list[str] = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:

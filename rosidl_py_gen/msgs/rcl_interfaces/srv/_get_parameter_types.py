@@ -38,7 +38,7 @@ from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEvent
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Self, Uint8s
 
 __all__ = [
     "GetParameterTypes",
@@ -107,6 +107,13 @@ class GetParameterTypes_Response(Message):
     """Constants of ParameterType, in the order of the names asked for; empty if any of them was not
     declared
     """
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            types: Uint8s = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:

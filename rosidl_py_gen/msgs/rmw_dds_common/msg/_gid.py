@@ -18,7 +18,7 @@ from rosidl_py_gen.cdr.support import (
 )
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Self, Uint8s
 
 __all__ = ["Gid"]
 
@@ -38,6 +38,13 @@ class Gid(Message):
 
     data: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(16, np.uint8))
     """Octets in network order: 12 of the participant's prefix, then 4 that name the entity in it"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            data: Uint8s = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:

@@ -20,7 +20,7 @@ from rosidl_py_gen.cdr.support import (
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Self, Uint8s
 
 __all__ = ["ServiceEventInfo"]
 
@@ -66,6 +66,16 @@ class ServiceEventInfo(Message):
     """
     sequence_number: int = 0
     """Number of the call among the calls of its client. With client_gid it ties the steps together"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            event_type: int = ...,
+            stamp: Time = ...,
+            client_gid: Uint8s = ...,
+            sequence_number: int = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:

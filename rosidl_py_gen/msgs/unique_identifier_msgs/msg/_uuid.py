@@ -18,7 +18,7 @@ from rosidl_py_gen.cdr.support import (
 )
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Self, Uint8s
 
 __all__ = ["UUID"]
 
@@ -40,6 +40,13 @@ class UUID(Message):
 
     uuid: NDArray[np.uint8] = field(default_factory=lambda: np.zeros(16, np.uint8))
     """The 16 octets in the order in which the text form prints them, most significant first"""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            uuid: Uint8s = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:

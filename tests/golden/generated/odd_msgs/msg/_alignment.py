@@ -32,7 +32,7 @@ from other_msgs.msg._message import Message
 from odd_msgs.msg._empty import Empty
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Float64s, Readable, Self
 
 __all__ = ["Alignment"]
 
@@ -85,6 +85,22 @@ class Alignment(_Message):
     large: NDArray[np.float64] = field(
         default_factory=lambda: np.zeros(1000, np.float64),
     )
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            a: int = ...,
+            b: float = ...,
+            text: str = ...,
+            c: int = ...,
+            numbers: Float64s = ...,
+            d: int = ...,
+            pair: list[Message] = ...,
+            e: int = ...,
+            nothing: Empty = ...,
+            large: Float64s = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:

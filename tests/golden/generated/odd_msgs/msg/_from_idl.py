@@ -27,7 +27,7 @@ from rosidl_py_gen.cdr.support import (
 from other_msgs.msg._message import Message
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Float64s, Readable, Self
 
 __all__ = ["FromIdl"]
 
@@ -65,6 +65,16 @@ class FromIdl(_Message):
     )
     others: list[Message] = field(default_factory=list)
     letter: int = 0
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            distance: float = ...,
+            position: Float64s = ...,
+            others: list[Message] = ...,
+            letter: int = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:

@@ -20,7 +20,7 @@ from rosidl_py_gen.cdr.support import (
 )
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Append, Readable, Self
+    from rosidl_py_gen.cdr.support import Append, Readable, Self, Uint16s
 
 __all__ = ["Heavy"]
 
@@ -147,6 +147,64 @@ class Heavy(Message):
     f49: float = 0.0
     f50: str = ""
     f51: NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            f0: int = ...,
+            f1: float = ...,
+            f2: str = ...,
+            f3: Uint16s = ...,
+            f4: int = ...,
+            f5: float = ...,
+            f6: str = ...,
+            f7: Uint16s = ...,
+            f8: int = ...,
+            f9: float = ...,
+            f10: str = ...,
+            f11: Uint16s = ...,
+            f12: int = ...,
+            f13: float = ...,
+            f14: str = ...,
+            f15: Uint16s = ...,
+            f16: int = ...,
+            f17: float = ...,
+            f18: str = ...,
+            f19: Uint16s = ...,
+            f20: int = ...,
+            f21: float = ...,
+            f22: str = ...,
+            f23: Uint16s = ...,
+            f24: int = ...,
+            f25: float = ...,
+            f26: str = ...,
+            f27: Uint16s = ...,
+            f28: int = ...,
+            f29: float = ...,
+            f30: str = ...,
+            f31: Uint16s = ...,
+            f32: int = ...,
+            f33: float = ...,
+            f34: str = ...,
+            f35: Uint16s = ...,
+            f36: int = ...,
+            f37: float = ...,
+            f38: str = ...,
+            f39: Uint16s = ...,
+            f40: int = ...,
+            f41: float = ...,
+            f42: str = ...,
+            f43: Uint16s = ...,
+            f44: int = ...,
+            f45: float = ...,
+            f46: str = ...,
+            f47: Uint16s = ...,
+            f48: int = ...,
+            f49: float = ...,
+            f50: str = ...,
+            f51: Uint16s = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:

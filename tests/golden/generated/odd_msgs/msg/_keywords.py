@@ -30,7 +30,7 @@ from rosidl_py_gen.cdr.support import (
 )
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Float64s, Readable, Self, Uint8s
 
 __all__ = ["Keywords"]
 
@@ -84,6 +84,23 @@ class Keywords(Message):
     decode: bool = False  # type: ignore[assignment]
     list: _list[str] = _field(default_factory=_list)
     bytes: NDArray[_np.uint8] = _field(default_factory=lambda: _np.zeros(4, _np.uint8))
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            __self,
+            from_: _int = ...,
+            class_: str = ...,
+            lambda_: Float64s = ...,
+            self: _int = ...,
+            np: _int = ...,
+            int: _int = ...,
+            field: Float64s = ...,
+            encode: bool = ...,
+            decode: bool = ...,
+            list: _list[str] = ...,
+            bytes: Uint8s = ...,
+        ) -> None: ...
 
     def _encode(self) -> _bytes:
         try:

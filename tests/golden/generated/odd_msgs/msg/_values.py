@@ -24,7 +24,7 @@ from rosidl_py_gen.cdr.support import (
 )
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Bools, Float64s, Int16s, Readable, Self
 
 __all__ = ["Values"]
 
@@ -91,6 +91,23 @@ class Values(Message):
     flags: NDArray[np.bool_] = field(
         default_factory=lambda: np.array([True, False], np.bool_),
     )
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            yes: bool = ...,
+            raw: int = ...,
+            letter: int = ...,
+            least: int = ...,
+            most: int = ...,
+            half: float = ...,
+            big: float = ...,
+            endless: float = ...,
+            three: Int16s = ...,
+            numbers: Float64s = ...,
+            flags: Bools = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:
