@@ -21,26 +21,18 @@ import asyncio
 import contextlib
 import itertools
 import logging
-import selectors
-import signal
-import socket
 import threading
-import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.waiting import DirectSelector, WaitingThread
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from rosidl_py_gen.runtime.transport import Participant
 
 _log = logging.getLogger(__name__)
-
-_LONGEST_WAIT_NS = 1_000_000_000
-"""A wait in DDS cannot be interrupted by a signal. Should no wake-up file descriptor be ours, Ctrl-C waits this
-long.
-"""
 
 _numbers = itertools.count()
 
@@ -54,31 +46,38 @@ class Bridge:
 
     def __init__(self, participant: Participant) -> None:
         self._participant = participant
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._pump: DirectSelector | _WaitingThread | None = None
+        self.attached: asyncio.AbstractEventLoop | None = None
+        """The newest loop, closed or not; a plain attribute, because every publish looks at it."""
+        self._pump: DirectSelector | WaitingThread | None = None
         self._loop_thread = 0
         self._scheduled = False
-        self._lock = threading.Lock()
+        self._closed = False
+        self._lock = threading.RLock()
         self._starts: dict[int, Callable[[], None]] = {}
         participant.set_notify(self._notified)
 
     @property
     def loop(self) -> asyncio.AbstractEventLoop | None:
         """The loop that sinks run on; None while nobody runs one."""
-        loop = self._loop
+        loop = self.attached
         return None if loop is None or loop.is_closed() else loop
 
     def running_loop(self) -> asyncio.AbstractEventLoop:
-        """The running loop, attached. Raises `RuntimeError` outside of one, `LoopMismatchError` on a second one."""
+        """The running loop, attached.
+
+        Raises:
+            RuntimeError: no loop runs here. LoopMismatchError: another one is attached and runs.
+            ClosedError: the bridge is closed.
+        """
         loop = asyncio.get_running_loop()
-        if loop is not self._loop:
+        if loop is not self.attached:
             self.attach(loop)
         return loop
 
     def adopt_running_loop(self) -> None:
         """Attach the loop this thread runs, if it runs one and no other one is in charge."""
         loop = asyncio._get_running_loop()
-        if loop is not None and (self.loop is None or not self.loop.is_running()):
+        if loop is not None and not self._closed and (self.loop is None or not self.loop.is_running()):
             self.attach(loop)
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -86,31 +85,36 @@ class Bridge:
 
         Raises:
             LoopMismatchError: another loop is attached and still running.
+            ClosedError: the bridge is closed; a closed participant would wake the loop for ever.
         """
-        if self._loop is loop:
+        if self.attached is loop:
             return
-        if self.loop is not None and self._loop is not None and self._loop.is_running():
+        if self._closed:
+            raise ClosedError("this context is closed")
+        if self.loop is not None and self.attached is not None and self.attached.is_running():
             raise LoopMismatchError(
                 "this context already belongs to another running event loop; give the nodes of each loop a Context "
                 "of their own: Node(..., context=Context())"
             )
         self.detach()
-        self._loop, self._loop_thread = loop, threading.get_ident()
+        self.attached, self._loop_thread = loop, threading.get_ident()
         if self._participant.must_wait:
             wrapped = DirectSelector.wrap(loop, self._participant, self.dispatch)
-            self._pump = wrapped or _WaitingThread(self._participant, self._notified)
+            self._pump = wrapped or WaitingThread(self._participant, self._notified)
         for start in list(self._starts.values()):
             start()
         self._notified()
 
     def detach(self) -> None:
         """Stop delivering; data stays where it is until another loop comes."""
-        pump, self._pump, self._loop = self._pump, None, None
+        pump, self._pump, self.attached = self._pump, None, None
+        self._scheduled = False  # what the old loop was asked to do, it may never come to
         if pump is not None:
             pump.close()
 
     def close(self) -> None:
         """Stop for good."""
+        self._closed = True
         self._participant.set_notify(None)
         self.detach()
 
@@ -130,6 +134,12 @@ class Bridge:
             with contextlib.suppress(RuntimeError):  # closed in the meantime
                 loop.call_soon_threadsafe(function)
 
+    @property
+    def is_running(self) -> bool:
+        """Whether a loop is attached and runs, in whatever thread."""
+        loop = self.attached
+        return loop is not None and loop.is_running()
+
     def in_loop_thread(self) -> bool:
         """Whether the caller runs on the attached loop's thread, while that loop runs."""
         loop = self.loop
@@ -137,7 +147,7 @@ class Bridge:
 
     def _notified(self) -> None:
         """Something is ready to be collected; called from any thread."""
-        loop = self._loop
+        loop = self.attached
         if loop is None or loop.is_closed():
             return
         if threading.get_ident() != self._loop_thread and isinstance(self._pump, DirectSelector):
@@ -156,205 +166,14 @@ class Bridge:
             self._scheduled = False
 
     def _run_scheduled(self) -> None:
-        self._scheduled = False
-        self.dispatch()
+        if self._scheduled:
+            self._scheduled = False
+            self.dispatch()
 
     def dispatch(self) -> None:
         """Call every sink that has something to do."""
         for sink in self._participant.collect():
             try:
                 sink()
-            except Exception:
+            except (Exception, asyncio.CancelledError):  # the latter would end the loop that waits in here
                 _log.exception("an internal receive function failed; other endpoints are not affected")
-
-
-# ---------------------------------------------------------------------------------------------------------- direct mode
-
-
-class DirectSelector(selectors.BaseSelector):
-    """Stands in for a loop's selector: waits for DDS in the loop's thread, for file descriptors in a helper thread.
-
-    While the helper waits, the wrapped selector is only looked at (its own file descriptor becomes readable when one of
-    its members does; epoll and kqueue allow that). The helper then ends the loop's wait and rests until the loop has
-    read the events and is about to wait again.
-    """
-
-    def __init__(self, inner: selectors.BaseSelector, participant: Participant, dispatch: Callable[[], None]) -> None:
-        self._inner = inner
-        self._participant = participant
-        self._dispatch = dispatch
-        self._armed = threading.Semaphore(1)
-        self._fired = False
-        self._closing = False
-        self._receiver, self._sender = socket.socketpair()
-        self._receiver.setblocking(False)
-        self._sender.setblocking(False)
-        self._own_wakeup = self._take_signals()
-        self._helper = threading.Thread(target=self._watch_descriptors, name="rosidl-py-gen helper", daemon=True)
-        self._helper.start()
-        self._loop: Any = None
-        self._timers = 0
-
-    @classmethod
-    def wrap(
-        cls, loop: asyncio.AbstractEventLoop, participant: Participant, dispatch: Callable[[], None]
-    ) -> DirectSelector | None:
-        """Put a new one in front of the loop's selector; None when this loop cannot be treated so.
-
-        `_selector` is private to asyncio but has had this meaning since Python 3.4; anything unexpected means thread
-        mode.
-        """
-        inner = getattr(loop, "_selector", None)
-        plain = isinstance(loop, asyncio.SelectorEventLoop) and isinstance(inner, selectors.BaseSelector)
-        known = all(hasattr(loop, name) for name in ("_ready", "_scheduled", "_stopping"))
-        if not plain or not known or isinstance(inner, DirectSelector) or not hasattr(inner, "fileno"):
-            return None
-        assert isinstance(inner, selectors.BaseSelector)
-        selector = cls(inner, participant, dispatch)
-        selector._loop = loop
-        selector._loop._selector = selector
-        return selector
-
-    def _take_signals(self) -> bool:
-        """Let signals write to our socket, so that they end a wait; only the main thread may, and only if nobody
-        did.
-        """
-        if threading.current_thread() is not threading.main_thread():
-            return False
-        previous = signal.set_wakeup_fd(self._sender.fileno(), warn_on_full_buffer=False)
-        if previous != -1:
-            signal.set_wakeup_fd(previous)
-            return False
-        return True
-
-    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-        """Wait for DDS or file descriptors; sinks of data that arrived are called in here."""
-        participant = self._participant
-        self._timers = len(self._loop._scheduled) if self._loop is not None else 0
-        if timeout is not None and timeout <= 0:
-            participant.wait(0)
-            self._dispatch()
-            return self._inner.select(0)
-        if self._fired:
-            # The helper rests until all events were read, else it would report the same ones again.
-            events = self._inner.select(0)
-            if events:
-                return events
-            self._fired = False
-            self._armed.release()
-        deadline = None if timeout is None else time.monotonic() + timeout
-        wait_ns = _LONGEST_WAIT_NS if timeout is None else min(int(timeout * 1e9) + 1, _LONGEST_WAIT_NS)
-        while True:
-            participant.wait(wait_ns)
-            self._dispatch()
-            if self._fired:
-                return self._inner.select(0)
-            if self._loop_has_work():
-                return []
-            if deadline is not None:
-                left_s = deadline - time.monotonic()
-                if left_s <= 0:
-                    return []
-                wait_ns = min(int(left_s * 1e9) + 1, _LONGEST_WAIT_NS)
-
-    def _loop_has_work(self) -> bool:
-        """Whether callbacks left something to do for the loop; if not, going round it would cost 4 us a message.
-
-        `_ready`, `_scheduled` and `_stopping` are private to asyncio, like `_selector`; `wrap` checked that they exist.
-        """
-        loop = self._loop
-        if loop is None or loop._ready or loop._stopping:
-            return True
-        timers = len(loop._scheduled)
-        changed: bool = timers != self._timers
-        self._timers = timers
-        return changed
-
-    def _watch_descriptors(self) -> None:
-        """Runs in the helper thread."""
-        with selectors.DefaultSelector() as poll:
-            poll.register(self._inner.fileno(), selectors.EVENT_READ)  # type: ignore[attr-defined]
-            poll.register(self._receiver, selectors.EVENT_READ)
-            while True:
-                self._armed.acquire()
-                if self._closing:
-                    return
-                poll.select()
-                if self._closing:
-                    return
-                with contextlib.suppress(BlockingIOError):
-                    self._receiver.recv(4096)
-                self._fired = True
-                self._participant.wake()
-
-    def close(self) -> None:
-        """Give the loop its own selector back and end the helper. Called by the bridge, and by a loop that closes."""
-        if self._closing:
-            return
-        self._closing = True
-        if self._own_wakeup and threading.current_thread() is threading.main_thread():
-            current = signal.set_wakeup_fd(-1)
-            if current not in (-1, self._sender.fileno()):
-                signal.set_wakeup_fd(current)
-        self._sender.send(b"\0")
-        self._armed.release()
-        self._helper.join()
-        self._receiver.close()
-        self._sender.close()
-        if self._loop is not None and self._loop._selector is self:
-            self._loop._selector = self._inner
-            if self._loop.is_closed():
-                self._inner.close()
-        self._loop = None
-
-    def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        """Of the wrapped selector."""
-        return self._inner.register(fileobj, events, data)
-
-    def unregister(self, fileobj: Any) -> selectors.SelectorKey:
-        """Of the wrapped selector."""
-        return self._inner.unregister(fileobj)
-
-    def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
-        """Of the wrapped selector."""
-        return self._inner.modify(fileobj, events, data)
-
-    def get_key(self, fileobj: Any) -> selectors.SelectorKey:
-        """Of the wrapped selector."""
-        return self._inner.get_key(fileobj)
-
-    def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
-        """Of the wrapped selector."""
-        return self._inner.get_map()
-
-    def fileno(self) -> int:
-        """Of the wrapped selector."""
-        number: int = self._inner.fileno()  # type: ignore[attr-defined]
-        return number
-
-
-# ---------------------------------------------------------------------------------------------------------- thread mode
-
-
-class _WaitingThread:
-    """Waits for data in a thread of its own and notifies the bridge."""
-
-    def __init__(self, participant: Participant, notify: Callable[[], None]) -> None:
-        self._participant = participant
-        self._notify = notify
-        self._closing = False
-        self._thread = threading.Thread(target=self._run, name="rosidl-py-gen receiver", daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        while not self._closing:
-            self._participant.wait(2**63 - 1)
-            if not self._closing:
-                self._notify()
-
-    def close(self) -> None:
-        """End the thread."""
-        self._closing = True
-        self._participant.wake()
-        if threading.current_thread() is not self._thread:
-            self._thread.join()

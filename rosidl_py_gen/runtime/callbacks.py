@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import concurrent.futures
+import contextlib
+import contextvars
 import functools
 import inspect
+import threading
 from types import CodeType
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -15,6 +19,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_LOOP_ENDED_S = 0.2
+"""How often a thread that waits for the loop looks whether there still is one."""
+
 _CANCEL_NAMES = frozenset({"cancel_requested", "wait_for_cancel"})
 
 
@@ -24,20 +31,76 @@ async def result_of(callback: Callable[..., Any], *arguments: object) -> Any:
     return await answer if inspect.isawaitable(answer) else answer
 
 
+def require_callable(callback: object, what: str, hint: str = "") -> None:
+    """Raise `TypeError` for what is neither callable nor None, before anything is created."""
+    if callback is not None and not callable(callback):
+        raise TypeError(f"{what} must be a function, got {callback!r:.100}{hint}")
+
+
+def is_own_cancel() -> bool:
+    """Whether the CancelledError at hand is meant for the current task, and not the outcome of something awaited.
+
+    False on Python 3.10, which cannot tell.
+    """
+    task = asyncio.current_task()
+    cancelling = getattr(task, "cancelling", None)
+    return cancelling is not None and cancelling() > 0
+
+
+async def in_thread(name: str, function: Callable[..., Any], *arguments: object) -> Any:
+    """Call a plain function in a thread of its own, and return or raise what it does.
+
+    A daemon thread, and none of asyncio's pool: that has a few threads for the whole program, and waits for all of them
+    when the loop ends, so a function that does not return would keep the process alive.
+    """
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[tuple[Any, BaseException | None]] = loop.create_future()
+    context = contextvars.copy_context()
+
+    def deliver(outcome: Any, error: BaseException | None) -> None:
+        if not done.done():
+            done.set_result((outcome, error))
+
+    def call() -> None:
+        outcome, failure = None, None
+        try:
+            outcome = context.run(function, *arguments)
+        except BaseException as error:
+            failure = error
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits any more
+            loop.call_soon_threadsafe(deliver, outcome, failure)
+
+    threading.Thread(target=call, name=name, daemon=True).start()
+    outcome, failure = await done
+    try:
+        if failure is not None:
+            raise failure
+        return outcome
+    finally:
+        del failure  # its traceback holds this frame
+
+
 def on_loop(bridge: Bridge, function: Callable[[], T]) -> T:
-    """Run `function` on the loop's thread and return what it returns; here and now when no loop runs."""
+    """Run `function` on the loop's thread and return what it returns; here and now when no loop runs (any more)."""
     loop = bridge.loop
     if loop is None or not loop.is_running() or bridge.in_loop_thread():
         return function()
     done: concurrent.futures.Future[T] = concurrent.futures.Future()
 
     def call() -> None:
-        try:
-            done.set_result(function())
-        except BaseException as error:
-            done.set_exception(error)
+        if done.set_running_or_notify_cancel():
+            try:
+                done.set_result(function())
+            except BaseException as error:
+                done.set_exception(error)
 
-    loop.call_soon_threadsafe(call)
+    try:
+        loop.call_soon_threadsafe(call)
+    except RuntimeError:  # closed in the meantime
+        return function()
+    while not concurrent.futures.wait((done,), _LOOP_ENDED_S).done:
+        if not loop.is_running() and done.cancel():
+            return function()
     return done.result()
 
 

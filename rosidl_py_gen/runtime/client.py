@@ -21,7 +21,8 @@ from rosidl_py_gen.runtime.request import (
     is_foreign,
     split_header,
 )
-from rosidl_py_gen.runtime.scope import Throttle, request_numbers
+from rosidl_py_gen.runtime.request_line import RequestLine
+from rosidl_py_gen.runtime.scope import Throttle, request_numbers, require_timeout
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -34,8 +35,6 @@ if TYPE_CHECKING:
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
-
-_BURST_PAUSE_S = 0.01
 
 
 class WouldDeadlockError(RosidlError, RuntimeError):
@@ -66,8 +65,7 @@ class Client(Generic[RequestT, ResponseT]):
         self._pending: dict[int, asyncio.Future[ResponseT]] = {}
         self._checked_version = -1
         self._burst = 0
-        self._sent_in_burst = 0
-        self._gate = asyncio.Lock()
+        self._line = RequestLine()
         self._throttle = Throttle()
         self._available = False
         client_id = scope.new_entity_id()
@@ -123,22 +121,20 @@ class Client(Generic[RequestT, ResponseT]):
     def _find_server(self) -> bool:
         """Source: protocol.md 5.2."""
         graph = self._scope.graph
-        readers = {guid for guid in self._writer.matched_readers() if not is_foreign(guid)}
-        writers = {guid for guid in self._reader.matched_writers() if not is_foreign(guid)}
+        # Matched but not reported yet: what the server keeps, and its id, are known a moment later.
+        known = graph.endpoints.keys()
+        readers = {guid for guid in self._writer.matched_readers() if guid in known and not is_foreign(guid)}
+        writers = {guid for guid in self._reader.matched_writers() if guid in known and not is_foreign(guid)}
         if not readers or not writers:
             servers = graph.on_topic(self._request_topic, writers=False)
             if servers and all(is_foreign(server.info.guid) for server in servers):
                 raise ForeignServiceError(foreign_words(graph, servers[0], self.name, "the server"))
             return False
-        servers_qos = [graph.endpoints[guid].info.qos for guid in readers if guid in graph.endpoints]
+        servers_qos = [graph.endpoints[guid].info.qos for guid in readers]
         self._burst = min((qos.depth for qos in servers_qos if qos.history is History.KEEP_LAST), default=0)
-        ids = {graph.endpoints[guid].user_data.get("serviceid") for guid in readers if guid in graph.endpoints}
+        ids = {graph.endpoints[guid].user_data.get("serviceid") for guid in readers}
         ids.discard(None)
-        if not ids:
-            return True
-        return any(
-            graph.endpoints[guid].user_data.get("serviceid") in ids for guid in writers if guid in graph.endpoints
-        )
+        return not ids or any(graph.endpoints[guid].user_data.get("serviceid") in ids for guid in writers)
 
     # ------------------------------------------------------------------------------------------------------- calls
 
@@ -156,6 +152,7 @@ class Client(Generic[RequestT, ResponseT]):
         scope = self._scope
         if self._closed or scope.closed:
             scope.require_open(True, f"the client of {self.name}")
+        require_timeout(timeout_s)
         loop = scope.bridge.running_loop()
         encoded = self._type.request.encode(request)
         started = loop.time()
@@ -170,25 +167,15 @@ class Client(Generic[RequestT, ResponseT]):
             timer = loop.call_later(left, self._expire, sequence, timeout_s)
         try:
             if self._burst:
-                await self._take_turn()
+                await self._line.take_turn(future, self._burst, alone=len(self._pending) == 1)
             data = add_header(encoded, self._writer.handle, sequence)
-            while not self._writer.write(data):
+            while not future.done() and not self._writer.write(data):
                 await asyncio.sleep(0.001)  # the server is far behind; calls wait their turn
             return await future
         finally:
             self._pending.pop(sequence, None)
             if timer is not None:
                 timer.cancel()
-
-    async def _take_turn(self) -> None:
-        """Send at most as many requests at once as the server keeps: it overwrites older ones without a word."""
-        if len(self._pending) == 1:
-            self._sent_in_burst = 0
-        async with self._gate:
-            if self._sent_in_burst >= self._burst:
-                await asyncio.sleep(_BURST_PAUSE_S)
-                self._sent_in_burst = 0
-            self._sent_in_burst += 1
 
     def call_sync(self, request: RequestT, timeout_s: float | None = None) -> ResponseT:
         """`call` for plain code: from a script without event loop, or from another thread than the loop's.
@@ -203,9 +190,6 @@ class Client(Generic[RequestT, ResponseT]):
                 f"call_sync on {self.name} from inside the event loop would wait for ever; use "
                 "'await client.call(...)' in an async function, or call it from another thread"
             )
-        loop = bridge.loop
-        if loop is not None and loop.is_running():
-            return asyncio.run_coroutine_threadsafe(self.call(request, timeout_s), loop).result()
         return self._run(self.call(request, timeout_s))
 
     def _expire(self, sequence: int, timeout_s: float) -> None:

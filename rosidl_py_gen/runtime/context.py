@@ -6,7 +6,6 @@ given another one; it is opened by the first node and closed with the last.
 
 from __future__ import annotations
 
-import asyncio
 import atexit
 import itertools
 import os
@@ -23,6 +22,7 @@ from rosidl_py_gen.runtime.discovery import Discovery
 from rosidl_py_gen.runtime.environment import cyclone_xml, read_environment
 from rosidl_py_gen.runtime.log_console import install_console, read_console_environment, remove_console
 from rosidl_py_gen.runtime.logging import get_root_logger, set_logger_level
+from rosidl_py_gen.runtime.sync_calls import SyncCalls
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine, Sequence
@@ -87,7 +87,7 @@ class Context:
         self._shared = False
         self._nodes: weakref.WeakSet[Closable] = weakref.WeakSet()
         self._node_count = 0
-        self._own_loop: asyncio.AbstractEventLoop | None = None
+        self._sync_calls = SyncCalls(self.bridge)
         _open_contexts.add(self)
 
     def _apply_logging(self) -> None:
@@ -144,17 +144,11 @@ class Context:
     # -------------------------------------------------------------------------------------------------------- loop
 
     def run_until_complete(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine from plain code, on a loop that this context keeps for the purpose."""
-        self.require_open()
-        if self._own_loop is None or self._own_loop.is_closed():
-            self._own_loop = asyncio.new_event_loop()
-        loop = self._own_loop
-
-        async def attached() -> T:
-            self.bridge.running_loop()
-            return await coroutine
-
-        return loop.run_until_complete(attached())
+        """Run a coroutine from plain code, on the loop that runs, or on one that this context keeps for the purpose."""
+        if self._closed:
+            coroutine.close()
+            self.require_open()
+        return self._sync_calls.run(coroutine)
 
     # ------------------------------------------------------------------------------------------------------ closing
 
@@ -182,8 +176,7 @@ class Context:
         self.discovery.close()
         self.bridge.close()
         self.participant.close()
-        if self._own_loop is not None and not self._own_loop.is_running():
-            self._own_loop.close()
+        self._sync_calls.close()
 
 
 def _dds() -> Transport:

@@ -103,10 +103,15 @@ class CycloneWriter:
 
 
 class TakeBuffers:
-    """The arrays of one take; shared by all readers of a participant, under their lock."""
+    """The arrays of one take; shared by all readers of a participant, under their lock.
+
+    The garbage collector may run while they are in use, and what it deletes may close a node and with it readers, in
+    the same thread. So the lock is reentrant, and `user` says who is in the middle of a take.
+    """
 
     def __init__(self) -> None:
-        self.lock = threading.Lock()
+        self.lock = threading.RLock()
+        self.user: CycloneReader | None = None
         self.containers = (ct.c_uint64 * (2 * _BATCH))()
         base = ct.addressof(self.containers)
         self.pointers = (ct.c_void_p * _BATCH)(*(base + 16 * index for index in range(_BATCH)))
@@ -133,6 +138,7 @@ class CycloneReader:
         self._buffers = owner.buffers
         self._big_endian = owner.big_endian
         self._push = queue.push
+        self._large_bytes = 0
         self.guid = owner.guid_of(entity)
         self._number = owner.watch(self)
         with _local_lock:
@@ -152,35 +158,49 @@ class CycloneReader:
     def fetch(self) -> bool:
         """Move all samples from DDS into the queue; returns whether there were any. From any thread."""
         buffers = self._buffers
+        with buffers.lock:
+            if buffers.user is not None:
+                # The garbage collector came between: newer samples must not overtake those being taken.
+                return buffers.user is not self and self._take_all(TakeBuffers())
+            buffers.user = self
+            try:
+                found = self._take_all(buffers)
+            finally:
+                buffers.user = None
+            large, self._large_bytes = self._large_bytes, 0
+        if large:
+            warn_about_socket_buffers(large)  # logging takes locks of its own: never under ours
+        return found
+
+    def _take_all(self, buffers: TakeBuffers) -> bool:
         containers = buffers.containers
         found = False
-        with buffers.lock:
-            count = _BATCH
-            while count == _BATCH:
-                count = self._take(self.entity, buffers.pointers, buffers.infos, buffers.size, _BATCH)
-                now = _time_ns()
-                for index in range(count):
-                    pointer, size = _container_fields(buffers.container_bytes, 16 * index)
-                    # Cyclone frees what it finds here when the next sample carries no data.
-                    containers[2 * index] = 0
-                    valid, source_ns, writer = _info_fields(buffers.info_bytes, 64 * index)
-                    data: Payload
-                    if size < _VIEW_FROM_BYTES or not valid:
-                        data = _string_at(pointer, size) if valid else b""
-                        self._free(pointer)
-                    else:
-                        data = self._large(pointer, size)
-                    if valid:
-                        if self._big_endian:
-                            data = self._with_byte_order(data, writer)
-                        self._push((data, source_ns, writer, now))
-                        found = True
+        count = _BATCH
+        while count == _BATCH:
+            count = self._take(self.entity, buffers.pointers, buffers.infos, buffers.size, _BATCH)
+            now = _time_ns()
+            for index in range(count):
+                pointer, size = _container_fields(buffers.container_bytes, 16 * index)
+                # Cyclone frees what it finds here when the next sample carries no data.
+                containers[2 * index] = 0
+                valid, source_ns, writer = _info_fields(buffers.info_bytes, 64 * index)
+                data: Payload
+                if size < _VIEW_FROM_BYTES or not valid:
+                    data = _string_at(pointer, size) if valid else b""
+                    self._free(pointer)
+                else:
+                    data = self._large(pointer, size)
+                if valid:
+                    if self._big_endian:
+                        data = self._with_byte_order(data, writer)
+                    self._push((data, source_ns, writer, now))
+                    found = True
         return found
 
     def _large(self, pointer: int, size: int) -> memoryview:
         """A read-only view of memory that DDS allocated; it is freed when the last view of it is gone."""
         if size > LARGE_BYTES:
-            warn_about_socket_buffers(size)
+            self._large_bytes = size
         array = (ct.c_ubyte * size).from_address(pointer)
         weakref.finalize(array, self._free, pointer).atexit = False
         return memoryview(array).cast("B").toreadonly()

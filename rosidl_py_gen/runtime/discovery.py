@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DecodeError
@@ -24,6 +25,7 @@ from rosidl_py_gen.runtime.graph import Graph, NodeEntities
 from rosidl_py_gen.runtime.logging import get_logger, logger_name
 from rosidl_py_gen.runtime.names_rules import fully_qualified_node_name
 from rosidl_py_gen.runtime.qos import DEFAULT, check_compatible
+from rosidl_py_gen.runtime.transport import Lost
 
 if TYPE_CHECKING:
     import asyncio
@@ -52,6 +54,8 @@ class Discovery:
         self._node_numbers = itertools.count(1)
         self._waiting: list[asyncio.Future[None]] = []
         self._dirty = False
+        self._lock = threading.RLock()
+        """Held from a change of our own nodes until it is written, so that no older state is written after it."""
         self._warned: set[tuple[bytes, bytes]] = set()
         self._mismatches: list[tuple[Endpoint, Endpoint, str]] = []
         user_data = endpoint_user_data(_TYPE_HASH)
@@ -67,31 +71,34 @@ class Discovery:
     def add_node(self, name: str, namespace: str) -> int:
         """Announce a node; returns its number."""
         number = next(self._node_numbers)
-        self._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
-        self.publish()
+        with self._lock:
+            self._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
+            self.publish()
         return number
 
     def remove_node(self, number: int) -> None:
         """Withdraw a node."""
-        if self._nodes.pop(number, None) is not None:
-            self.publish()
+        with self._lock:
+            if self._nodes.pop(number, None) is not None:
+                self.publish()
 
     def change_endpoints(
         self, number: int, *, add: tuple[bytes, ...] = (), remove: tuple[bytes, ...] = (), flush: bool = False
     ) -> None:
         """Add or remove endpoint GUIDs of a node; whether one is a reader is told by its last byte."""
-        node = self._nodes.get(number)
-        if node is None:
-            return
-        kinds = {0x04: node.reader_gids, 0x03: node.writer_gids}
-        for kind, gids in kinds.items():
-            added = {guid for guid in add if guid[15] == kind}
-            kinds[kind] = (gids | added) - frozenset(remove)
-        self._nodes[number] = NodeEntities(node.namespace, node.name, kinds[0x04], kinds[0x03])
-        if self._bridge.in_loop_thread() and not flush:
-            self._publish_soon()
-        else:
-            self.publish()
+        with self._lock:
+            node = self._nodes.get(number)
+            if node is None:
+                return
+            kinds = {0x04: node.reader_gids, 0x03: node.writer_gids}
+            for kind, gids in kinds.items():
+                added = {guid for guid in add if guid[15] == kind}
+                kinds[kind] = (gids | added) - frozenset(remove)
+            self._nodes[number] = NodeEntities(node.namespace, node.name, kinds[0x04], kinds[0x03])
+            if self._bridge.in_loop_thread() and not flush:
+                self._publish_soon()
+            else:
+                self.publish()
 
     def _publish_soon(self) -> None:
         loop = self._bridge.loop
@@ -105,10 +112,11 @@ class Discovery:
 
     def publish(self) -> None:
         """Write the whole state now."""
-        self._dirty = False
-        nodes = list(self._nodes.values())
-        self._writer.write(graph_message.encode(self._participant.guid, nodes))
-        self.graph.set_nodes(self._participant.guid, nodes)
+        with self._lock:
+            self._dirty = False
+            nodes = list(self._nodes.values())
+            self._writer.write(graph_message.encode(self._participant.guid, nodes))
+            self.graph.set_nodes(self._participant.guid, nodes)
         self._changed()
 
     # ------------------------------------------------------------------------------------------------------ input
@@ -118,11 +126,14 @@ class Discovery:
         loop = self._bridge.loop
         if loop is None or not loop.is_running() or self._bridge.in_loop_thread():
             self._participant.report_discovery()
-            if self._reader.fetch():
+            # A writer of this process may have fetched already.
+            if self._reader.fetch() or self._reader.queue.items:
                 self._on_messages()
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
         for event in events:
+            if self._warned and isinstance(event, Lost):
+                self._warned = {pair for pair in self._warned if event.guid not in pair}
             appeared = self.graph.apply(event)
             if appeared is not None:
                 self._compare(appeared)
@@ -148,6 +159,9 @@ class Discovery:
     # ---------------------------------------------------------------------------------------------------- waiting
 
     def _changed(self) -> None:
+        if self._bridge.is_running and not self._bridge.in_loop_thread():
+            self._bridge.call_soon(self._changed)
+            return
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             if not future.done():

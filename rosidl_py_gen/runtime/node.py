@@ -301,12 +301,14 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         return self._closed
 
     def __enter__(self) -> Self:
+        self._require_open()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
     async def __aenter__(self) -> Self:
+        self._require_open()
         self.context.bridge.running_loop()
         return self
 
@@ -330,7 +332,11 @@ class Node(NodeGraph, NodeActions, NodeParameters):
     def __del__(self) -> None:
         if not getattr(self, "_closed", True):
             warnings.warn(f"node {self.fully_qualified_name} was never closed", ResourceWarning, stacklevel=2)
-            self.close()
+            # The garbage collector may run anywhere, also where a lock is held; the loop has a better moment for this.
+            if self.context.bridge.is_running:
+                self.context.bridge.call_soon(self.close)
+            else:
+                self.close()
 
     def __repr__(self) -> str:
         return f"Node({self.fully_qualified_name!r}{', closed' if self._closed else ''})"

@@ -7,12 +7,13 @@ GIL. A keep-last backlog drops its oldest sample and counts it, a keep-all backl
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections import deque
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from rosidl_py_gen.errors import EncodeError
+from rosidl_py_gen.errors import EncodeError, RosidlError
 from rosidl_py_gen.runtime.ddsnames import endpoint_user_data, topic_name, type_name
 from rosidl_py_gen.runtime.qos import History, resolve_best_available
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_log = logging.getLogger(__name__)
 _RETRY_S = 0.001
 
 
@@ -32,6 +34,7 @@ class Publisher(Generic[T]):
 
     def __init__(self, scope: Scope, message_type: MessageType[T], topic: str, qos: QoSProfile) -> None:
         self._scope = scope
+        self._bridge = scope.bridge
         self._closed = False
         self.topic = topic
         """Fully qualified name, after expansion and remapping."""
@@ -60,6 +63,9 @@ class Publisher(Generic[T]):
         """
         if self._closed:
             self._scope.require_open(True, f"the publisher on {self.topic}")
+        loop = self._bridge.attached
+        if loop is None or loop.is_closed():  # the node was made before its loop
+            self._bridge.adopt_running_loop()
         data = self._encode(message)
         if self._backlog.items or not self._write(data):
             self._send_later(data)
@@ -69,7 +75,10 @@ class Publisher(Generic[T]):
 
         Raises:
             EncodeError: shorter than header and one byte, or not little-endian XCDR1 (DDS would misread it).
+            TypeError: not bytes. ClosedError.
         """
+        if not isinstance(data, (bytes, bytearray, memoryview)):
+            raise TypeError(f"publish_raw takes bytes, got {type(data).__name__}: {data!r:.100}")
         self._scope.require_open(self._closed, f"the publisher on {self.topic}")
         if len(data) < 5 or bytes(data[:2]) != b"\x00\x01":
             found = bytes(data[:4]).hex(" ")
@@ -163,8 +172,13 @@ class _Backlog:
             with self._lock:
                 # Written under the lock, so that a keep-last overflow cannot take the sample being sent. DDS does not
                 # block here (max_blocking_time is 0).
-                while self.items and not self._closed and self._writer.write(self.items[0]):
+                try:
+                    while self.items and not self._closed and self._writer.write(self.items[0]):
+                        self.items.popleft()
+                except RosidlError:
+                    _log.exception("a message that had to wait could not be sent; it is dropped")
                     self.items.popleft()
+                    self.dropped += 1
                 if not self.items or self._closed:
                     self._thread = None
                     return

@@ -9,7 +9,9 @@ from __future__ import annotations
 import asyncio
 import inspect
 import itertools
+import math
 import time
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
@@ -30,6 +32,16 @@ request_numbers = itertools.count(1)
 
 class WaitTimeoutError(RosidlError, TimeoutError):
     """What the caller waited for did not happen in `timeout_s` seconds."""
+
+
+def require_timeout(timeout_s: object) -> None:
+    """Raise `TypeError` or `ValueError` for what is no number of seconds; None means for ever."""
+    if timeout_s is None:
+        return
+    if not isinstance(timeout_s, Real):
+        raise TypeError(f"timeout_s must be a number of seconds or None, got {timeout_s!r:.100}")
+    if math.isnan(timeout_s):
+        raise ValueError("timeout_s must be a number of seconds or None, got NaN")
 
 
 class Closable(Protocol):
@@ -116,11 +128,12 @@ class Scope:
             False when the time passed.
 
         Raises:
-            ClosedError: whoever waits was closed meanwhile.
+            ClosedError: whoever waits is closed, or was meanwhile. TypeError, ValueError: see `require_timeout`.
         """
+        require_timeout(timeout_s)
+        self.require_open(is_closed(), "what was waited for")
         loop = self.bridge.running_loop()
         deadline = None if timeout_s is None else loop.time() + timeout_s
-        self.require_open(is_closed(), "what was waited for")
         while not condition():
             left = poll_s if deadline is None else min(poll_s, deadline - loop.time())
             if left <= 0:

@@ -10,10 +10,12 @@ to 100 ms (protocol.md 5.2).
 from __future__ import annotations
 
 import asyncio
+import inspect
 from collections import deque
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
+from rosidl_py_gen.runtime.callbacks import is_own_cancel, require_callable
 from rosidl_py_gen.runtime.ddsnames import endpoint_user_data, reply_name, request_name, type_name
 from rosidl_py_gen.runtime.request import add_header, carrier_qos, foreign_words, is_foreign, split_header
 from rosidl_py_gen.runtime.scope import Throttle, is_async
@@ -84,6 +86,7 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None,
         qos: QoSProfile,
     ) -> None:
+        require_callable(handler, f"the handler of service {name}", "; QoS is given as qos=...")
         self._scope = scope
         self._closed = False
         self._introspection: object | None = None
@@ -146,7 +149,7 @@ class ServiceServer(Generic[RequestT, ResponseT]):
             if self._handler is None:
                 self._requests.append(request)
             elif self._async_handler:
-                self._scope.start(self._await_handler(self._handler, request))
+                self._scope.start(self._answer(self._handler(request.message), request))
             else:
                 self._call_handler(self._handler, request)
         if self._requests:
@@ -179,20 +182,23 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         request: ServiceRequest[RequestT, ResponseT],
     ) -> None:
         try:
-            response: ResponseT = handler(request.message)  # type: ignore[assignment]  # is_async said it is plain
-            request.respond(response)
-        except Exception:
+            response = handler(request.message)
+            if inspect.iscoroutine(response):  # of a lambda, for example
+                self._scope.start(self._answer(response, request))
+            else:
+                request.respond(response)  # type: ignore[arg-type]  # not awaitable
+        except (Exception, asyncio.CancelledError):  # of a future that was cancelled
             self._scope.report_failure(f"the handler of service {self.name}")
 
-    async def _await_handler(
-        self,
-        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]],
-        request: ServiceRequest[RequestT, ResponseT],
-    ) -> None:
+    async def _answer(self, answer: Any, request: ServiceRequest[RequestT, ResponseT]) -> None:
         try:
-            response: ResponseT = await handler(request.message)  # type: ignore[misc]  # is_async said it is async
+            response: ResponseT = await answer
             if not self._closed:
                 request.respond(response)
+        except asyncio.CancelledError:
+            if self._closed or is_own_cancel():
+                raise
+            self._scope.report_failure(f"the handler of service {self.name}")
         except Exception:
             self._scope.report_failure(f"the handler of service {self.name}")
 

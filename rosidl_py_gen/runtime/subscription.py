@@ -9,15 +9,17 @@ while it runs, new messages wait in the queue as its depth allows.
 
 from __future__ import annotations
 
+import asyncio
+import inspect
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
+from rosidl_py_gen.runtime.callbacks import is_own_cancel, require_callable
 from rosidl_py_gen.runtime.ddsnames import endpoint_user_data, topic_name, type_name
 from rosidl_py_gen.runtime.qos import resolve_best_available
-from rosidl_py_gen.runtime.scope import Throttle, WaitTimeoutError, is_async
+from rosidl_py_gen.runtime.scope import Throttle, WaitTimeoutError, is_async, require_timeout
 
 if TYPE_CHECKING:
-    import asyncio
     from collections.abc import Awaitable, Callable
 
     from rosidl_py_gen.runtime.message_types import MessageType
@@ -62,6 +64,7 @@ class Subscription(Generic[T]):
         *,
         ignore_local: bool = False,
     ) -> None:
+        require_callable(callback, f"the callback of {topic}", "; QoS is given as qos=...")
         self._scope = scope
         self._closed = False
         self.topic = topic
@@ -139,6 +142,7 @@ class Subscription(Generic[T]):
 
     async def _next_good(self, timeout_s: float | None) -> tuple[T, Sample]:
         self._require_no_callback()
+        require_timeout(timeout_s)
         timeout: asyncio.TimerHandle | None = None
         expired = False
         if timeout_s is not None and not self._items:
@@ -228,26 +232,36 @@ class Subscription(Generic[T]):
                 self._count_undecodable(err)
                 continue
             try:
-                callback(message)
-            except Exception:
+                answer = callback(message)
+                if answer is not None and inspect.iscoroutine(answer):  # of a lambda, for example
+                    self._async_callback = True
+                    self._worker = self._scope.start(self._await_back(callback, answer))
+                    return
+            except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
                 self._scope.report_failure(f"the callback of {self.topic}")
         if items and not self._closed:
             loop = self._scope.bridge.loop
             if loop is not None:
                 loop.call_soon(self._on_data)
 
-    async def _await_back(self, callback: Callable[[T], object]) -> None:
-        while self._items and not self._closed:
+    async def _await_back(self, callback: Callable[[T], object], started: Awaitable[object] | None = None) -> None:
+        while (started is not None or self._items) and not self._closed:
             try:
-                message = self._decode(self._items.popleft()[0])
+                if started is None:
+                    started = callback(self._decode(self._items.popleft()[0]))  # type: ignore[assignment]  # is_async
+                await started  # type: ignore[misc]
             except DecodeError as err:
-                self._count_undecodable(err)
-                continue
-            try:
-                awaitable: Awaitable[object] = callback(message)  # type: ignore[assignment]  # is_async said so
-                await awaitable
+                if started is None:
+                    self._count_undecodable(err)
+                else:
+                    self._scope.report_failure(f"the callback of {self.topic}")
+            except asyncio.CancelledError:
+                if self._closed or is_own_cancel():
+                    raise
+                self._scope.report_failure(f"the callback of {self.topic}")
             except Exception:
                 self._scope.report_failure(f"the callback of {self.topic}")
+            started = None
 
     def _count_undecodable(self, error: DecodeError) -> None:
         self.undecodable += 1
