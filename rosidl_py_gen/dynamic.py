@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 from rosidl_py_gen.cdr.message import Action, Message, Service
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem, TypeNotFoundError
 from rosidl_py_gen.names import RosName, did_you_mean, py_name, split_ros_name
+from rosidl_py_gen.ownership import owns
 from rosidl_py_gen.typesupport import constants, referenced_classes, type_description, type_hash
 
 if TYPE_CHECKING:
@@ -198,8 +199,6 @@ def _is_ours(package: str) -> bool:
     origin = spec.origin if spec is not None else None
     if origin is None or not origin.endswith("__init__.py"):
         return False
-    from rosidl_py_gen.codegen.write import owns
-
     return owns(Path(origin))
 
 

@@ -32,6 +32,7 @@ OWNERS = {
     "": "top",
     "errors": "base",
     "names": "base",
+    "ownership": "base",
     "resources": "base",
     "fieldtype": "base",
     "descriptions": "base",

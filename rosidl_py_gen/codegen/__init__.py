@@ -15,7 +15,7 @@ from rosidl_py_gen.codegen.view import (
     module_path,
     module_view,
 )
-from rosidl_py_gen.codegen.write import MARK
+from rosidl_py_gen.ownership import MARK
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
