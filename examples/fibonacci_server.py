@@ -2,23 +2,21 @@
 
 import asyncio
 
-import numpy as np
 from example_interfaces.action import Fibonacci
 
-from rosidl_py_gen.runtime import Node, ServerGoal, run
+from rosidl_py_gen.runtime import Finished, Node, ServerGoal, run
 
 
-async def execute(goal: ServerGoal[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback]) -> Fibonacci.Result | None:
+async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Result | Finished:
     sequence = [0, 1]
     for _ in range(goal.request.order - 1):
         if goal.cancel_requested:
             print(f"cancelled after {len(sequence)} numbers", flush=True)
-            goal.canceled(Fibonacci.Result(sequence=np.array(sequence, np.int32)))
-            return None
+            return goal.canceled(Fibonacci.Result(sequence=sequence))
         sequence.append(sequence[-2] + sequence[-1])
-        goal.publish_feedback(Fibonacci.Feedback(sequence=np.array(sequence, np.int32)))
+        goal.publish_feedback(Fibonacci.Feedback(sequence=sequence))
         await asyncio.sleep(0.1)  # something that takes its time
-    return Fibonacci.Result(sequence=np.array(sequence, np.int32))  # the goal has succeeded
+    return Fibonacci.Result(sequence=sequence)  # the goal has succeeded
 
 
 async def main() -> None:

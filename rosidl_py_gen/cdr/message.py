@@ -23,9 +23,9 @@ MessageClass: TypeAlias = "type[Message]"  # inside Field the word `type` is a m
 
 RequestT = TypeVar("RequestT", bound="Message")
 ResponseT = TypeVar("ResponseT", bound="Message")
-GoalT = TypeVar("GoalT", bound="Message")
-ResultT = TypeVar("ResultT", bound="Message")
-FeedbackT = TypeVar("FeedbackT", bound="Message")
+GoalT = TypeVar("GoalT")
+ResultT = TypeVar("ResultT")
+FeedbackT = TypeVar("FeedbackT")
 
 _SHOWN_ELEMENTS = 8
 

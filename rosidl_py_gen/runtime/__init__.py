@@ -8,35 +8,61 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.errors import (
+        ClosedError,
+        DecodeError,
+        EncodeError,
+        InvalidNameError,
+        RosidlError,
+        TypeNotFoundError,
+    )
+    from rosidl_py_gen.runtime.action_checks import ActionArgumentError
     from rosidl_py_gen.runtime.action_client import ActionClient
-    from rosidl_py_gen.runtime.action_goal import GoalDecision, ServerGoal
+    from rosidl_py_gen.runtime.action_goal import (
+        CancelRequest,
+        Finished,
+        GoalAlreadyAnsweredError,
+        GoalDecision,
+        GoalRequest,
+        ServerGoal,
+    )
     from rosidl_py_gen.runtime.action_handle import (
+        ActionError,
         ActionServerLost,
         ActionTimeoutError,
         AlreadyTerminated,
+        CancelError,
         CancelRejected,
         ClientGoal,
         GoalRejected,
         UnknownGoal,
     )
     from rosidl_py_gen.runtime.action_server import ActionServer
+    from rosidl_py_gen.runtime.arguments import RosArgumentError
+    from rosidl_py_gen.runtime.bridge import LoopMismatchError
     from rosidl_py_gen.runtime.client import Client, WouldDeadlockError
-    from rosidl_py_gen.runtime.clock import Clock, ClockChange, ClockType, Duration, Time, TimeJump
+    from rosidl_py_gen.runtime.clock import Clock, ClockChange, ClockType, Duration, JumpHandle, Time, TimeJump
     from rosidl_py_gen.runtime.clock_sleep import Rate
     from rosidl_py_gen.runtime.context import Context
-    from rosidl_py_gen.runtime.goal import GoalStatus
+    from rosidl_py_gen.runtime.environment import EnvironmentSettingError
+    from rosidl_py_gen.runtime.goal import GoalStatus, GoalTransitionError, UnknownGoalError
     from rosidl_py_gen.runtime.graph import EndpointType, NodeInfo, TopicEndpointInfo
     from rosidl_py_gen.runtime.introspection import IntrospectionState
     from rosidl_py_gen.runtime.lifecycle_node import LifecycleNode
     from rosidl_py_gen.runtime.lifecycle_rule import Outcome, State, TransitionError
+    from rosidl_py_gen.runtime.log_file import LogFileError
+    from rosidl_py_gen.runtime.logging import LogLevelError
     from rosidl_py_gen.runtime.memory import MemoryTransport
     from rosidl_py_gen.runtime.node import Node
+    from rosidl_py_gen.runtime.parameter_callbacks import CallbackAnswerError
     from rosidl_py_gen.runtime.parameter_classes import snapshot, update_parameters
+    from rosidl_py_gen.runtime.parameter_client import MalformedAnswerError
     from rosidl_py_gen.runtime.parameter_fields import (
         Int8,
         Int16,
         Int32,
         Int64,
+        ParameterClassError,
         Range,
         ReadOnly,
         UInt8,
@@ -44,17 +70,28 @@ if TYPE_CHECKING:
         UInt32,
         UInt64,
     )
+    from rosidl_py_gen.runtime.parameter_overrides import ParameterFileError
     from rosidl_py_gen.runtime.parameter_values import (
+        FloatRange,
+        IntRange,
+        InvalidParameterName,
         InvalidParameterValue,
+        Parameter,
+        ParameterAlreadyDeclared,
         ParameterDescriptor,
+        ParameterError,
+        ParameterImmutable,
         ParameterNotDeclared,
         ParameterType,
+        ParameterUninitialized,
+        ParameterValue,
+        SetResult,
         WrongParameterType,
     )
-    from rosidl_py_gen.runtime.parameters import SetResult
     from rosidl_py_gen.runtime.publisher import Publisher
     from rosidl_py_gen.runtime.qos import (
         Compatibility,
+        CompatibilityResult,
         Durability,
         History,
         InvalidQoSError,
@@ -63,51 +100,95 @@ if TYPE_CHECKING:
         Reliability,
         check_compatible,
     )
+    from rosidl_py_gen.runtime.remap_rules import InvalidRemapRuleError
     from rosidl_py_gen.runtime.request import CallTimeoutError, ForeignServiceError
     from rosidl_py_gen.runtime.runner import run, spin
     from rosidl_py_gen.runtime.scope import WaitTimeoutError
-    from rosidl_py_gen.runtime.service import ServiceRequest, ServiceServer
-    from rosidl_py_gen.runtime.subscription import MessageInfo, Subscription
+    from rosidl_py_gen.runtime.service import AlreadyRespondedError, ServiceRequest, ServiceServer
+    from rosidl_py_gen.runtime.subscription import CallbackInUseError, MessageInfo, Subscription
+    from rosidl_py_gen.runtime.time_values import ClockTypeError, TimeRangeError
     from rosidl_py_gen.runtime.timer import Timer
     from rosidl_py_gen.runtime.transport import BackendMissingError, TransportError
+    from rosidl_py_gen.runtime.type_description_service import TypeDescriptionError
 
 _HOMES = {
+    ".errors": ("ClosedError", "DecodeError", "EncodeError", "InvalidNameError", "RosidlError", "TypeNotFoundError"),
+    "action_checks": ("ActionArgumentError",),
     "action_client": ("ActionClient",),
-    "action_goal": ("GoalDecision", "ServerGoal"),
+    "action_goal": (
+        "CancelRequest",
+        "Finished",
+        "GoalAlreadyAnsweredError",
+        "GoalDecision",
+        "GoalRequest",
+        "ServerGoal",
+    ),
     "action_handle": (
+        "ActionError",
         "ActionServerLost",
         "ActionTimeoutError",
         "AlreadyTerminated",
+        "CancelError",
         "CancelRejected",
         "ClientGoal",
         "GoalRejected",
         "UnknownGoal",
     ),
     "action_server": ("ActionServer",),
+    "arguments": ("RosArgumentError",),
+    "bridge": ("LoopMismatchError",),
+    "client": ("Client", "WouldDeadlockError"),
+    "clock": ("Clock", "ClockChange", "ClockType", "Duration", "JumpHandle", "Time", "TimeJump"),
     "clock_sleep": ("Rate",),
-    "goal": ("GoalStatus",),
+    "context": ("Context",),
+    "environment": ("EnvironmentSettingError",),
+    "goal": ("GoalStatus", "GoalTransitionError", "UnknownGoalError"),
+    "graph": ("EndpointType", "NodeInfo", "TopicEndpointInfo"),
     "introspection": ("IntrospectionState",),
     "lifecycle_node": ("LifecycleNode",),
     "lifecycle_rule": ("Outcome", "State", "TransitionError"),
-    "parameter_classes": ("snapshot", "update_parameters"),
-    "parameter_fields": ("Int8", "Int16", "Int32", "Int64", "Range", "ReadOnly", "UInt8", "UInt16", "UInt32", "UInt64"),
-    "parameter_values": (
-        "InvalidParameterValue",
-        "ParameterDescriptor",
-        "ParameterNotDeclared",
-        "ParameterType",
-        "WrongParameterType",
-    ),
-    "parameters": ("SetResult",),
-    "client": ("Client", "WouldDeadlockError"),
-    "clock": ("Clock", "ClockChange", "ClockType", "Duration", "Time", "TimeJump"),
-    "context": ("Context",),
-    "graph": ("EndpointType", "NodeInfo", "TopicEndpointInfo"),
+    "log_file": ("LogFileError",),
+    "logging": ("LogLevelError",),
     "memory": ("MemoryTransport",),
     "node": ("Node",),
+    "parameter_callbacks": ("CallbackAnswerError",),
+    "parameter_classes": ("snapshot", "update_parameters"),
+    "parameter_client": ("MalformedAnswerError",),
+    "parameter_fields": (
+        "Int16",
+        "Int32",
+        "Int64",
+        "Int8",
+        "ParameterClassError",
+        "Range",
+        "ReadOnly",
+        "UInt16",
+        "UInt32",
+        "UInt64",
+        "UInt8",
+    ),
+    "parameter_overrides": ("ParameterFileError",),
+    "parameter_values": (
+        "FloatRange",
+        "IntRange",
+        "InvalidParameterName",
+        "InvalidParameterValue",
+        "Parameter",
+        "ParameterAlreadyDeclared",
+        "ParameterDescriptor",
+        "ParameterError",
+        "ParameterImmutable",
+        "ParameterNotDeclared",
+        "ParameterType",
+        "ParameterUninitialized",
+        "ParameterValue",
+        "SetResult",
+        "WrongParameterType",
+    ),
     "publisher": ("Publisher",),
     "qos": (
         "Compatibility",
+        "CompatibilityResult",
         "Durability",
         "History",
         "InvalidQoSError",
@@ -116,63 +197,104 @@ _HOMES = {
         "Reliability",
         "check_compatible",
     ),
+    "remap_rules": ("InvalidRemapRuleError",),
     "request": ("CallTimeoutError", "ForeignServiceError"),
     "runner": ("run", "spin"),
     "scope": ("WaitTimeoutError",),
-    "service": ("ServiceRequest", "ServiceServer"),
-    "subscription": ("MessageInfo", "Subscription"),
+    "service": ("AlreadyRespondedError", "ServiceRequest", "ServiceServer"),
+    "subscription": ("CallbackInUseError", "MessageInfo", "Subscription"),
+    "time_values": ("ClockTypeError", "TimeRangeError"),
     "timer": ("Timer",),
     "transport": ("BackendMissingError", "TransportError"),
+    "type_description_service": ("TypeDescriptionError",),
 }
+"""Module -> what it exports; what begins with a dot stands beside this package."""
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "ActionArgumentError",
     "ActionClient",
+    "ActionError",
     "ActionServer",
     "ActionServerLost",
     "ActionTimeoutError",
+    "AlreadyRespondedError",
     "AlreadyTerminated",
     "BackendMissingError",
     "CallTimeoutError",
+    "CallbackAnswerError",
+    "CallbackInUseError",
+    "CancelError",
     "CancelRejected",
+    "CancelRequest",
     "Client",
     "ClientGoal",
     "Clock",
     "ClockChange",
     "ClockType",
+    "ClockTypeError",
+    "ClosedError",
     "Compatibility",
+    "CompatibilityResult",
     "Context",
+    "DecodeError",
     "Durability",
     "Duration",
+    "EncodeError",
     "EndpointType",
+    "EnvironmentSettingError",
+    "Finished",
+    "FloatRange",
     "ForeignServiceError",
+    "GoalAlreadyAnsweredError",
     "GoalDecision",
     "GoalRejected",
+    "GoalRequest",
     "GoalStatus",
+    "GoalTransitionError",
     "History",
     "Int8",
     "Int16",
     "Int32",
     "Int64",
+    "IntRange",
     "IntrospectionState",
+    "InvalidNameError",
+    "InvalidParameterName",
     "InvalidParameterValue",
     "InvalidQoSError",
+    "InvalidRemapRuleError",
+    "JumpHandle",
     "LifecycleNode",
     "Liveliness",
+    "LogFileError",
+    "LogLevelError",
+    "LoopMismatchError",
+    "MalformedAnswerError",
     "MemoryTransport",
     "MessageInfo",
     "Node",
     "NodeInfo",
     "Outcome",
+    "Parameter",
+    "ParameterAlreadyDeclared",
+    "ParameterClassError",
     "ParameterDescriptor",
+    "ParameterError",
+    "ParameterFileError",
+    "ParameterImmutable",
     "ParameterNotDeclared",
     "ParameterType",
+    "ParameterUninitialized",
+    "ParameterValue",
     "Publisher",
     "QoSProfile",
     "Range",
     "Rate",
     "ReadOnly",
     "Reliability",
+    "RosArgumentError",
+    "RosidlError",
     "ServerGoal",
     "ServiceRequest",
     "ServiceServer",
@@ -181,15 +303,19 @@ __all__ = [
     "Subscription",
     "Time",
     "TimeJump",
+    "TimeRangeError",
     "Timer",
     "TopicEndpointInfo",
     "TransitionError",
     "TransportError",
+    "TypeDescriptionError",
+    "TypeNotFoundError",
     "UInt8",
     "UInt16",
     "UInt32",
     "UInt64",
     "UnknownGoal",
+    "UnknownGoalError",
     "WaitTimeoutError",
     "WouldDeadlockError",
     "WrongParameterType",
@@ -207,7 +333,7 @@ def __getattr__(name: str) -> object:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
-    value: object = getattr(import_module(f"{__name__}.{module}"), name)
+    value: object = getattr(import_module(f".{module}", __name__), name)
     globals()[name] = value
     return value
 

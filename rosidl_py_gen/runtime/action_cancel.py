@@ -3,15 +3,19 @@
 The default accepts when the handler looks at `cancel_requested` (its code mentions it, or it has read it already), and
 refuses otherwise: a goal that nobody would stop must not be shown as CANCELING. Goals served as a stream, and goals not
 started yet, are always cancelled.
+
+What an `on_cancel` callback answers counts as in Python: whatever is false refuses. Only None, which functions without
+a return statement answer, accepts.
 """
 
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic
 
-from rosidl_py_gen.runtime.action_goal import CancelRequest, ServerGoal
-from rosidl_py_gen.runtime.callbacks import mentions_cancel, result_of
+from rosidl_py_gen.runtime.action_goal import CancelRequest, ServerGoal, agrees
+from rosidl_py_gen.runtime.action_types import ActionT_co
+from rosidl_py_gen.runtime.callbacks import is_own_cancel, mentions_cancel, result_of
 from rosidl_py_gen.runtime.stream import Stream
 
 if TYPE_CHECKING:
@@ -19,12 +23,8 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.scope import Scope
 
-GoalT = TypeVar("GoalT")
-ResultT = TypeVar("ResultT")
-FeedbackT = TypeVar("FeedbackT")
 
-
-class CancelDesk(Generic[GoalT, ResultT, FeedbackT]):
+class CancelDesk(Generic[ActionT_co]):
     """Answers for one action server."""
 
     def __init__(
@@ -32,16 +32,17 @@ class CancelDesk(Generic[GoalT, ResultT, FeedbackT]):
         scope: Scope,
         action: str,
         execute: Callable[..., Any] | None,
-        on_cancel: Callable[[ServerGoal[GoalT, ResultT, FeedbackT]], Any] | None,
+        on_cancel: Callable[[ServerGoal[ActionT_co]], Any] | None,
     ) -> None:
         self._scope = scope
         self._action = action
         self._on_cancel = on_cancel
         self._may_be_ignored = execute is not None and not mentions_cancel(execute)
-        self._stream: Stream[CancelRequest[GoalT, ResultT, FeedbackT]] | None = None
+        self._stream: Stream[CancelRequest[ActionT_co]] | None = None
         self._pending: dict[bytes, list[asyncio.Future[bool]]] = {}
+        self._closed = False
 
-    def stream(self) -> Stream[CancelRequest[GoalT, ResultT, FeedbackT]]:
+    def stream(self) -> Stream[CancelRequest[ActionT_co]]:
         """Let every cancel wait for an answer from now on."""
         if self._on_cancel is not None:
             raise TypeError(f"action {self._action} has an on_cancel callback; its cancels cannot be iterated over too")
@@ -49,12 +50,14 @@ class CancelDesk(Generic[GoalT, ResultT, FeedbackT]):
             self._stream = Stream()
         return self._stream
 
-    async def decide(self, goal: ServerGoal[GoalT, ResultT, FeedbackT], *, started: bool) -> bool:
+    async def decide(self, goal: ServerGoal[ActionT_co], *, started: bool) -> bool:
         """True when the goal may be cancelled; a callback that fails refuses."""
         if self._on_cancel is not None:
             try:
-                return await result_of(self._on_cancel, goal) is not False
-            except Exception:
+                return agrees(await result_of(self._on_cancel, goal))
+            except (Exception, asyncio.CancelledError):
+                if self._closed or is_own_cancel():
+                    raise
                 self._scope.report_failure(f"the on_cancel callback of action {self._action}")
                 return False
         if self._stream is not None:
@@ -72,6 +75,7 @@ class CancelDesk(Generic[GoalT, ResultT, FeedbackT]):
 
     def close(self) -> None:
         """End the stream; whoever waits for an answer is cancelled."""
+        self._closed = True
         if self._stream is not None:
             self._stream.close()
         for answers in self._pending.values():

@@ -1,8 +1,9 @@
 """Action clients: send goals, follow them, cancel them.
 
 Decides that everything about a goal is remembered from before it is sent (feedback may overtake the acceptance) until
-its result is in, that the result is asked for as soon as the goal is accepted, and what happens when the server goes
-away: a server that comes back is asked again, one that stays away ends the goal with `ActionServerLost`.
+its result is in, that a goal is sent only when all five endpoints of a server are connected, so that its feedback finds
+us, and that the result is asked for as soon as the goal is accepted. What happens when the server goes away is
+`action_results.py`'s.
 
 Source: protocol.md 8.1, 8.4, 8.5.
 """
@@ -15,8 +16,14 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
+from rosidl_py_gen.runtime.action_checks import (
+    ActionArgumentError,
+    require_depth,
+    require_goal_id,
+    require_seconds,
+    require_stamp,
+)
 from rosidl_py_gen.runtime.action_handle import (
-    ActionServerLost,
     ActionTimeoutError,
     AlreadyTerminated,
     CancelError,
@@ -25,13 +32,14 @@ from rosidl_py_gen.runtime.action_handle import (
     GoalRejected,
     UnknownGoal,
 )
-from rosidl_py_gen.runtime.action_types import goal_id_of, set_stamp
+from rosidl_py_gen.runtime.action_results import ResultClient
+from rosidl_py_gen.runtime.action_types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.client import Client, WouldDeadlockError
-from rosidl_py_gen.runtime.ddsnames import request_name
 from rosidl_py_gen.runtime.goal import ZERO_ID, CancelCode, GoalStatus
 from rosidl_py_gen.runtime.message_types import raw_type
 from rosidl_py_gen.runtime.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
-from rosidl_py_gen.runtime.request import CallTimeoutError
+from rosidl_py_gen.runtime.request import CallTimeoutError, carrier_qos
+from rosidl_py_gen.runtime.scope import require_timeout
 from rosidl_py_gen.runtime.status_rows import find_status
 from rosidl_py_gen.runtime.subscription import Subscription
 from rosidl_py_gen.runtime.time_values import Time
@@ -39,32 +47,29 @@ from rosidl_py_gen.runtime.time_values import Time
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.runtime.action_types import ActionNames, ActionType
+    from rosidl_py_gen.cdr import Action
+    from rosidl_py_gen.runtime.action_types import ActionNames, ActionType, GoalT
     from rosidl_py_gen.runtime.scope import Scope
     from rosidl_py_gen.runtime.time_values import SecNanosec
 
-GoalT = TypeVar("GoalT")
-ResultT = TypeVar("ResultT")
-FeedbackT = TypeVar("FeedbackT")
 T = TypeVar("T")
 
-_LOOK_S = 0.5
-"""How often the presence of the server is looked at while a result is awaited."""
 
-
-class ActionClient(Generic[GoalT, ResultT, FeedbackT]):
+class ActionClient(Generic[ActionT_co]):
     """Made by `create_action_client`."""
 
     def __init__(
         self,
         scope: Scope,
-        action_type: ActionType[GoalT, ResultT, FeedbackT],
+        action_type: ActionType,
         names: ActionNames,
         run: Callable[[Coroutine[Any, Any, Any]], Any],
         *,
         feedback_depth: int,
         server_lost_after_s: float,
     ) -> None:
+        self._feedback_depth = require_depth("feedback_depth", feedback_depth)
+        lost_after_s = require_seconds("server_lost_after_s", server_lost_after_s)
         self.name = names.action
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
@@ -73,21 +78,21 @@ class ActionClient(Generic[GoalT, ResultT, FeedbackT]):
         self._type = action_type
         self._run = run
         self._closed = False
-        self._feedback_depth = feedback_depth
-        self._lost_after_s = server_lost_after_s
-        self._goals: dict[bytes, ClientGoal[GoalT, ResultT, FeedbackT]] = {}
-        self._waiting: dict[bytes, asyncio.Task[Any]] = {}
-        self._interrupted: dict[bytes, str] = {}
-        self._watcher: asyncio.Task[None] | None = None
-        self._send: Client[Any, Any] = Client(scope, action_type.send_goal, names.send_goal, SERVICES_DEFAULT, run)
-        self._cancel: Client[Any, Any] = Client(scope, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT, run)
-        self._result: Client[Any, Any] = Client(scope, action_type.get_result, names.get_result, SERVICES_DEFAULT, run)
+        self._available = False
+        self._checked_version = -1
+        self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
+        # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
+        # know who wants the feedback. Feedback is kept until it is sorted: the queue is shared by all goals, each has
+        # its own depth.
         self._feedback: Subscription[Any] = Subscription(
-            scope, action_type.feedback_message, names.feedback, self._on_feedback, DEFAULT
+            scope, action_type.feedback_message, names.feedback, self._on_feedback, carrier_qos(DEFAULT)
         )
         self._status: Subscription[bytes] = Subscription(
             scope, raw_type(action_type.status), names.status, self._on_status, ACTION_STATUS
         )
+        self._send: Client[Any, Any] = Client(scope, action_type.send_goal, names.send_goal, SERVICES_DEFAULT, run)
+        self._cancel: Client[Any, Any] = Client(scope, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT, run)
+        self._result = ResultClient(scope, action_type.get_result, names.get_result, run, lost_after_s)
 
     # ------------------------------------------------------------------------------------------------ availability
 
@@ -98,148 +103,149 @@ class ActionClient(Generic[GoalT, ResultT, FeedbackT]):
             ForeignServiceError: the only servers are Fast DDS ones.
             ClosedError: the client is closed.
         """
+        self._scope.require_open(self._closed, f"the action client of {self.name}")
+        self._scope.discovery.refresh()
+        return self._is_available()
+
+    def _is_available(self) -> bool:
+        version = self._scope.graph.version
+        if not self._available or version != self._checked_version:
+            self._available = not self._missing()
+            self._checked_version = version
+        return self._available
+
+    def _missing(self) -> list[str]:
+        """The names of what no server is connected at."""
         services = (self._send, self._cancel, self._result)
-        return all(client.service_is_available() for client in services) and all(
-            topic.publisher_count > 0 for topic in (self._feedback, self._status)
-        )
+        missing = [client.name for client in services if not client.service_is_available()]
+        return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
 
     async def wait_for_server(self, timeout_s: float | None = None) -> bool:
         """Wait until a server is connected; False when the time passed. Raises as `server_is_available`."""
-        return await self._scope.wait_until(self.server_is_available, timeout_s, lambda: self._closed)
+        return await self._scope.wait_until(self._is_available, timeout_s, lambda: self._closed)
 
     # ------------------------------------------------------------------------------------------------------- goals
 
     async def send_goal(
-        self, goal: GoalT, timeout_s: float | None = None, *, goal_id: bytes | None = None
-    ) -> ClientGoal[GoalT, ResultT, FeedbackT]:
+        self: ActionClient[Action[GoalT, Any, Any]],
+        goal: GoalT,
+        timeout_s: float | None = None,
+        *,
+        goal_id: bytes | None = None,
+    ) -> ClientGoal[ActionT_co]:
         """Send a goal and wait until it is accepted; a server that is not there yet is waited for.
 
         Args:
-            goal_id: 16 bytes; None makes a random UUID.
+            goal_id: 16 bytes, not all zero; None makes a random UUID.
 
         Raises:
             GoalRejected: the server does not want it.
             ActionTimeoutError: no answer in `timeout_s` seconds; a `TimeoutError`.
-            EncodeError, TypeError: the goal does not fit its type. ForeignServiceError, ClosedError.
+            EncodeError, TypeError: the goal does not fit its type.
+            ActionArgumentError: no goal id, or one of a goal of this client that has not ended.
+            ForeignServiceError, ClosedError.
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
+        require_timeout(timeout_s)
         request = self._type.cls.SendGoal.Request()
-        goal_id = uuid.uuid4().bytes if goal_id is None else goal_id
+        goal_id = uuid.uuid4().bytes if goal_id is None else require_goal_id(goal_id)
+        if goal_id in self._goals:
+            raise ActionArgumentError(f"goal_id {goal_id.hex()} belongs to a goal of this client that has not ended")
         request.goal_id.uuid = goal_id
         request.goal = self._type.goal.to_message(goal)
-        handle: ClientGoal[GoalT, ResultT, FeedbackT] = ClientGoal(self, goal_id, goal, self._feedback_depth)
+        handle: ClientGoal[Any] = ClientGoal(self, goal_id, goal, self._feedback_depth)
         self._goals[goal_id] = handle
         try:
-            response = await self._send.call(request, timeout_s)
-        except CallTimeoutError as error:
-            del self._goals[goal_id]
-            raise ActionTimeoutError(f"goal not answered by action {self.name}: {error}") from error
+            response = await self._call_send_goal(request, timeout_s)
+            if not response.accepted:
+                raise GoalRejected(f"action server {self.name} rejected the goal {goal!r:.200}")
+            handle.accepted(Time.from_msg(response.stamp))
+            self._ask_result(handle)
         except BaseException:
             self._goals.pop(goal_id, None)
             raise
-        if not response.accepted:
-            del self._goals[goal_id]
-            raise GoalRejected(f"action server {self.name} rejected the goal {goal!r:.200}")
-        handle.accepted(Time.from_msg(response.stamp))
-        self._scope.start(self._await_result(handle))
         return handle
 
+    async def _call_send_goal(self, request: Any, timeout_s: float | None) -> Any:
+        loop = self._scope.bridge.running_loop()
+        started_s = loop.time()
+        if not self._is_available():
+            request._encode()  # a goal that does not fit is refused before anybody is waited for
+            if not await self.wait_for_server(timeout_s):
+                raise ActionTimeoutError(
+                    f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at "
+                    f"{', '.join(self._missing())}"
+                )
+        left_s = None if timeout_s is None else timeout_s - (loop.time() - started_s)
+        try:
+            return await self._send.call(request, left_s)
+        except CallTimeoutError as error:
+            raise ActionTimeoutError(f"goal not answered by action {self.name} in {timeout_s} s") from error
+
     def send_goal_sync(
-        self, goal: GoalT, timeout_s: float | None = None, *, goal_id: bytes | None = None
-    ) -> ClientGoal[GoalT, ResultT, FeedbackT]:
+        self: ActionClient[Action[GoalT, Any, Any]],
+        goal: GoalT,
+        timeout_s: float | None = None,
+        *,
+        goal_id: bytes | None = None,
+    ) -> ClientGoal[ActionT_co]:
         """`send_goal` for plain code: from a script without event loop, or from another thread than the loop's.
 
         The handle has `result_sync` and `cancel_sync`. Raises `WouldDeadlockError` inside the loop, else as
         `send_goal`.
         """
-        return self.run_sync(self.send_goal(goal, timeout_s, goal_id=goal_id))
+        coroutine: Coroutine[Any, Any, Any] = self.send_goal(goal, timeout_s, goal_id=goal_id)
+        handle: ClientGoal[ActionT_co] = self.run_sync(coroutine)
+        return handle
 
     def run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine of this client from plain code; see `send_goal_sync`."""
-        bridge = self._scope.bridge
-        if bridge.in_loop_thread() or asyncio._get_running_loop() is not None:
+        if self._scope.bridge.in_loop_thread() or asyncio._get_running_loop() is not None:
             coroutine.close()
             raise WouldDeadlockError(
                 f"a waiting call on action {self.name} from inside the event loop would wait for ever; use 'await' in "
                 "an async function, or call it from another thread"
             )
-        loop = bridge.loop
-        if loop is not None and loop.is_running():
-            return asyncio.run_coroutine_threadsafe(coroutine, loop).result()
         done: T = self._run(coroutine)
         return done
 
     # ------------------------------------------------------------------------------------------------------ result
 
-    async def _await_result(self, handle: ClientGoal[GoalT, ResultT, FeedbackT]) -> None:
+    def _ask_result(self, handle: ClientGoal[Any]) -> None:
+        request = self._type.cls.GetResult.Request()
+        request.goal_id.uuid = handle.goal_id
+        loop = self._scope.bridge.running_loop()
+
+        def tell(response: Any) -> None:
+            # Feedback that came in the same batch is delivered first: another reader brings it, perhaps the next time
+            # the loop looks.
+            loop.call_soon(loop.call_soon, self._result_arrived, handle, response)
+
+        def fail(error: BaseException) -> None:
+            self._goals.pop(handle.goal_id, None)
+            handle.failed(error)
+
+        self._result.ask(request, tell, fail)
+
+    def _result_arrived(self, handle: ClientGoal[Any], response: Any) -> None:
+        self._goals.pop(handle.goal_id, None)
         try:
-            response = await self._ask_result(handle.goal_id)
-            # Feedback that came in the same batch is delivered first: another reader brings it.
-            await asyncio.sleep(0)
-            status = GoalStatus(int(response.status))
+            status = GoalStatus(response.status)
             if status is GoalStatus.UNKNOWN:
                 raise UnknownGoal(f"action server {self.name} does not know goal {handle.goal_id.hex()} any more")
             handle.finished(status, self._type.result.to_value(response.result))
-        except asyncio.CancelledError:
-            handle.failed(ClosedError(f"the action client of {self.name} was closed"))
-            raise
         except Exception as error:
             handle.failed(error)
-        finally:
-            self._goals.pop(handle.goal_id, None)
-
-    async def _ask_result(self, goal_id: bytes) -> Any:
-        """Ask until there is an answer; again when another server took the place of the first."""
-        request = self._type.cls.GetResult.Request()
-        request.goal_id.uuid = goal_id
-        task = asyncio.current_task()
-        assert task is not None
-        self._waiting[goal_id] = task
-        if self._watcher is None or self._watcher.done():
-            self._watcher = self._scope.start(self._watch_server())
-        try:
-            while True:
-                try:
-                    return await self._result.call(request)
-                except asyncio.CancelledError:
-                    if goal_id not in self._interrupted:
-                        raise
-                    if self._interrupted.pop(goal_id) == "lost":
-                        raise ActionServerLost(
-                            f"action server {self.name} went away and did not come back in {self._lost_after_s} s; "
-                            "the goal's result is lost"
-                        ) from None
-        finally:
-            del self._waiting[goal_id]
-
-    async def _watch_server(self) -> None:
-        """While results are awaited, look at the server from time to time; one task for all goals."""
-        loop = asyncio.get_running_loop()
-        servers, gone_since = self._servers(), loop.time()
-        while self._waiting and not self._closed:
-            await asyncio.sleep(_LOOK_S)
-            present = self._servers()
-            if present - servers:
-                self._interrupt("another")
-            if present:
-                servers, gone_since = present, loop.time()
-            elif loop.time() - gone_since >= self._lost_after_s:
-                self._interrupt("lost")
-
-    def _interrupt(self, why: str) -> None:
-        for goal_id, task in self._waiting.items():
-            if goal_id not in self._interrupted:
-                self._interrupted[goal_id] = why
-                task.cancel()
-
-    def _servers(self) -> frozenset[bytes]:
-        topic = request_name(self._result.name)
-        return frozenset(endpoint.info.guid for endpoint in self._scope.graph.on_topic(topic, writers=False))
 
     # ------------------------------------------------------------------------------------------------------ cancel
 
     async def cancel_goal(self, goal_id: bytes, timeout_s: float | None = None) -> None:
-        """Ask to cancel one goal, which may be another client's; see `ClientGoal.cancel`."""
+        """Ask to cancel one goal, which may be another client's; see `ClientGoal.cancel`.
+
+        Raises:
+            ActionArgumentError: no goal id. Else as `ClientGoal.cancel`.
+        """
+        goal_id = require_goal_id(goal_id)
         code, canceling = await self._ask_cancel(goal_id, None, timeout_s)
         if code == CancelCode.UNKNOWN_GOAL_ID:
             raise UnknownGoal(f"action server {self.name} does not know goal {goal_id.hex()}")
@@ -262,9 +268,12 @@ class ActionClient(Generic[GoalT, ResultT, FeedbackT]):
         return await self._cancel_many(None, timeout_s)
 
     async def cancel_before(self, stamp: Time | SecNanosec, timeout_s: float | None = None) -> list[bytes]:
-        """Ask to cancel every goal accepted at `stamp` or before; returns and raises as `cancel_all`."""
-        moment = stamp if isinstance(stamp, Time) else Time.from_msg(stamp)
-        return await self._cancel_many(moment, timeout_s)
+        """Ask to cancel every goal accepted at `stamp` or before; returns and raises as `cancel_all`.
+
+        Raises:
+            ActionArgumentError: `stamp` is zero, which would mean all. TypeError: it is no time.
+        """
+        return await self._cancel_many(require_stamp(stamp), timeout_s)
 
     async def _cancel_many(self, stamp: Time | None, timeout_s: float | None) -> list[bytes]:
         code, canceling = await self._ask_cancel(ZERO_ID, stamp, timeout_s)

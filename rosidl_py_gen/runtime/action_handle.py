@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import asyncio
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.action_latch import Latch
+from rosidl_py_gen.runtime.action_types import ActionT_co
 from rosidl_py_gen.runtime.goal import GoalStatus
+from rosidl_py_gen.runtime.scope import require_timeout
 from rosidl_py_gen.runtime.stream import Stream
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
-    from typing import Any
 
+    from rosidl_py_gen.cdr import Action
+    from rosidl_py_gen.runtime.action_types import FeedbackT, GoalT, ResultT
     from rosidl_py_gen.runtime.time_values import Time
 
-GoalT = TypeVar("GoalT")
-ResultT = TypeVar("ResultT")
-FeedbackT = TypeVar("FeedbackT")
 T = TypeVar("T")
 
 
@@ -63,22 +63,27 @@ class GoalClient(Protocol):
         """Run a coroutine from plain code."""
 
 
-class ClientGoal(Generic[GoalT, ResultT, FeedbackT]):
-    """A goal that was accepted; made by `ActionClient.send_goal`."""
+class ClientGoal(Generic[ActionT_co]):
+    """A goal that was accepted; made by `ActionClient.send_goal`. `ClientGoal[Fibonacci]` to a type checker."""
 
-    def __init__(self, client: GoalClient, goal_id: bytes, goal: GoalT, feedback_depth: int) -> None:
+    def __init__(self, client: GoalClient, goal_id: bytes, goal: object, feedback_depth: int) -> None:
         self._client = client
+        self._goal: Any = goal
         self._status = GoalStatus.UNKNOWN
-        self._outcome: tuple[GoalStatus, ResultT] | None = None
+        self._outcome: tuple[GoalStatus, Any] | None = None
         self._error: BaseException | None = None
-        self._done = asyncio.Event()
-        self._feedback: Stream[FeedbackT] = Stream(feedback_depth)
+        self._done = Latch()
+        self._feedback: Stream[Any] = Stream(feedback_depth)
         self.goal_id = goal_id
         """16 bytes."""
-        self.goal = goal
-        """What was asked for."""
         self.accepted_stamp: Time | None = None
         """When the server accepted it, by the server's clock."""
+
+    @property
+    def goal(self: ClientGoal[Action[GoalT, Any, Any]]) -> GoalT:
+        """What was asked for."""
+        goal: GoalT = self._goal
+        return goal
 
     @property
     def status(self) -> GoalStatus:
@@ -88,34 +93,35 @@ class ClientGoal(Generic[GoalT, ResultT, FeedbackT]):
     @property
     def is_done(self) -> bool:
         """True once `result` returns or raises at once."""
-        return self._done.is_set()
+        return self._done.is_set
 
     @property
     def feedback_dropped(self) -> int:
-        """How many feedback messages were lost because nobody took them in time."""
+        """How many feedback messages were lost because nobody took them in time: the oldest ones."""
         return self._feedback.dropped
 
-    def feedback(self) -> Stream[FeedbackT]:
+    def feedback(self: ClientGoal[Action[Any, Any, FeedbackT]]) -> Stream[FeedbackT]:
         """Iterate over the feedback, from the first one on; ends when the result is in.
 
         Ends with an error when there will be no result: `ActionServerLost`, `ClosedError`.
         """
         return self._feedback
 
-    async def result(self, timeout_s: float | None = None) -> tuple[GoalStatus, ResultT]:
+    async def result(
+        self: ClientGoal[Action[Any, ResultT, Any]], timeout_s: float | None = None
+    ) -> tuple[GoalStatus, ResultT]:
         """Wait for the end of the goal; may be called any number of times, from any number of tasks.
 
         Raises:
-            ActionTimeoutError: not ended in `timeout_s` seconds; the goal goes on.
+            ActionTimeoutError: not ended in `timeout_s` seconds; the goal goes on. TypeError, ValueError: no seconds.
             ActionServerLost: the server went away. UnknownGoal: it came back without knowing the goal.
             ClosedError: the client was closed.
         """
-        try:
-            await asyncio.wait_for(self._done.wait(), timeout_s)
-        except asyncio.TimeoutError:  # another class than TimeoutError before Python 3.11
+        require_timeout(timeout_s)
+        if not await self._done.wait(timeout_s):
             raise ActionTimeoutError(
                 f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {self._status.name}"
-            ) from None
+            )
         if self._error is not None:
             raise self._error
         assert self._outcome is not None
@@ -130,7 +136,9 @@ class ClientGoal(Generic[GoalT, ResultT, FeedbackT]):
         """
         await self._client.cancel_goal(self.goal_id, timeout_s)
 
-    def result_sync(self, timeout_s: float | None = None) -> tuple[GoalStatus, ResultT]:
+    def result_sync(
+        self: ClientGoal[Action[Any, ResultT, Any]], timeout_s: float | None = None
+    ) -> tuple[GoalStatus, ResultT]:
         """`result` for plain code; see `ActionClient.send_goal_sync`."""
         return self._client.run_sync(self.result(timeout_s))
 
@@ -151,19 +159,20 @@ class ClientGoal(Generic[GoalT, ResultT, FeedbackT]):
         if number in tuple(GoalStatus) and number > self._status:
             self._status = GoalStatus(number)
 
-    def feedback_arrived(self, feedback: FeedbackT) -> None:
+    def feedback_arrived(self, feedback: object) -> None:
         """The feedback topic mentions the goal."""
         self._feedback.push(feedback)
 
-    def finished(self, status: GoalStatus, result: ResultT) -> None:
+    def finished(self, status: GoalStatus, result: object) -> None:
         """The result is in."""
-        self._status, self._outcome = status, (status, result)
-        self._feedback.close()
-        self._done.set()
+        if not self._done.is_set:
+            self._status, self._outcome = status, (status, result)
+            self._feedback.close()
+            self._done.set()
 
     def failed(self, error: BaseException) -> None:
         """There will be no result."""
-        if not self._done.is_set():
+        if not self._done.is_set:
             self._error = error
             self._feedback.close(error)
             self._done.set()

@@ -1,8 +1,8 @@
 """Action servers: three services and two topics around a `GoalBook`.
 
 Decides who is asked about a goal and when it starts; which state may follow which is `goal.py`'s, whether a goal may be
-cancelled is `action_cancel.py`'s. Status is published at every transition. A plain `execute` function runs in a thread,
-so that it may take its time.
+cancelled is `action_cancel.py`'s, how a handler runs is `action_run.py`'s. Status is published at every transition. A
+result is encoded when its goal ends, once, and kept as bytes.
 
 Source: protocol.md 8.
 """
@@ -10,36 +10,32 @@ Source: protocol.md 8.
 from __future__ import annotations
 
 import asyncio
+import math
 from collections import deque
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeAlias, TypeVar
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
 from rosidl_py_gen.runtime.action_cancel import CancelDesk
+from rosidl_py_gen.runtime.action_checks import require_seconds
 from rosidl_py_gen.runtime.action_goal import (
     CancelRequest,
-    Finished,
     GoalAlreadyAnsweredError,
     GoalDecision,
     GoalRequest,
     ServerGoal,
+    decision_of,
 )
-from rosidl_py_gen.runtime.action_types import goal_id_of, set_stamp, stamp_ns_of
-from rosidl_py_gen.runtime.callbacks import on_loop, result_of
+from rosidl_py_gen.runtime.action_hearing import Hearing
+from rosidl_py_gen.runtime.action_run import HandlerRunner
+from rosidl_py_gen.runtime.action_types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
+from rosidl_py_gen.runtime.callbacks import is_own_cancel, on_loop, require_callable, result_of
 from rosidl_py_gen.runtime.clock import ClockType
-from rosidl_py_gen.runtime.goal import (
-    CancelCode,
-    CancelSelection,
-    GoalBook,
-    GoalEvent,
-    GoalInfo,
-    GoalStatus,
-    ResultAnswer,
-    cancel_answer,
-)
+from rosidl_py_gen.runtime.goal import GoalBook, GoalEvent, GoalInfo, GoalStatus, ResultAnswer
+from rosidl_py_gen.runtime.message_types import raw_type
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
-from rosidl_py_gen.runtime.scope import is_async
 from rosidl_py_gen.runtime.service import ServiceServer
 from rosidl_py_gen.runtime.status_rows import StatusRows
 from rosidl_py_gen.runtime.stream import Stream
@@ -48,40 +44,48 @@ from rosidl_py_gen.runtime.time_values import Duration
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime.action_types import ActionNames, ActionType
     from rosidl_py_gen.runtime.clock import Clock
     from rosidl_py_gen.runtime.scope import Scope
 
-GoalT = TypeVar("GoalT")
-ResultT = TypeVar("ResultT")
-FeedbackT = TypeVar("FeedbackT")
 T = TypeVar("T")
 
 Policy = Literal["parallel", "reject", "preempt", "queue"]
 _POLICIES = ("parallel", "reject", "preempt", "queue")
 _LONGEST_SLEEP_S = 3600.0
-_Unanswered: TypeAlias = "tuple[ServerGoal[GoalT, ResultT, FeedbackT], asyncio.Future[GoalInfo | None]]"
+_ENDS = {
+    GoalEvent.SUCCEED: GoalStatus.SUCCEEDED,
+    GoalEvent.ABORT: GoalStatus.ABORTED,
+    GoalEvent.CANCELED: GoalStatus.CANCELED,
+}
 
 
-class ActionServer(Generic[GoalT, ResultT, FeedbackT]):
+class ActionServer(Generic[ActionT_co]):
     """Made by `create_action_server`; without `execute` it is an async iterator of `GoalRequest`."""
 
     def __init__(
         self,
         scope: Scope,
         clock: Clock,
-        action_type: ActionType[GoalT, ResultT, FeedbackT],
+        action_type: ActionType,
         names: ActionNames,
-        execute: Callable[[ServerGoal[GoalT, ResultT, FeedbackT]], Any] | None,
+        execute: Callable[[ServerGoal[ActionT_co]], Any] | None,
         *,
-        accept: Callable[[GoalT], Any] | None,
-        on_cancel: Callable[[ServerGoal[GoalT, ResultT, FeedbackT]], Any] | None,
+        accept: Callable[[Any], Any] | None,
+        on_cancel: Callable[[ServerGoal[ActionT_co]], Any] | None,
         result_timeout_s: float,
         policy: Policy,
     ) -> None:
+        for callback, name in ((execute, "execute"), (accept, "accept"), (on_cancel, "on_cancel")):
+            require_callable(callback, f"{name} of action {names.action}")
+        if accept is not None and execute is None:
+            raise TypeError(
+                f"accept of action {names.action} needs execute too, else nobody serves the goals it accepts; without "
+                "execute, iterate over the server and answer each request: async for request in server"
+            )
         if policy not in _POLICIES:
             raise ValueError(f"policy must be one of {', '.join(_POLICIES)}, got {policy!r}")
+        kept_s = require_seconds("result_timeout_s", result_timeout_s)
         self.name = names.action
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
@@ -89,22 +93,21 @@ class ActionServer(Generic[GoalT, ResultT, FeedbackT]):
         self._scope = scope
         self._clock = clock
         self._type = action_type
-        self._execute = execute
         self._accept = accept
-        self._desk: CancelDesk[GoalT, ResultT, FeedbackT] = CancelDesk(scope, names.action, execute, on_cancel)
+        self._desk: CancelDesk[ActionT_co] = CancelDesk(scope, names.action, execute, on_cancel)
         self._policy = policy
         self._closed = False
-        self._book: GoalBook[Message, asyncio.Future[tuple[GoalStatus, Message]]] = GoalBook(
-            round(result_timeout_s * 1e9)
+        self._book: GoalBook[bytes, asyncio.Future[bytes]] = GoalBook(
+            None if kept_s == math.inf else round(kept_s * 1e9)
         )
-        self._goals: dict[bytes, ServerGoal[GoalT, ResultT, FeedbackT]] = {}
+        self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
+        self._goals: dict[bytes, ServerGoal[ActionT_co]] = {}
         self._rows = StatusRows()
-        self._started: set[bytes] = set()
-        self._unanswered: dict[bytes, _Unanswered[GoalT, ResultT, FeedbackT]] = {}
+        self._running: set[bytes] = set()
         self._line: deque[bytes] = deque()
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._waiting: set[asyncio.Future[Any]] = set()
-        self._requests: Stream[GoalRequest[GoalT, ResultT, FeedbackT]] = Stream()
+        self._undecided: set[bytes] = set()
+        self._answers: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
+        self._requests: Stream[GoalRequest[ActionT_co]] = Stream()
         self._expiry: asyncio.TimerHandle | None = None
         self._jumps = (
             clock.create_jump_callback(
@@ -113,29 +116,37 @@ class ActionServer(Generic[GoalT, ResultT, FeedbackT]):
             if clock.clock_type is ClockType.ROS_TIME
             else None
         )
+        get_result = replace(action_type.get_result, response=raw_type(action_type.get_result.response))
         self._feedback: Publisher[Any] = Publisher(scope, action_type.feedback_message, names.feedback, DEFAULT)
         self._status: Publisher[Any] = Publisher(scope, action_type.status, names.status, ACTION_STATUS)
         self._services: list[ServiceServer[Any, Any]] = [
             ServiceServer(scope, action_type.send_goal, names.send_goal, self._on_send_goal, SERVICES_DEFAULT),
             ServiceServer(scope, action_type.cancel, names.cancel_goal, self._on_cancel_goal, SERVICES_DEFAULT),
-            ServiceServer(scope, action_type.get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT),
+            ServiceServer(scope, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT),
         ]
+        hearing = Hearing(self._services[0], self._feedback)
+        self._runner = None if execute is None else HandlerRunner(scope, self, names.action, execute, hearing)
 
     # ------------------------------------------------------------------------------------------------ stream style
 
-    def __aiter__(self) -> Stream[GoalRequest[GoalT, ResultT, FeedbackT]]:
-        if self._execute is not None or self._accept is not None:
+    def __aiter__(self) -> Stream[GoalRequest[ActionT_co]]:
+        if self._runner is not None:
             raise TypeError(f"action {self.name} has callbacks; its goals cannot be iterated over too")
         return self._requests
 
-    def cancel_requests(self) -> Stream[CancelRequest[GoalT, ResultT, FeedbackT]]:
+    def cancel_requests(self) -> Stream[CancelRequest[ActionT_co]]:
         """Decide about cancels yourself: from now on each one waits until it is accepted or rejected."""
         return self._desk.stream()
 
     @property
-    def goals(self) -> list[ServerGoal[GoalT, ResultT, FeedbackT]]:
+    def goals(self) -> list[ServerGoal[ActionT_co]]:
         """The goals that have not ended, in the order of acceptance."""
         return list(self._goals.values())
+
+    @property
+    def feedback_dropped(self) -> int:
+        """How many feedback messages were never sent because a client was too slow to take them."""
+        return self._feedback.dropped
 
     # -------------------------------------------------------------------------------------------------- send_goal
 
@@ -143,134 +154,117 @@ class ActionServer(Generic[GoalT, ResultT, FeedbackT]):
         response = self._type.cls.SendGoal.Response()
         goal_id = goal_id_of(request)
         self._expire()
-        if goal_id in self._book or goal_id in self._unanswered:
+        if goal_id in self._book or goal_id in self._undecided:
             return response
-        if self._policy == "reject" and (self._goals or self._unanswered):
+        if self._policy == "reject" and (self._goals or self._undecided):
             return response
-        goal: ServerGoal[GoalT, ResultT, FeedbackT] = ServerGoal(self, goal_id, self._type.goal.to_value(request.goal))
-        answer: asyncio.Future[GoalInfo | None] = self._future()
-        self._unanswered[goal_id] = (goal, answer)
+        goal: ServerGoal[ActionT_co] = ServerGoal(self, goal_id, self._type.goal.to_value(request.goal))
+        self._undecided.add(goal_id)
         try:
-            info = await self._ask(goal, answer)
+            info = await (self._ask_reader(goal) if self._runner is None else self._ask_callback(goal))
         finally:
-            del self._unanswered[goal_id]
+            self._undecided.discard(goal_id)
         if info is not None:
             response.accepted = True
             set_stamp(response, info.stamp_ns)
         return response
 
-    async def _ask(
-        self, goal: ServerGoal[GoalT, ResultT, FeedbackT], answer: asyncio.Future[GoalInfo | None]
-    ) -> GoalInfo | None:
-        if self._execute is None and self._accept is None:
+    async def _ask_reader(self, goal: ServerGoal[ActionT_co]) -> GoalInfo | None:
+        """Whoever iterates over the server decides, by `admit` or `refuse`."""
+        answer: asyncio.Future[GoalInfo | None] = asyncio.get_running_loop().create_future()
+        self._answers[goal.goal_id] = answer
+        try:
             self._requests.push(GoalRequest(self, goal))
             return await answer
-        decision: Any = GoalDecision.ACCEPT
+        finally:
+            del self._answers[goal.goal_id]
+
+    async def _ask_callback(self, goal: ServerGoal[ActionT_co]) -> GoalInfo | None:
+        decision = GoalDecision.ACCEPT
         if self._accept is not None:
             try:
-                decision = await result_of(self._accept, goal.request)
-            except Exception:
+                decision = decision_of(await result_of(self._accept, goal._request))
+            except (Exception, asyncio.CancelledError):
+                if self._closed or is_own_cancel():
+                    raise
                 self._scope.report_failure(f"the accept callback of action {self.name}")
                 decision = GoalDecision.REJECT
-        if self._closed or decision is False or decision is GoalDecision.REJECT:
+        if self._closed or decision is GoalDecision.REJECT:
             return None
-        self.admit(goal.goal_id, start=decision is not GoalDecision.DEFER)
-        return answer.result()
+        return self._enter(goal, start=decision is GoalDecision.ACCEPT)
 
-    def admit(self, goal_id: bytes, *, start: bool) -> None:
+    def admit(self, goal: ServerGoal[Any], *, start: bool) -> None:
         """See `GoalServer`."""
-        goal, answer = self._take_unanswered(goal_id)
-        info = self._book.accept(goal_id, self._clock.now_ns())
+        answer = self._open_answer(goal)
+        answer.set_result(self._enter(goal, start=start))
+
+    def refuse(self, goal: ServerGoal[Any]) -> None:
+        """See `GoalServer`."""
+        self._open_answer(goal).set_result(None)
+
+    def _open_answer(self, goal: ServerGoal[Any]) -> asyncio.Future[GoalInfo | None]:
+        answer = self._answers.get(goal.goal_id)
+        if answer is None or answer.done():
+            raise GoalAlreadyAnsweredError(f"goal {goal.goal_id.hex()} was answered already, or its server is closed")
+        return answer
+
+    def _enter(self, goal: ServerGoal[Any], *, start: bool) -> GoalInfo:
+        info = self._book.accept(goal.goal_id, self._clock.now_ns())
         assert info is not None, "a known id was refused before"
-        answer.set_result(info)
-        self._rows.add(goal_id, info.stamp_ns, GoalStatus.ACCEPTED)
-        others = [other for other in self._goals if other not in self._line]
-        self._goals[goal_id] = goal
-        if start and self._policy in ("queue", "preempt") and (others or self._line):
-            self._stand_in_line(goal_id, others)
-        elif start:
-            self.start(goal_id)
+        self._rows.add(goal.goal_id, info.stamp_ns, GoalStatus.ACCEPTED)
+        self._goals[goal.goal_id] = goal
+        if start:
+            self._start_in_turn(goal)
         else:
             self._publish_status()
-
-    def refuse(self, goal_id: bytes) -> None:
-        """See `GoalServer`."""
-        self._take_unanswered(goal_id)[1].set_result(None)
-
-    def _take_unanswered(self, goal_id: bytes) -> _Unanswered[GoalT, ResultT, FeedbackT]:
-        found = self._unanswered.get(goal_id)
-        if found is None or found[1].done():
-            raise GoalAlreadyAnsweredError(f"goal {goal_id.hex()} was answered already, or its server is closed")
-        return found
-
-    def _stand_in_line(self, goal_id: bytes, running: list[bytes]) -> None:
-        if self._policy == "preempt":
-            for waiting in list(self._line):
-                self._cancel_unstarted(waiting)
-            for other in running:
-                if self._book.status(other).is_cancelable:
-                    self._mark_canceling(other)
-        self._line.append(goal_id)
-        self._publish_status()
+        return info
 
     # --------------------------------------------------------------------------------------------------- execution
 
     def start(self, goal_id: bytes) -> None:
         """See `GoalServer`."""
         goal = self._goals.get(goal_id)
-        status = self._book.status(goal_id)
-        if goal is None or goal_id in self._started:
-            return
-        self._started.add(goal_id)
-        if goal_id in self._line:
-            self._line.remove(goal_id)
-        if status is GoalStatus.ACCEPTED:
-            self._change(goal_id, GoalEvent.EXECUTE)
-        if self._execute is not None:
-            task = self._scope.start(self._run(self._execute, goal))
-            self._tasks.add(task)
-            task.add_done_callback(self._tasks.discard)
+        if goal is not None and not goal.has_started and goal_id not in self._line:
+            self._start_in_turn(goal)
 
-    async def _run(
-        self,
-        execute: Callable[[ServerGoal[GoalT, ResultT, FeedbackT]], Any],
-        goal: ServerGoal[GoalT, ResultT, FeedbackT],
-    ) -> None:
-        try:
-            outcome = await execute(goal) if is_async(execute) else await asyncio.to_thread(execute, goal)
-            if goal.is_active and outcome is not None and not isinstance(outcome, Finished):
-                self.finish(goal.goal_id, GoalEvent.SUCCEED, outcome)
-        except Exception:
-            self._scope.report_failure(f"the handler of action {self.name}")
-        else:
-            if goal.is_active:
-                self._scope.logger.warning(
-                    f"the handler of action {self.name} returned without ending goal {goal.goal_id.hex()}; aborting it"
-                )
-        if goal.is_active and not self._closed:
-            self.finish(goal.goal_id, GoalEvent.ABORT, None)
+    def _start_in_turn(self, goal: ServerGoal[Any]) -> None:
+        if not self._running or self._policy not in ("queue", "preempt"):
+            self._start(goal)
+            return
+        if self._policy == "preempt":
+            for waiting in list(self._line):
+                self._cancel_unstarted(waiting)
+            for running in self._running:
+                if self._book.status(running).is_cancelable:
+                    self._mark_canceling(running)
+        self._line.append(goal.goal_id)
+        self._publish_status()
+
+    def _start(self, goal: ServerGoal[Any]) -> None:
+        self._running.add(goal.goal_id)
+        self._change(goal.goal_id, GoalEvent.EXECUTE)
+        goal.settle_start(started=True)
+        if self._runner is not None:
+            self._runner.start(goal)
 
     def finish(self, goal_id: bytes, event: GoalEvent, result: object | None) -> None:
-        """See `GoalServer`."""
+        """See `GoalServer`. A result that cannot be sent fails here, where its author sees it."""
         self._scope.require_open(self._closed, f"action server {self.name}")
-        message = self._type.default_result() if result is None else self._type.result.to_message(result)
-        message._encode()  # A result that cannot be sent must fail here, where its author sees it.
-        waiting = self._book.finish(goal_id, event, message, self._clock.now_ns())
-        status = self._book.status(goal_id)
+        status = _ENDS[event]
+        data = self._type.encode_result(status, result)
+        waiting = self._book.finish(goal_id, event, data, self._clock.now_ns())
         self._rows.set_status(goal_id, status)
-        self._goals.pop(goal_id, None)
-        self._started.discard(goal_id)
+        goal = self._goals.pop(goal_id)
+        self._running.discard(goal_id)
+        goal.settle_start(started=False)
         for answer in waiting:
             if not answer.done():
-                answer.set_result((status, message))
+                answer.set_result(data)
         self._desk.goal_ended(goal_id)
         self._publish_status()
-        self._start_next()
+        if self._line and not self._running:
+            self._start(self._goals[self._line.popleft()])
         self._expire()
-
-    def _start_next(self) -> None:
-        if self._line and all(goal_id in self._line for goal_id in self._goals):
-            self.start(self._line[0])
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
         """See `GoalServer`."""
@@ -292,62 +286,55 @@ class ActionServer(Generic[GoalT, ResultT, FeedbackT]):
     async def _on_cancel_goal(self, request: CancelGoal_Request) -> CancelGoal_Response:
         self._expire()
         selection = self._book.select_for_cancel(goal_id_of(request.goal_info), stamp_ns_of(request.goal_info))
-        answers = await asyncio.gather(*(self._may_cancel(info.goal_id) for info in selection.goals))
-        agreed = [info for info, yes in zip(selection.goals, answers, strict=True) if yes]
-        canceled = tuple(info for info in agreed if self._book.status(info.goal_id).is_cancelable)
-        if agreed and not canceled:
-            # They ended while somebody decided.
-            selection = CancelSelection(CancelCode.GOAL_TERMINATED)
-        response = CancelGoal_Response(return_code=int(cancel_answer(selection, canceled)))
-        for info in canceled:
+        decisions = await asyncio.gather(*(self._may_cancel(info.goal_id) for info in selection.goals))
+        if self._closed:
+            return CancelGoal_Response()
+        agreed = [info for info, yes in zip(selection.goals, decisions, strict=True) if yes]
+        answer = self._book.answer_cancel(selection, agreed)
+        response = CancelGoal_Response(return_code=int(answer.code))
+        for info in answer.goals:
             found = GoalInfoMessage()
             found.goal_id.uuid = info.goal_id  # type: ignore[assignment]
             set_stamp(found, info.stamp_ns)
             response.goals_canceling.append(found)
-            if info.goal_id in self._line:
-                self._cancel_unstarted(info.goal_id)
-            else:
+        for info in answer.goals:
+            if info.goal_id in self._running:
                 self._mark_canceling(info.goal_id)
+            else:
+                self._cancel_unstarted(info.goal_id)
         return response
 
     async def _may_cancel(self, goal_id: bytes) -> bool:
         goal = self._goals.get(goal_id)
-        if goal is None:
-            return True  # It has just ended; the caller will see that.
-        return await self._desk.decide(goal, started=goal_id in self._started)
+        # One that is gone has just ended; whoever answers will see that.
+        return goal is not None and await self._desk.decide(goal, started=goal.has_started)
 
     def _mark_canceling(self, goal_id: bytes) -> None:
         self._change(goal_id, GoalEvent.CANCEL_GOAL)
         self._goals[goal_id].request_cancel()
 
     def _cancel_unstarted(self, goal_id: bytes) -> None:
-        self._line.remove(goal_id)
+        """End a goal that stands in line or was deferred: nobody else would."""
+        if goal_id in self._line:
+            self._line.remove(goal_id)
         self._mark_canceling(goal_id)
         self.finish(goal_id, GoalEvent.CANCELED, None)
 
     # ------------------------------------------------------------------------------------------------------ result
 
-    async def _on_get_result(self, request: Any) -> Any:
+    async def _on_get_result(self, request: Any) -> bytes:
         self._expire()
-        waiting: asyncio.Future[tuple[GoalStatus, Message]] = self._future()
-        answer, status, result = self._book.request_result(goal_id_of(request), waiting)
-        if answer is ResultAnswer.WAIT:
-            try:
-                status, result = await waiting
-            finally:
-                self._book.forget_waiting(waiting)
-        response = self._type.cls.GetResult.Response()
-        response.status = int(status)
-        if result is not None:
-            response.result = result
-        return response
-
-    def _future(self) -> asyncio.Future[Any]:
-        """One that `close` cancels, and with it the service handler that waits for it."""
-        future: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
-        self._waiting.add(future)
-        future.add_done_callback(self._waiting.discard)
-        return future
+        goal_id = goal_id_of(request)
+        answer, data = self._book.request_result(goal_id)
+        if answer is not ResultAnswer.WAIT:
+            return self._unknown if data is None else data
+        end: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        self._book.wait_for_result(goal_id, end)
+        try:
+            return await end
+        except asyncio.CancelledError:
+            self._book.forget_waiting(goal_id, end)
+            raise
 
     # ------------------------------------------------------------------------------------------------------ status
 
@@ -380,7 +367,10 @@ class ActionServer(Generic[GoalT, ResultT, FeedbackT]):
         self._expire()
 
     def close(self) -> None:
-        """Stop serving; handlers are cancelled, iterators end. May be called twice."""
+        """Stop serving. May be called twice.
+
+        `cancel_requested` of every goal becomes true, handlers that await something are cancelled, iterators end.
+        """
         if self._closed:
             return
         self._closed = True
@@ -389,7 +379,13 @@ class ActionServer(Generic[GoalT, ResultT, FeedbackT]):
             self._jumps.close()
         if self._expiry is not None:
             self._expiry.cancel()
-        for pending in (*self._waiting, *self._tasks):
+        for goal in self._goals.values():
+            goal.request_cancel()
+            goal.settle_start(started=False)
+        if self._runner is not None:
+            self._runner.close()
+        unanswered: list[asyncio.Future[Any]] = [*self._book.waiting(), *self._answers.values()]
+        for pending in unanswered:
             if not pending.get_loop().is_closed():
                 pending.cancel()
         self._requests.close()

@@ -2,18 +2,22 @@
 
 Decides how goals, results and feedback cross between the user's values and messages: with a generated class they are
 messages, with a type given as text they are dicts. Everything else inside the action files is messages.
+
+Decides too how a type checker sees it: servers, clients and goals are generic in one variable, the action class, and
+their methods find the types of its parts by annotating `self`: ``self: ServerGoal[Action[GoalT, Any, Any]]``.
 Source: protocol.md 8.1.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar, overload
 
 from rosidl_py_gen.cdr import Action, Message
+from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal, CancelGoal_Request, CancelGoal_Response
-from rosidl_py_gen.runtime.message_types import MessageType, ServiceType, message_type, service_type
+from rosidl_py_gen.runtime.message_types import MessageType, ServiceType, Untyped, message_type, service_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,6 +27,25 @@ if TYPE_CHECKING:
 GoalT = TypeVar("GoalT")
 ResultT = TypeVar("ResultT")
 FeedbackT = TypeVar("FeedbackT")
+ActionT = TypeVar("ActionT", bound=Action[Any, Any, Any])
+ActionT_co = TypeVar("ActionT_co", bound=Action[Any, Any, Any], covariant=True)
+"""Covariant, so that ``ServerGoal[Fibonacci]`` is a ``ServerGoal[Action[Fibonacci_Goal, ...]]``."""
+
+
+UntypedAction: TypeAlias = Action[Untyped, Untyped, Untyped]
+"""What stands for an action whose type is given as text; its goals, results and feedback are dicts."""
+
+
+class ActionClass(Protocol[ActionT_co, GoalT, ResultT, FeedbackT]):
+    """A generated action class as a type checker sees it: the class itself, and the types of its parts.
+
+    Python cannot say "some class, whose base is `Action` of these"; but calling the class gives both.
+    """
+
+    @overload
+    def __call__(self) -> ActionT_co: ...
+    @overload
+    def __call__(self) -> Action[GoalT, ResultT, FeedbackT]: ...  # type: ignore[overload-cannot-match]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +62,8 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class ActionType(Generic[GoalT, ResultT, FeedbackT]):
-    """An action type as endpoints use it; the type variables are those of the user's values.
+class ActionType:
+    """An action type as endpoints use it.
 
     Attributes:
         cls: the generated action class, with `SendGoal`, `GetResult` and `FeedbackMessage`.
@@ -57,12 +80,18 @@ class ActionType(Generic[GoalT, ResultT, FeedbackT]):
     cancel: ServiceType[CancelGoal_Request, CancelGoal_Response]
     status: MessageType[GoalStatusArray]
 
-    def default_result(self) -> Message:
-        """What is answered when there is no result of the user's."""
-        return self.result.cls()
+    def encode_result(self, status: int, result: object | None) -> bytes:
+        """A get_result response; None is a default result. Raises `TypeError`, `EncodeError`."""
+        message = self.result.cls() if result is None else self.result.to_message(result)
+        try:
+            data: bytes = self.cls.GetResult.Response(status=int(status), result=message)._encode()
+        except EncodeError:
+            message._encode()  # says it without the names of what is around the result
+            raise
+        return data
 
 
-def action_type(source: type[Action[Any, Any, Any]] | str) -> ActionType[Any, Any, Any]:
+def action_type(source: object) -> ActionType:
     """Raises `TypeNotFoundError` for a text that names no known type, `TypeError` for anything else."""
     cls: Any = source
     if isinstance(source, str):

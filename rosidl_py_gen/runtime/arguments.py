@@ -38,6 +38,9 @@ class RosArguments:
         parameters: from ``-p`` and files, in order; later ones override earlier ones.
         log_level: for all loggers; None leaves INFO.
         log_levels: (logger name, level) in order.
+        log_file_name: what the name of a log file begins with; empty leaves the program's name.
+        stdout_logs, rosout_logs: the switches ``--enable-…`` and ``--disable-…``; of several the last counts.
+        external_lib_logs: the switch for log files; None when it was not given.
         warnings: sentences to log once.
     """
 
@@ -47,11 +50,10 @@ class RosArguments:
     log_level: int | None = None
     log_levels: tuple[tuple[str, int], ...] = ()
     enclave: str = "/"
-    log_config_file: str = ""
     log_file_name: str = ""
     stdout_logs: bool = True
     rosout_logs: bool = True
-    external_lib_logs: bool = True
+    external_lib_logs: bool | None = None
     warnings: tuple[str, ...] = ()
 
     def overrides_for(self, fully_qualified_name: str) -> dict[str, ParameterValue]:
@@ -70,7 +72,6 @@ class _Parser:
     log_level: int | None = None
     log_levels: list[tuple[str, int]] = field(default_factory=list)
     enclave: str = "/"
-    log_config_file: str = ""
     log_file_name: str = ""
     switches: dict[str, bool] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
@@ -116,9 +117,14 @@ class _Parser:
         self.enclave = normalize_namespace(value)
 
     def set_log_config_file(self, value: str) -> None:
-        self.log_config_file = value
+        raise RosArgumentError(
+            "log configuration files are not read, because they can run code (ROS's usual backend, spdlog, reads none "
+            "either); use --log-level [logger:=]LEVEL, or configure Python's logging in the program"
+        )
 
     def set_log_file_name(self, value: str) -> None:
+        if not value or not value.isprintable() or any(sign in value for sign in "/\\:"):
+            raise RosArgumentError("expected the beginning of a file name, without folder; ROS_LOG_DIR sets the folder")
         self.log_file_name = value
 
 
@@ -146,8 +152,17 @@ def read_text_file(path: str) -> str:
 def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = read_text_file) -> RosArguments:
     """Split a command line, program name included, into ROS arguments and the rest.
 
-    Raises `RosArgumentError` that shows the argument: unknown flag, missing or malformed value, unreadable file.
+    Raises:
+        RosArgumentError: shows the argument: unknown flag, missing or malformed value, unreadable file.
+        TypeError: not a list of texts; one text is not split, because only a shell knows how.
     """
+    if isinstance(arguments, (str, bytes)):
+        raise TypeError(
+            f"args must be a list of arguments such as ['program', '--ros-args'], got the text {arguments!r}"
+        )
+    wrong = [argument for argument in arguments if not isinstance(argument, str)]
+    if wrong:
+        raise TypeError(f"args must be texts, got {wrong[0]!r}")
     parser = _Parser(read_text)
     rest = iter(arguments)
     for argument in rest:
@@ -209,10 +224,9 @@ def _result(parser: _Parser) -> RosArguments:
         parser.log_level,
         tuple(parser.log_levels),
         parser.enclave,
-        parser.log_config_file,
         parser.log_file_name,
         parser.switches.get("stdout-logs", True),
         parser.switches.get("rosout-logs", True),
-        parser.switches.get("external-lib-logs", True),
+        parser.switches.get("external-lib-logs"),
         tuple(parser.warnings),
     )

@@ -132,7 +132,10 @@ class Bridge:
         loop = self.loop
         if loop is not None:
             with contextlib.suppress(RuntimeError):  # closed in the meantime
-                loop.call_soon_threadsafe(function)
+                if threading.get_ident() == self._loop_thread:
+                    loop.call_soon(function)
+                else:
+                    loop.call_soon_threadsafe(function)
 
     @property
     def is_running(self) -> bool:

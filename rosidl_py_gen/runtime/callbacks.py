@@ -13,7 +13,7 @@ from types import CodeType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.runtime.bridge import Bridge
 
@@ -22,6 +22,7 @@ T = TypeVar("T")
 _LOOP_ENDED_S = 0.2
 """How often a thread that waits for the loop looks whether there still is one."""
 
+_TASKS_KNOW = hasattr(asyncio.Task, "cancelling")
 _CANCEL_NAMES = frozenset({"cancel_requested", "wait_for_cancel"})
 
 
@@ -40,11 +41,29 @@ def require_callable(callback: object, what: str, hint: str = "") -> None:
 def is_own_cancel() -> bool:
     """Whether the CancelledError at hand is meant for the current task, and not the outcome of something awaited.
 
-    False on Python 3.10, which cannot tell.
+    For tasks of `start_task`; on Python 3.10 others cannot tell.
     """
     task = asyncio.current_task()
     cancelling = getattr(task, "cancelling", None)
     return cancelling is not None and cancelling() > 0
+
+
+def start_task(loop: asyncio.AbstractEventLoop, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
+    """A task that knows whether it was cancelled."""
+    return loop.create_task(coroutine) if _TASKS_KNOW else _CountingTask(coroutine, loop=loop)
+
+
+class _CountingTask(asyncio.Task[T]):
+    """What tasks of Python 3.11 can do."""
+
+    _cancels = 0
+
+    def cancel(self, msg: Any = None) -> bool:
+        self._cancels += 1
+        return super().cancel(msg)
+
+    def cancelling(self) -> int:
+        return self._cancels
 
 
 async def in_thread(name: str, function: Callable[..., Any], *arguments: object) -> Any:

@@ -134,6 +134,8 @@ class Clock:
     def set_ros_time_override(self, now: Time) -> None:
         """Set the simulated time; only stores it while the override is not enabled."""
         self._require_ros_time()
+        if not isinstance(now, Time):
+            raise TypeError(f"the override of a ROS clock must be a Time, got {now!r:.100}")
         if now.clock_type is not ClockType.ROS_TIME:
             raise ClockTypeError(f"the override of a ROS clock must be a ROS_TIME, got {now!r}")
         if not self._active:
@@ -158,6 +160,9 @@ class Clock:
 
         Raises `TimeRangeError` unless `min_forward` > 0 and `min_backward` < 0. Exceptions in a callback are logged.
         """
+        for name, threshold in (("min_forward", min_forward), ("min_backward", min_backward)):
+            if threshold is not None and not isinstance(threshold, Duration):
+                raise TypeError(f"{name} must be a Duration or None, got {threshold!r:.100}")
         if min_forward is not None and min_forward.nanoseconds <= 0:
             raise TimeRangeError(f"min_forward must be a positive duration, got {min_forward!r}")
         if min_backward is not None and min_backward.nanoseconds >= 0:
@@ -173,17 +178,30 @@ class Clock:
         self._handles.append(handle)
         return handle
 
-    async def sleep_until(self, until: Time) -> None:
-        """Return when this clock, simulated or not, reads `until` or later; see `clock_sleep.py`."""
+    async def sleep_until(self, until: Time) -> bool:
+        """Sleep until this clock, simulated or not, reads `until` or later; see `clock_sleep.py`.
+
+        Returns:
+            False when ROS time was activated or deactivated meanwhile: `until` has no meaning on the other time.
+
+        Raises:
+            ClockTypeError: `until` is of another clock. TypeError: it is no `Time`.
+        """
         from rosidl_py_gen.runtime.clock_sleep import sleep_until
 
-        await sleep_until(self, until)
+        return await sleep_until(self, until)
 
-    async def sleep_for(self, duration: Duration | float) -> None:
-        """Sleep by this clock, simulated or not; a number means seconds."""
+    async def sleep_for(self, duration: Duration | float) -> bool:
+        """Sleep by this clock, simulated or not; a number means seconds. False as in `sleep_until`.
+
+        Time that jumps back to before the start of the sleep begins it anew, as a timer's period does.
+
+        Raises:
+            TypeError: no duration and no number. TimeRangeError: not finite.
+        """
         from rosidl_py_gen.runtime.clock_sleep import sleep_for
 
-        await sleep_for(self, duration)
+        return await sleep_for(self, duration)
 
     def _forget(self, handle: JumpHandle) -> None:
         self._handles.remove(handle)

@@ -12,7 +12,7 @@ import os
 import sys
 import threading
 import weakref
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.arguments import parse_arguments
@@ -20,17 +20,19 @@ from rosidl_py_gen.runtime.bridge import Bridge
 from rosidl_py_gen.runtime.ddsnames import participant_user_data
 from rosidl_py_gen.runtime.discovery import Discovery
 from rosidl_py_gen.runtime.environment import cyclone_xml, read_environment
-from rosidl_py_gen.runtime.log_console import install_console, read_console_environment, remove_console
-from rosidl_py_gen.runtime.logging import get_root_logger, set_logger_level
+from rosidl_py_gen.runtime.forked import FORKED
+from rosidl_py_gen.runtime.log_outputs import ContextLogs
+from rosidl_py_gen.runtime.logging import get_root_logger
 from rosidl_py_gen.runtime.sync_calls import SyncCalls
 
 if TYPE_CHECKING:
+    import asyncio
     from collections.abc import Coroutine, Sequence
 
     from typing_extensions import Self
 
     from rosidl_py_gen.runtime.arguments import RosArguments
-    from rosidl_py_gen.runtime.scope import Closable
+    from rosidl_py_gen.runtime.environment import DomainSettings
     from rosidl_py_gen.runtime.transport import Transport
 
 T = TypeVar("T")
@@ -43,8 +45,25 @@ The kernel grants at most net.core.rmem_max. With Cyclone's own 1 MiB a fifth of
 """
 
 
+class AdoptedNode(Protocol):
+    """What a context knows of its nodes."""
+
+    @property
+    def fully_qualified_name(self) -> str:
+        """``/ns/name``."""
+
+    def close(self) -> None:
+        """May be called twice."""
+
+    def abandon(self, words: str) -> None:
+        """Be closed without touching the transport; `words` say why, for errors."""
+
+
 class Context:
     """One participant of a DDS domain.
+
+    All contexts of one process and domain need the same settings. After a fork a context belongs to the parent process
+    alone: in the child it is closed, and so are its nodes.
 
     Args:
         domain_id: None means ``ROS_DOMAIN_ID``, else 0.
@@ -53,7 +72,9 @@ class Context:
         transport: None means DDS; a `MemoryTransport` stays inside this process.
 
     Raises:
-        EnvironmentSettingError, RosArgumentError, TransportError, BackendMissingError.
+        EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError.
+        TransportError: DDS refused, the domain is open with other settings, or this process was forked from one that
+            uses DDS.
     """
 
     _default: ClassVar[Context | None] = None
@@ -67,11 +88,20 @@ class Context:
         args: Sequence[str] | None = None,
         transport: Transport | None = None,
     ) -> None:
+        if isinstance(transport, type) or not (transport is None or callable(getattr(transport, "open", None))):
+            raise TypeError(f"transport must be a transport object such as MemoryTransport(), got {transport!r:.100}")
         settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
         self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
         self.arguments = list(self.ros_arguments.program)
         """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
-        self._apply_logging()
+        self._logs = ContextLogs(self.ros_arguments, os.environ)
+        try:
+            self._open(settings, transport)
+        except BaseException:
+            self._logs.close()
+            raise
+
+    def _open(self, settings: DomainSettings, transport: Transport | None) -> None:
         for sentence in (*settings.warnings, *self.ros_arguments.warnings):
             get_root_logger().warning(sentence)
         self.domain_id = settings.domain_id
@@ -84,20 +114,14 @@ class Context:
         self.discovery = Discovery(self.participant, self.bridge)
         self.entity_numbers = itertools.count(1)
         self._closed = False
+        self._closed_words = "this context is closed"
+        self._had_loop = threading.Event()
+        self.bridge.on_start(self._had_loop.set)
         self._shared = False
-        self._nodes: weakref.WeakSet[Closable] = weakref.WeakSet()
+        self._nodes: weakref.WeakSet[AdoptedNode] = weakref.WeakSet()
         self._node_count = 0
         self._sync_calls = SyncCalls(self.bridge)
         _open_contexts.add(self)
-
-    def _apply_logging(self) -> None:
-        install_console(read_console_environment(os.environ))
-        if not self.ros_arguments.stdout_logs:
-            remove_console()
-        if self.ros_arguments.log_level is not None:
-            set_logger_level("", self.ros_arguments.log_level)
-        for name, level in self.ros_arguments.log_levels:
-            set_logger_level(name, level)
 
     # ----------------------------------------------------------------------------------------------------- sharing
 
@@ -118,23 +142,29 @@ class Context:
         if context is not None:
             context.close()
 
-    def adopt(self, node: Closable) -> None:
+    def adopt(self, node: AdoptedNode) -> None:
         """Count a node in; `close` will close it."""
         self.require_open()
+        self._logs.adopt(node.fully_qualified_name)
         self._nodes.add(node)
         self._node_count += 1
 
-    def release(self, node: Closable) -> None:
+    def release(self, node: AdoptedNode) -> None:
         """Count a node out; the default context closes with its last node."""
+        self._logs.release(node.fully_qualified_name)
         self._nodes.discard(node)
         self._node_count -= 1
+        self.close_if_unused()
+
+    def close_if_unused(self) -> None:
+        """Close the default context when it has no node, because the last one left or the first one failed."""
         if self._shared and self._node_count == 0:
             self.close()
 
     def require_open(self) -> None:
         """Raise `ClosedError` when the context is closed."""
         if self._closed:
-            raise ClosedError("this context is closed")
+            raise ClosedError(self._closed_words)
 
     @property
     def is_closed(self) -> bool:
@@ -143,12 +173,30 @@ class Context:
 
     # -------------------------------------------------------------------------------------------------------- loop
 
+    @property
+    def had_loop(self) -> bool:
+        """Whether an event loop was ever attached; before that no callback runs."""
+        return self._had_loop.is_set()
+
+    @staticmethod
+    def attach_all() -> None:
+        """Let the running loop serve every open context that no running loop serves yet."""
+        for context in sorted(_open_contexts, key=lambda context: context is not Context._default):
+            context.bridge.adopt_running_loop()
+
     def run_until_complete(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine from plain code, on the loop that runs, or on one that this context keeps for the purpose."""
         if self._closed:
             coroutine.close()
             self.require_open()
         return self._sync_calls.run(coroutine)
+
+    @staticmethod
+    def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
+        """Close the contexts that this loop serves."""
+        for context in list(_open_contexts):
+            if context.bridge.loop is loop:
+                context.close()
 
     # ------------------------------------------------------------------------------------------------------ closing
 
@@ -177,6 +225,27 @@ class Context:
         self.bridge.close()
         self.participant.close()
         self._sync_calls.close()
+        self._logs.close()
+
+    @staticmethod
+    def close_all() -> None:
+        """Leave all domains before the process goes, so that peers see it at once and no DDS thread outlives Python."""
+        for context in list(_open_contexts):
+            context.close()
+
+    # ------------------------------------------------------------------------------------------------------ forking
+
+    @classmethod
+    def after_fork(cls) -> None:
+        """In the child: forget what belongs to the parent. No call into DDS, no lock, no join: all of them may hang."""
+        cls._default = None
+        cls._default_lock = threading.RLock()
+        for context in list(_open_contexts):
+            context._closed = True
+            context._closed_words = f"this context is closed: it was {FORKED}"
+            for node in list(context._nodes):
+                node.abandon(FORKED)
+        _open_contexts.clear()
 
 
 def _dds() -> Transport:
@@ -187,9 +256,6 @@ def _dds() -> Transport:
 
 _open_contexts: weakref.WeakSet[Context] = weakref.WeakSet()
 
-
-@atexit.register
-def _close_all() -> None:
-    """Leave the domains before the interpreter goes, so that peers see it at once and no DDS thread outlives Python."""
-    for context in list(_open_contexts):
-        context.close()
+atexit.register(Context.close_all)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=Context.after_fork)

@@ -19,15 +19,16 @@ import sys
 import threading
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import cyclone_abi as abi
 from rosidl_py_gen.runtime.cyclone_discovery import DiscoveryReaders
+from rosidl_py_gen.runtime.cyclone_domain import Domain
 from rosidl_py_gen.runtime.cyclone_endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.cyclone_qos import endpoint_qos, participant_qos
 from rosidl_py_gen.runtime.cyclone_types import member_name, type_blobs
-from rosidl_py_gen.runtime.transport import BackendMissingError, ReceiveQueue, effective
+from rosidl_py_gen.runtime.transport import BackendMissingError, ReceiveQueue, TransportError, effective
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,6 +41,8 @@ _MAX_WOKEN = 256
 _WOKEN_SIZE = ct.c_size_t(_MAX_WOKEN)
 _int64 = ct.c_int64
 _MAX_IDLE_TOPICS = 256
+_LONGEST_TYPE = 255
+"""Longer ones crash the library."""
 _GUARD = 0
 
 
@@ -74,46 +77,11 @@ _api = abi.Api(_library)
 _wait = _api.bare_wait
 
 
-# ------------------------------------------------------------------------------------------------------------ domains
-
-
-class _Domain:
-    """A configured DDS domain of this process; lives as long as a participant of ours uses it."""
-
-    all: ClassVar[dict[int, _Domain]] = {}
-    lock = threading.Lock()
-
-    def __init__(self, domain_id: int, xml: str) -> None:
-        self.domain_id = domain_id
-        self.xml = xml
-        self.users = 0
-        code = _api.create_domain(domain_id, xml.encode())
-        # Somebody else in this process (another DDS library on top of the same wheel) may have made the domain already.
-        self.handle = 0 if code == abi.PRECONDITION_NOT_MET else _api.check(code, f"configure domain {domain_id}")
-
-    @classmethod
-    def join(cls, domain_id: int, xml: str) -> _Domain:
-        with cls.lock:
-            domain = cls.all.get(domain_id)
-            if domain is None:
-                domain = cls.all[domain_id] = cls(domain_id, xml)
-            domain.users += 1
-            return domain
-
-    def leave(self) -> None:
-        with self.lock:
-            self.users -= 1
-            if self.users == 0:
-                del self.all[self.domain_id]
-                if self.handle:
-                    _api.delete(self.handle)
-
-
 class CycloneTransport:
     """Joins DDS domains; see `transport.Transport`. Stateless."""
 
     def open(self, domain_id: int, user_data: bytes, *, cyclone_xml: str) -> CycloneParticipant:
-        """Join `domain_id`. The first participant of a process decides the configuration of its domain."""
+        """Join `domain_id`, which all participants of a process configure alike; see `cyclone_domain.py`."""
         return CycloneParticipant(domain_id, user_data, cyclone_xml)
 
 
@@ -157,7 +125,7 @@ class CycloneParticipant:
     def __init__(self, domain_id: int, user_data: bytes, xml: str) -> None:
         self.api = _api
         self.domain_id = domain_id
-        self._domain = _Domain.join(domain_id, xml)
+        self._domain = Domain.join(_api, domain_id, xml)
         self._closed = False
         self._lock = threading.Lock()
         self._topics: dict[tuple[str, str], list[int]] = {}
@@ -225,6 +193,10 @@ class CycloneParticipant:
             held = self._topics.get((topic, type))
             self._idle_topics.pop((topic, type), None)
             if held is None:
+                if len(type) > _LONGEST_TYPE:
+                    raise TransportError(
+                        f"the DDS name of a type may have {_LONGEST_TYPE} characters, found {len(type)}: {type[:60]}..."
+                    )
                 code = _clayer.ddspy_topic_create(self.entity, topic, _data_type(type), None, None)
                 held = self._topics[topic, type] = [_api.check(code, f"create topic {topic} ({type})"), 0]
             held[1] += 1

@@ -82,7 +82,7 @@ def read_environment(
     if chosen is DiscoveryRange.OFF:
         peers = ()
     return DomainSettings(
-        _domain_id(environ.get("ROS_DOMAIN_ID", "") if domain_id is None else domain_id),
+        _domain_variable(environ.get("ROS_DOMAIN_ID", "")) if domain_id is None else _domain_id("domain_id", domain_id),
         chosen,
         peers,
         environ.get("CYCLONEDDS_URI", ""),
@@ -90,13 +90,15 @@ def read_environment(
     )
 
 
-def _domain_id(value: str | int) -> int:
-    number = _parse_unsigned(value) if isinstance(value, str) else value
+def _domain_variable(text: str) -> int:
+    return _domain_id("ROS_DOMAIN_ID", _parse_unsigned(text), text)
+
+
+def _domain_id(where: str, number: int | None, found: object = None) -> int:
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number <= MAX_DOMAIN_ID:
-        where = "ROS_DOMAIN_ID" if isinstance(value, str) else "domain_id"
         raise EnvironmentSettingError(
             f"{where} must be a whole number from 0 to {MAX_DOMAIN_ID} (higher ids need UDP ports above 65535), "
-            f"got {value!r}"
+            f"got {number if found is None else found!r}"
         )
     return number
 

@@ -10,9 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 from itertools import islice, takewhile
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
 
 ResultT = TypeVar("ResultT")
 TokenT = TypeVar("TokenT")
@@ -114,21 +117,23 @@ class GoalInfo:
 
 @dataclass(frozen=True, slots=True)
 class CancelSelection:
-    """The goals a cancel request is about; `code` says already why there is none."""
+    """The goals a cancel request is about; `code` says already why there is none.
+
+    Attributes:
+        by_id: the request names one goal and nothing else, so that its end matters to the caller.
+    """
 
     code: CancelCode
     goals: tuple[GoalInfo, ...] = ()
+    by_id: bool = False
 
 
-def cancel_answer(selection: CancelSelection, canceled: tuple[GoalInfo, ...]) -> CancelCode:
-    """The return code once the user has decided about each selected goal.
+@dataclass(frozen=True, slots=True)
+class CancelAnswer:
+    """The return code, and the goals that are cancelled."""
 
-    REJECTED when there were candidates and every one was refused: rclcpp says so, while rclpy leaves 0, with which a
-    client could not tell a refusal from a success.
-    """
-    if selection.code is CancelCode.NONE and selection.goals and not canceled:
-        return CancelCode.REJECTED
-    return selection.code
+    code: CancelCode
+    goals: tuple[GoalInfo, ...] = ()
 
 
 class ResultAnswer(Enum):
@@ -153,12 +158,12 @@ class GoalBook(Generic[ResultT, TokenT]):
     A result request is stood for by a token of the caller's choice, a result is any object.
 
     Args:
-        result_timeout_ns: how long a finished goal is remembered. It counts from the end of the goal: counting from
-            its acceptance, as rcl does, forgets the result of a long goal before anybody could ask. 0 or less forgets
-            it at the next `expire`.
+        result_timeout_ns: how long a finished goal is remembered, None for ever. It counts from the end of the goal:
+            counting from its acceptance, as rcl does, forgets the result of a long goal before anybody could ask. 0 or
+            less forgets it at the next `expire`.
     """
 
-    def __init__(self, result_timeout_ns: int) -> None:
+    def __init__(self, result_timeout_ns: int | None) -> None:
         self.result_timeout_ns = result_timeout_ns
         self._goals: dict[bytes, _Goal[ResultT, TokenT]] = {}
         # Finished goals with the time of their end, oldest first: nothing looks at all goals to find what is over.
@@ -212,31 +217,38 @@ class GoalBook(Generic[ResultT, TokenT]):
         waiting, goal.waiting = goal.waiting, []
         return waiting
 
-    def request_result(self, goal_id: bytes, token: TokenT) -> tuple[ResultAnswer, GoalStatus, ResultT | None]:
-        """What to answer a get_result request; with WAIT the token comes back from `finish`."""
+    def request_result(self, goal_id: bytes) -> tuple[ResultAnswer, ResultT | None]:
+        """What to answer a get_result request; with WAIT see `wait_for_result`."""
         goal = self._goals.get(goal_id)
         if goal is None:
-            return ResultAnswer.UNKNOWN, GoalStatus.UNKNOWN, None
+            return ResultAnswer.UNKNOWN, None
         if goal.status.is_terminal:
-            return ResultAnswer.READY, goal.status, goal.result
-        goal.waiting.append(token)
-        return ResultAnswer.WAIT, goal.status, None
+            return ResultAnswer.READY, goal.result
+        return ResultAnswer.WAIT, None
 
-    def forget_waiting(self, token: TokenT) -> None:
+    def wait_for_result(self, goal_id: bytes, token: TokenT) -> None:
+        """Let `finish` return the token. Raises `UnknownGoalError`."""
+        self._find(goal_id).waiting.append(token)
+
+    def forget_waiting(self, goal_id: bytes, token: TokenT) -> None:
         """The one who waits has gone."""
-        for goal in self._goals.values():
-            if token in goal.waiting:
-                goal.waiting.remove(token)
+        goal = self._goals.get(goal_id)
+        if goal is not None and token in goal.waiting:
+            goal.waiting.remove(token)
+
+    def waiting(self) -> list[TokenT]:
+        """Who waits for any result."""
+        return [token for goal in self._goals.values() for token in goal.waiting]
 
     def select_for_cancel(self, goal_id: bytes, stamp_ns: int) -> CancelSelection:
         """Which goals a cancel request is about, by the table of protocol.md 8.4."""
         if goal_id != ZERO_ID and stamp_ns == 0:
             goal = self._goals.get(goal_id)
             if goal is None:
-                return CancelSelection(CancelCode.UNKNOWN_GOAL_ID)
+                return CancelSelection(CancelCode.UNKNOWN_GOAL_ID, by_id=True)
             if not goal.status.is_cancelable:
-                return CancelSelection(CancelCode.GOAL_TERMINATED)
-            return CancelSelection(CancelCode.NONE, (goal.info,))
+                return CancelSelection(CancelCode.GOAL_TERMINATED, by_id=True)
+            return CancelSelection(CancelCode.NONE, (goal.info,), by_id=True)
         chosen = [
             goal.info
             for goal in self._goals.values()
@@ -244,6 +256,19 @@ class GoalBook(Generic[ResultT, TokenT]):
             and (stamp_ns == 0 or goal.info.stamp_ns <= stamp_ns or goal.info.goal_id == goal_id)
         ]
         return CancelSelection(CancelCode.NONE, tuple(chosen))
+
+    def answer_cancel(self, selection: CancelSelection, agreed: Collection[GoalInfo]) -> CancelAnswer:
+        """What to answer once the user has agreed to some of the selected goals, or to none.
+
+        Goals that ended meanwhile count as if they had ended before: GOAL_TERMINATED for one named by its id, nothing
+        for others. REJECTED when the user refused every one that is left: rclcpp says so, while rclpy leaves 0, with
+        which a client could not tell a refusal from a success.
+        """
+        left = [info for info in selection.goals if self.status(info.goal_id).is_cancelable]
+        canceled = tuple(info for info in left if info in agreed)
+        if selection.goals and not left and selection.by_id:
+            return CancelAnswer(CancelCode.GOAL_TERMINATED)
+        return CancelAnswer(CancelCode.REJECTED if left and not canceled else selection.code, canceled)
 
     def expire(self, now_ns: int) -> list[bytes]:
         """Forget finished goals whose time is over; returns their ids."""
@@ -253,13 +278,16 @@ class GoalBook(Generic[ResultT, TokenT]):
         return gone
 
     def next_expiry_ns(self) -> int | None:
-        """When `expire` will next have something to do; None when no goal has ended."""
+        """When `expire` will next have something to do; None when no goal has ended, or will never be forgotten."""
+        if self.result_timeout_ns is None:
+            return None
         for ended_ns in self._ended_ns.values():
             return ended_ns + max(self.result_timeout_ns, 0) + 1
         return None
 
     def _is_over(self, ended_ns: int, now_ns: int) -> bool:
-        return self.result_timeout_ns <= 0 or now_ns - ended_ns > self.result_timeout_ns
+        timeout_ns = self.result_timeout_ns
+        return timeout_ns is not None and (timeout_ns <= 0 or now_ns - ended_ns > timeout_ns)
 
     def _find(self, goal_id: bytes) -> _Goal[ResultT, TokenT]:
         goal = self._goals.get(goal_id)

@@ -11,7 +11,8 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import DecodeError
-from rosidl_py_gen.runtime.message_types import message_type
+from rosidl_py_gen.runtime.clock import Clock
+from rosidl_py_gen.runtime.message_types import class_of, message_type
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import SYSTEM_DEFAULT, as_profile
 from rosidl_py_gen.runtime.request import split_header
@@ -19,8 +20,7 @@ from rosidl_py_gen.runtime.request import split_header
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime.client import Client
-    from rosidl_py_gen.runtime.clock import Clock
-    from rosidl_py_gen.runtime.qos import QoSLike
+    from rosidl_py_gen.runtime.qos import QoSLike, QoSProfile
     from rosidl_py_gen.runtime.scope import Scope
     from rosidl_py_gen.runtime.service import ServiceServer
     from rosidl_py_gen.runtime.transport import Payload, Sink, Writer
@@ -51,7 +51,17 @@ def introspect(
     state: IntrospectionState,
     qos: QoSLike = SYSTEM_DEFAULT,
 ) -> None:
-    """Publish what passes a client or server; `qos` counts when introspection goes from OFF to something else."""
+    """Publish what passes a client or server; `qos` counts when introspection goes from OFF to something else.
+
+    Raises:
+        TypeError: no clock, no state. InvalidQoSError. Nothing is changed then.
+    """
+    if not isinstance(clock, Clock):
+        raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
+    if not isinstance(state, IntrospectionState):
+        names = ", ".join(f"IntrospectionState.{known.name}" for known in IntrospectionState)
+        raise TypeError(f"state must be one of {names}, got {state!r:.100}")
+    profile = as_profile(qos)
     tap: _Tap | None = getattr(endpoint, "_introspection", None)
     if state is IntrospectionState.OFF:
         if tap is not None:
@@ -59,8 +69,9 @@ def introspect(
             endpoint._introspection = None
     elif tap is not None:
         tap.state = state
+        tap.clock = clock
     else:
-        endpoint._introspection = _Tap(endpoint, clock, state, qos)
+        endpoint._introspection = _Tap(endpoint, clock, state, profile)
 
 
 class _Tap:
@@ -71,20 +82,20 @@ class _Tap:
         endpoint: Client[Any, Any] | ServiceServer[Any, Any],
         clock: Clock,
         state: IntrospectionState,
-        qos: QoSLike,
+        qos: QoSProfile,
     ) -> None:
         from rosidl_py_gen import get_service
 
         self.state = state
+        self.clock = clock
         self._endpoint = endpoint
-        self._clock = clock
         self._scope: Scope = endpoint._scope
         # Clients and servers import this file, so they are told apart by what they have.
         self._is_client = hasattr(endpoint, "_on_replies")
-        service: Any = get_service(endpoint.service_type)
+        service: Any = class_of(endpoint.service_type, endpoint._type.type_hash) or get_service(endpoint.service_type)
         self._event, self._request, self._response = service.Event, service.Request, service.Response
         self._publisher: Publisher[Any] = Publisher(
-            self._scope, message_type(service.Event), f"{endpoint.name}/_service_event", as_profile(qos)
+            self._scope, message_type(service.Event), f"{endpoint.name}/_service_event", qos
         )
         self._scope.own(self._publisher)
         self._reader, self._writer = endpoint._reader, endpoint._writer
@@ -139,7 +150,7 @@ class _Tap:
         event.info.event_type = int(kind)
         event.info.client_gid = gid
         event.info.sequence_number = sequence
-        event.info.stamp.sec, event.info.stamp.nanosec = divmod(self._clock.now_ns(), 1_000_000_000)
+        event.info.stamp.sec, event.info.stamp.nanosec = divmod(self.clock.now_ns(), 1_000_000_000)
         if self.state is IntrospectionState.CONTENTS:
             setattr(event, "request" if cls is self._request else "response", [cls._decode(data)])
         self._publisher.publish(event)

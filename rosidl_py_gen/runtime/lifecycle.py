@@ -1,11 +1,14 @@
 """Managed nodes: callbacks, five services, the transition event, and publishers that are silent while inactive.
 
-Decides when callbacks run and what their answers mean; the states are `lifecycle_rule.py`'s. One transition at a time:
-a request that comes while another is under way is refused. Source: protocol.md 12.2.
+Decides when callbacks run; states and what answers mean is `lifecycle_rule.py`'s. One transition at a time: a request
+that comes while another is under way is refused. A transition that is cancelled is an error: it is brought to its end,
+error processing included, so that the node is never left in between. Source: protocol.md 12.2.
 """
 
 from __future__ import annotations
 
+import asyncio
+import inspect
 import weakref
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
@@ -22,7 +25,6 @@ from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     GetState,
     GetState_Response,
 )
-from rosidl_py_gen.runtime.callbacks import result_of
 from rosidl_py_gen.runtime.lifecycle_rule import (
     TRANSITIONS,
     Outcome,
@@ -31,6 +33,7 @@ from rosidl_py_gen.runtime.lifecycle_rule import (
     TransitionError,
     available,
     finished,
+    outcome_of,
     requested,
 )
 from rosidl_py_gen.runtime.message_types import MessageType, Untyped, message_type, service_type
@@ -99,6 +102,7 @@ class LifecycleMachine:
     def __init__(self, scope: Scope, names: NodeNames, callback_of: Callable[[str], Callable[..., Any]]) -> None:
         self.state = State.UNCONFIGURED
         self._scope = scope
+        self._closed = False
         self._callback_of = callback_of
         self._event: Publisher[msg.TransitionEvent] = Publisher(
             scope, message_type(msg.TransitionEvent), names.resolve_topic("~/transition_event"), DEFAULT
@@ -122,8 +126,10 @@ class LifecycleMachine:
             What the transition's own callback said.
 
         Raises:
-            TransitionError: it does not leave the present state.
+            TransitionError: it does not leave the present state. ClosedError.
+            CancelledError: whoever waits here was cancelled; the transition has ended as an error.
         """
+        self._scope.require_open(self._closed, "the lifecycle")
         row = requested(self.state, transition_id, label)
         if row is None:
             wanted = label or transition_id
@@ -131,26 +137,40 @@ class LifecycleMachine:
             raise TransitionError(f"{wanted!r} is not possible in state {self.state.label}; possible: {possible}")
         came_from = self.state
         self._enter(row)
-        outcome = await self._run(came_from)
+        outcome, cancelled = await self._run(came_from)
         self._enter(finished(self.state, outcome))
         if self.state is State.ERRORPROCESSING:
-            self._enter(finished(self.state, await self._run(came_from)))
+            recovered, again = await self._run(came_from)
+            self._enter(finished(self.state, recovered))
+            cancelled = cancelled or again
+        if cancelled:
+            raise asyncio.CancelledError
         return outcome
 
-    async def _run(self, came_from: State) -> Outcome:
+    async def _run(self, came_from: State) -> tuple[Outcome, bool]:
+        """What the callback of the present state says, and whether the caller was cancelled meanwhile."""
         name = _CALLBACKS[self.state]
+        cancelled = False
+        if self._closed:  # by the callback before
+            return Outcome.ERROR, cancelled
         try:
-            answer = await result_of(self._callback_of(name), came_from)
+            answer = self._callback_of(name)(came_from)
+            if inspect.isawaitable(answer):
+                # In a task of its own: what cancels the caller can so be told from what cancels the callback.
+                task = asyncio.ensure_future(answer)
+                cancelled = await _finish(task)
+                answer = task.result()
+            return outcome_of(answer), cancelled
+        except asyncio.CancelledError:
+            self._scope.logger.warning(f"{name} of a lifecycle node was cancelled; that counts as an error")
         except Exception:
             self._scope.report_failure(f"{name} of a lifecycle node")
-            return Outcome.ERROR
-        if isinstance(answer, Outcome):
-            return answer
-        return Outcome.FAILURE if answer is False else Outcome.SUCCESS
+        return Outcome.ERROR, cancelled
 
     def _enter(self, row: Transition) -> None:
         self.state = row.goal
-        self._event.publish(msg.TransitionEvent(start_state=_state(row.start), goal_state=_state(row.goal)))
+        if not self._closed:
+            self._event.publish(msg.TransitionEvent(start_state=_state(row.start), goal_state=_state(row.goal)))
 
     async def _on_change_state(self, request: ChangeState_Request) -> ChangeState_Response:
         try:
@@ -165,9 +185,22 @@ class LifecycleMachine:
 
     def close(self) -> None:
         """May be called twice."""
+        self._closed = True
         for service in self.endpoints:
             service.close()
         self._event.close()
+
+
+async def _finish(task: asyncio.Future[Any]) -> bool:
+    """Wait for the end of a task, whatever that is; cancels it, and returns True, when the caller is cancelled."""
+    cancelled = False
+    while not task.done():
+        try:
+            await asyncio.wait((task,))
+        except asyncio.CancelledError:
+            cancelled = True
+            task.cancel()
+    return cancelled
 
 
 def _state(state: State) -> msg.State:
@@ -190,8 +223,12 @@ def _transitions(rows: Iterable[Transition]) -> GetAvailableTransitions_Response
 class NodeLifecycle:
     """Lifecycle methods of `LifecycleNode`, which has to call `_open_lifecycle` in its constructor.
 
-    Each ``on_...`` may be plain or async, gets the state the node comes from, and answers an `Outcome`; True and None
-    mean SUCCESS, False means FAILURE, an exception ERROR. Without an `on_error` of its own a failed node is finalized.
+    Each ``on_...`` may be plain or async, gets the state the node comes from, and answers an `Outcome`. None and what
+    Python takes for true mean SUCCESS, anything else (False, 0, an empty text) means FAILURE, an exception ERROR;
+    the numbers TRANSITION_CALLBACK_... mean what they say. Without an `on_error` of its own a failed node is finalized.
+
+    A transition that is cancelled ends as an error: `on_error` runs, the state follows from its answer, and then the
+    caller gets its CancelledError. A callback that holds back the cancellation and answers is taken at its word.
     """
 
     scope: Scope

@@ -5,10 +5,15 @@ Decides nothing but the order in which the two come up.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.lifecycle import NodeLifecycle
 from rosidl_py_gen.runtime.node import Node
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rosidl_py_gen.runtime.context import Context
 
 
 class LifecycleNode(NodeLifecycle, Node):
@@ -17,8 +22,30 @@ class LifecycleNode(NodeLifecycle, Node):
     Override `on_configure`, `on_activate` and so on; create endpoints in `on_configure`. Arguments are those of `Node`.
     """
 
-    def __init__(self, name: str, namespace: str = "", **options: Any) -> None:
-        super().__init__(name, namespace, **options)
+    def __init__(
+        self,
+        name: str,
+        namespace: str = "",
+        *,
+        context: Context | None = None,
+        enable_rosout: bool = True,
+        overrides: Mapping[str, object] | None = None,
+        allow_undeclared: bool = False,
+        declare_overrides: bool = False,
+        start_services: bool = True,
+        logger_services: bool = False,
+    ) -> None:
+        super().__init__(
+            name,
+            namespace,
+            context=context,
+            enable_rosout=enable_rosout,
+            overrides=overrides,
+            allow_undeclared=allow_undeclared,
+            declare_overrides=declare_overrides,
+            start_services=start_services,
+            logger_services=logger_services,
+        )
         try:
             self._open_lifecycle()
         except BaseException:

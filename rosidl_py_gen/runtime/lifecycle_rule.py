@@ -85,6 +85,19 @@ PRIMARY_STATES = (State.UNCONFIGURED, State.INACTIVE, State.ACTIVE, State.FINALI
 _OUTCOMES = frozenset(outcome.value for outcome in Outcome)
 
 
+_CALLBACK_RETURNS = {97: Outcome.SUCCESS, 98: Outcome.FAILURE, 99: Outcome.ERROR}
+"""TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which are what rclpy's callbacks return."""
+
+
+def outcome_of(answer: object) -> Outcome:
+    """What the answer of a callback means: None is a success, and so is what Python takes for true."""
+    if isinstance(answer, Outcome):
+        return answer
+    if isinstance(answer, int) and int(answer) in _CALLBACK_RETURNS:
+        return _CALLBACK_RETURNS[int(answer)]
+    return Outcome.SUCCESS if answer is None or answer else Outcome.FAILURE
+
+
 def available(state: State) -> tuple[Transition, ...]:
     """The transitions that leave `state`."""
     return tuple(row for row in TRANSITIONS if row.start is state)

@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.logging import DEBUG, ERROR, FATAL, LEVEL_NAMES, WARN
 from rosidl_py_gen.runtime.rosout import message_text
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
 DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
 _TOKEN = re.compile(r"\{([a-z_]+)\}")
@@ -92,12 +92,8 @@ class ConsoleHandler(logging.Handler):
 _handler = ConsoleHandler()
 
 
-def install_console(settings: ConsoleSettings) -> None:
-    """Print every ROS record that reaches the console's level; a later call only changes the settings."""
+def install_console(settings: ConsoleSettings, is_printed: Callable[[logging.LogRecord], bool] | None = None) -> None:
+    """Print every ROS record that `is_printed` lets pass; a later call only changes the settings."""
     _handler.settings = settings
+    _handler.filters = [is_printed] if is_printed is not None else []
     get_root_logger().addHandler(_handler)
-
-
-def remove_console() -> None:
-    """Stop printing, as ``--disable-stdout-logs`` asks."""
-    get_root_logger().removeHandler(_handler)

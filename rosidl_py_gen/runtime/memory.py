@@ -232,7 +232,7 @@ class MemoryWriter(_Endpoint):
         self, owner: MemoryParticipant, guid: bytes, topic: str, type: str, qos: QoSProfile, user_data: bytes
     ) -> None:
         super().__init__(owner, guid, topic, type, qos, user_data)
-        self.handle = int.from_bytes(guid[8:], "big")
+        self.handle = int.from_bytes(guid[8:], "big")  # `MemoryReader.writer_guid` is the way back
         keeps = qos.durability is Durability.TRANSIENT_LOCAL
         depth = (None if qos.history is History.KEEP_ALL else max(1, qos.depth)) if keeps else 0
         self._history: deque[Sample] = deque(maxlen=depth)
@@ -248,7 +248,7 @@ class MemoryWriter(_Endpoint):
             for peer in self.owner.peers:
                 for reader in peer.readers:
                     if matches(self, reader):
-                        reader.receive(sample, self.guid)
+                        reader.receive(sample)
         return True
 
     def replay(self, reader: MemoryReader) -> None:
@@ -258,7 +258,7 @@ class MemoryWriter(_Endpoint):
         oldest = time.time_ns() - (self.qos.lifespan_ns)
         for sample in self._history:
             if sample[1] >= oldest:
-                reader.receive(sample, self.guid)
+                reader.receive(sample)
 
     def matched_readers(self) -> list[bytes]:
         """See `transport.Writer`."""
@@ -290,11 +290,9 @@ class MemoryReader(_Endpoint):
         self.queue = ReceiveQueue(qos)
         self.ignore_local = ignore_local
         self._sink: Sink | None = None
-        self._guids: dict[int, bytes] = {}
 
-    def receive(self, sample: Sample, writer_guid: bytes) -> None:
+    def receive(self, sample: Sample) -> None:
         """Take a sample into the queue."""
-        self._guids[sample[2]] = writer_guid
         self.queue.push(sample)
         if self._sink is not None:
             self.owner.ready(self._sink)
@@ -316,8 +314,8 @@ class MemoryReader(_Endpoint):
             return [writer.guid for peer in self.owner.peers for writer in peer.writers if matches(writer, self)]
 
     def writer_guid(self, handle: int) -> bytes | None:
-        """See `transport.Reader`."""
-        return self._guids.get(handle)
+        """See `transport.Reader`. All GUIDs of one world begin alike, and the rest is the handle."""
+        return self.guid[:8] + handle.to_bytes(8, "big")
 
 
 def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:

@@ -6,6 +6,7 @@ values are dicts (`to_dict` / `from_dict`), so that a program works without impo
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
@@ -23,6 +24,9 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 Untyped: TypeAlias = "dict[str, Any]"
 """A message as `to_dict` shows it; its values are whatever the definition says."""
+
+
+_classes: weakref.WeakValueDictionary[tuple[str, str], type[Any]] = weakref.WeakValueDictionary()
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +78,21 @@ def service_type(source: type[Service[Any, Any]] | str) -> ServiceType[Any, Any]
         raise TypeError(
             f"expected a generated service class or a text like 'example_interfaces/srv/AddTwoInts', got {source!r}"
         )
+    _remember(cls)
     make = _untyped if isinstance(source, str) else _typed
     return ServiceType(cls._TYPE.name, cls._TYPE.hash, make(cls.Request), make(cls.Response))
+
+
+def class_of(ros_name: str, type_hash: str) -> type[Any] | None:
+    """The class an endpoint of this process got its message or service type from; None for types imported late.
+
+    A name alone does not tell: a class compiled from text may share it with another.
+    """
+    return _classes.get((ros_name, type_hash))
+
+
+def _remember(cls: type[Any]) -> None:
+    _classes[cls._TYPE.name, cls._TYPE.hash] = cls
 
 
 def raw_type(known: MessageType[Any]) -> MessageType[bytes]:
@@ -84,6 +101,7 @@ def raw_type(known: MessageType[Any]) -> MessageType[bytes]:
 
 
 def _typed(cls: type[MessageT]) -> MessageType[MessageT]:
+    _remember(cls)
     # The generated functions themselves: a wrapper would cost as much as encoding a small message.
     encode_known = cls._encode
 
@@ -98,6 +116,7 @@ def _typed(cls: type[MessageT]) -> MessageType[MessageT]:
 def _untyped(cls: type[Message]) -> MessageType[Untyped]:
     from rosidl_py_gen import from_dict, to_dict
 
+    _remember(cls)
     return MessageType(
         cls._TYPE.name,
         cls._TYPE.hash,

@@ -131,6 +131,17 @@ def fully_qualified_node_name(name: str, namespace: str) -> str:
     return f"/{name}" if namespace == "/" else f"{namespace}/{name}"
 
 
+def resolve_node_name(name: str, namespace: str) -> str:
+    """``/ns/name`` for a node given as ``name``, which is looked for in `namespace`, or as ``/ns/name``.
+
+    Raises `InvalidNameError`.
+    """
+    _check_type("node name", name)
+    above, slash, plain = name.rpartition("/")
+    validate_node_name(plain)
+    return fully_qualified_node_name(plain, normalize_namespace(above if slash else namespace))
+
+
 def expand_name(name: str, node_name: str, namespace: str, what: str = "topic name") -> str:
     """Turn a name as written into a fully qualified one, without remapping.
 

@@ -6,14 +6,18 @@ files, which never see the node. Nothing imports this file.
 
 from __future__ import annotations
 
+import asyncio
 import warnings
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 from rosidl_py_gen.cdr import Message, Service
+from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.client import Client
 from rosidl_py_gen.runtime.clock import Clock, ClockType
 from rosidl_py_gen.runtime.context import Context
+from rosidl_py_gen.runtime.forked import mark_closed
 from rosidl_py_gen.runtime.message_types import Untyped, message_type, raw_type, service_type
+from rosidl_py_gen.runtime.names_rules import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node_actions import NodeActions
 from rosidl_py_gen.runtime.node_graph import NodeGraph
 from rosidl_py_gen.runtime.node_parameters import NodeParameters
@@ -25,6 +29,7 @@ from rosidl_py_gen.runtime.scope import Scope
 from rosidl_py_gen.runtime.service import ServiceServer
 from rosidl_py_gen.runtime.subscription import Subscription
 from rosidl_py_gen.runtime.timer import Timer
+from rosidl_py_gen.runtime.timer_rule import period_to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
@@ -44,6 +49,14 @@ _DEFAULT_DEPTH = 10
 class Node(NodeGraph, NodeActions, NodeParameters):
     """A ROS 2 node.
 
+    Callbacks run on the asyncio event loop. The loop is attached by the first use of the node inside it: ``async with
+    node``, `spin`, `run`, creating or publishing something, awaiting something. What calls back but never had a loop is
+    warned about when the node closes.
+
+    A node lives until it is closed, by ``with``, `close` or its context. A forgotten one is closed by the garbage
+    collector with a ResourceWarning; but its own callbacks keep it alive, when they are its methods or otherwise refer
+    to it, so that a node that is made for its callbacks need not be held.
+
     Args:
         name: may be overridden by ``-r __node:=...``.
         namespace: with or without a leading ``/``; may be overridden by ``-r __ns:=...``.
@@ -57,6 +70,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
 
     Raises:
         InvalidNameError: for name or namespace.
+        ClosedError: the context is closed.
         ParameterError: an initial value does not fit, such as ``use_sim_time:=3``.
     """
 
@@ -74,12 +88,21 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         logger_services: bool = False,
     ) -> None:
         self._closed = True  # until there is something to close
-        shared = context or Context.default()
+        if not (context is None or isinstance(context, Context)):
+            raise TypeError(f"context must be a Context, such as Context(transport=...), got {context!r:.100}")
+        validate_node_name(name)  # before a context is opened for it
+        normalize_namespace(namespace)
+        shared = Context.default() if context is None else context
         self.context = shared
-        self._names = NodeNames.create(name, namespace, shared.ros_arguments.remap_rules)
-        shared.bridge.adopt_running_loop()
-        shared.adopt(self)
+        try:
+            self._names = NodeNames.create(name, namespace, shared.ros_arguments.remap_rules)
+            shared.adopt(self)
+        except BaseException:
+            shared.close_if_unused()
+            raise
         self._closed = False
+        self._made_on = id(asyncio._get_running_loop())
+        shared.bridge.adopt_running_loop()
         number = shared.discovery.add_node(self._names.name, self._names.namespace)
         self.scope = Scope(shared, number, self._names.fully_qualified_name)
         """What endpoint modules outside this file build on."""
@@ -87,9 +110,9 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         self._discovery = self.scope.discovery
         self.clock = Clock(ClockType.ROS_TIME)
         """ROS time; system time until simulated time is switched on."""
-        if enable_rosout and shared.ros_arguments.rosout_logs:
-            self.scope.own(RosoutPublisher(self.scope))
         try:
+            if enable_rosout and shared.ros_arguments.rosout_logs:
+                self.scope.own(RosoutPublisher(self.scope))
             self._open_parameters(
                 overrides=overrides,
                 allow_undeclared=allow_undeclared,
@@ -279,9 +302,13 @@ class Node(NodeGraph, NodeActions, NodeParameters):
     def create_timer(
         self, period_s: float, callback: Callable[[], object] | None = None, *, clock: Clock | None = None
     ) -> Timer:
-        """Every `period_s` seconds of this node's clock, which may be simulated, or of `clock`."""
+        """Every `period_s` seconds of this node's clock, which may be simulated, or of `clock`.
+
+        Raises:
+            TypeError: no number, function or clock. TimeRangeError: a negative period. ClosedError.
+        """
         self._require_open()
-        timer = Timer(self.scope, round(period_s * 1e9), callback, clock or self.clock)
+        timer = Timer(self.scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
         self.scope.own(timer)
         return timer
 
@@ -292,7 +319,8 @@ class Node(NodeGraph, NodeActions, NodeParameters):
     # ----------------------------------------------------------------------------------------------------- lifetime
 
     def _require_open(self) -> None:
-        self.scope.require_open(self._closed, "the node")
+        if self._closed:
+            raise ClosedError(f"node {self.scope.node_name} is closed")
         self.context.bridge.adopt_running_loop()
 
     @property
@@ -308,8 +336,14 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         self.close()
 
     async def __aenter__(self) -> Self:
-        self._require_open()
-        self.context.bridge.running_loop()
+        """Raises `ClosedError`, and `LoopMismatchError`: then a node that was made in here is closed."""
+        try:
+            self._require_open()
+            self.context.bridge.running_loop()
+        except RosidlError:
+            if self._made_on == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
+                self.close()
+            raise
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -319,15 +353,29 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""
         if self._closed:
             return
+        owned = list(self.scope.owned.values())
+        if not self.context.had_loop and any(_calls_back(endpoint) for endpoint in owned):
+            self.logger.warning(
+                f"the callbacks of {self.fully_qualified_name} never ran, because no event loop was running: "
+                "use `async with` on the node, spin(node) or run(main)"
+            )
         self._closed = True
         self.scope.cancel_tasks()
-        owned = list(self.scope.owned.values())
         self.scope.closed = True  # one graph message at the end instead of one per endpoint
         for endpoint in reversed(owned):
             endpoint.close()
         self.scope.owned.clear()
         self._discovery.remove_node(self.scope.number)
         self.context.release(self)
+
+    def abandon(self, words: str) -> None:
+        """See `context.AdoptedNode`."""
+        self._closed = True
+        if hasattr(self, "scope"):  # else it was just being made
+            self.scope.closed = True
+            self.scope.node_name += f" ({words})"
+            mark_closed(self.scope.owned.values())
+            self.scope.owned.clear()
 
     def __del__(self) -> None:
         if not getattr(self, "_closed", True):
@@ -340,3 +388,8 @@ class Node(NodeGraph, NodeActions, NodeParameters):
 
     def __repr__(self) -> str:
         return f"Node({self.fully_qualified_name!r}{', closed' if self._closed else ''})"
+
+
+def _calls_back(endpoint: object) -> bool:
+    """Whether an endpoint has a function of the user to call."""
+    return any(getattr(endpoint, name, None) is not None for name in ("_callback", "_handler", "_execute", "_accept"))

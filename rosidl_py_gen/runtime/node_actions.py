@@ -6,25 +6,21 @@ they are first used: most nodes have no actions, and every node has to start fas
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar, overload
-
-from rosidl_py_gen.cdr import Action, Message
-from rosidl_py_gen.runtime.message_types import Untyped
+from typing import TYPE_CHECKING, Any, overload
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Awaitable, Callable
 
+    from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.action_client import ActionClient
-    from rosidl_py_gen.runtime.action_goal import ServerGoal
+    from rosidl_py_gen.runtime.action_goal import Finished, ServerGoal
     from rosidl_py_gen.runtime.action_server import ActionServer, Policy
+    from rosidl_py_gen.runtime.action_types import ActionClass, ActionT, FeedbackT, GoalT, ResultT, UntypedAction
     from rosidl_py_gen.runtime.clock import Clock
     from rosidl_py_gen.runtime.context import Context
+    from rosidl_py_gen.runtime.message_types import Untyped
     from rosidl_py_gen.runtime.remap_rules import NodeNames
     from rosidl_py_gen.runtime.scope import Scope
-
-GoalT = TypeVar("GoalT", bound=Message)
-ResultT = TypeVar("ResultT", bound=Message)
-FeedbackT = TypeVar("FeedbackT", bound=Message)
 
 RESULT_TIMEOUT_S = 900.0
 """rclpy's default."""
@@ -42,57 +38,67 @@ class NodeActions:
     @overload
     def create_action_server(
         self,
-        action: type[Action[GoalT, ResultT, FeedbackT]],
+        action: ActionClass[ActionT, GoalT, ResultT, FeedbackT],
         name: str,
-        execute: Callable[[ServerGoal[GoalT, ResultT, FeedbackT]], object] | None = None,
+        execute: Callable[[ServerGoal[ActionT]], ResultT | Finished | Awaitable[ResultT | Finished | None] | None]
+        | None = None,
         *,
         accept: Callable[[GoalT], object] | None = None,
-        on_cancel: Callable[[ServerGoal[GoalT, ResultT, FeedbackT]], object] | None = None,
+        on_cancel: Callable[[ServerGoal[ActionT]], object] | None = None,
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
-    ) -> ActionServer[GoalT, ResultT, FeedbackT]: ...
+    ) -> ActionServer[ActionT]: ...
     @overload
     def create_action_server(
         self,
         action: str,
         name: str,
-        execute: Callable[[ServerGoal[Untyped, Untyped, Untyped]], object] | None = None,
+        execute: Callable[[ServerGoal[UntypedAction]], Untyped | Finished | Awaitable[Untyped | Finished | None] | None]
+        | None = None,
         *,
         accept: Callable[[Untyped], object] | None = None,
-        on_cancel: Callable[[ServerGoal[Untyped, Untyped, Untyped]], object] | None = None,
+        on_cancel: Callable[[ServerGoal[UntypedAction]], object] | None = None,
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
-    ) -> ActionServer[Untyped, Untyped, Untyped]: ...
+    ) -> ActionServer[UntypedAction]: ...
     def create_action_server(
         self,
-        action: type[Action[Any, Any, Any]] | str,
+        action: object,
         name: str,
-        execute: Callable[[ServerGoal[Any, Any, Any]], object] | None = None,
+        execute: Callable[[ServerGoal[Any]], Any] | None = None,
         *,
         accept: Callable[[Any], object] | None = None,
-        on_cancel: Callable[[ServerGoal[Any, Any, Any]], object] | None = None,
+        on_cancel: Callable[[ServerGoal[Any]], object] | None = None,
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
-    ) -> ActionServer[Any, Any, Any]:
+    ) -> ActionServer[Any]:
         """Serve an action; callbacks may be plain or async. Without `execute`, iterate over the goal requests.
 
         Args:
             execute: gets a `ServerGoal` and returns the result (SUCCEEDED), or ends the goal itself with `succeed`,
-                `abort` or `canceled`. An exception, or returning None without having ended it, is ABORTED.
-            accept: gets the goal; answers True or None, False, or a `GoalDecision` (DEFER: `goal.execute()` later).
-            on_cancel: gets the `ServerGoal`; False refuses the cancel. For the default see `action_server.py`.
-            result_timeout_s: how long a result is kept after the end of its goal.
+                `abort` or `canceled`. An exception, or returning None without having ended it, is ABORTED. A plain
+                function runs in a thread of its own for each goal; it has to look at `goal.cancel_requested`, which is
+                also true when the node closes.
+            accept: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or something that is true
+                or None to accept, and anything else that is false to reject.
+            on_cancel: gets the `ServerGoal`; anything false but None refuses the cancel. For the default see
+                `action_cancel.py`.
+            result_timeout_s: how long a result is kept after the end of its goal; `math.inf` for ever.
             policy: ``"parallel"`` runs any number of goals at once. One at a time: ``"reject"`` refuses others
                 meanwhile, ``"queue"`` lets them wait their turn, ``"preempt"`` cancels the running one for the newest.
+                Deferred goals take their place in line when `execute` is called; `goal.started()` waits for the start.
+
+        Goals that have not started (waiting in line, or deferred) end as CANCELED when a cancel is accepted.
 
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError.
+            TypeError, ActionArgumentError, ValueError: an argument is of no use, or `accept` comes without `execute`.
         """
         from rosidl_py_gen.runtime.action_server import ActionServer
         from rosidl_py_gen.runtime.action_types import ActionNames, action_type
 
         self.scope.require_open(self._closed, "the node")
-        server: ActionServer[Any, Any, Any] = ActionServer(
+        server: ActionServer[Any] = ActionServer(
             self.scope,
             self.clock,
             action_type(action),
@@ -108,17 +114,12 @@ class NodeActions:
 
     @overload
     def create_action_client(
-        self,
-        action: type[Action[GoalT, ResultT, FeedbackT]],
-        name: str,
-        *,
-        feedback_depth: int = 100,
-        server_lost_after_s: float = 5.0,
-    ) -> ActionClient[GoalT, ResultT, FeedbackT]: ...
+        self, action: type[ActionT], name: str, *, feedback_depth: int = 100, server_lost_after_s: float = 5.0
+    ) -> ActionClient[ActionT]: ...
     @overload
     def create_action_client(
         self, action: str, name: str, *, feedback_depth: int = 100, server_lost_after_s: float = 5.0
-    ) -> ActionClient[Untyped, Untyped, Untyped]: ...
+    ) -> ActionClient[UntypedAction]: ...
     def create_action_client(
         self,
         action: type[Action[Any, Any, Any]] | str,
@@ -126,21 +127,23 @@ class NodeActions:
         *,
         feedback_depth: int = 100,
         server_lost_after_s: float = 5.0,
-    ) -> ActionClient[Any, Any, Any]:
+    ) -> ActionClient[Any]:
         """Send goals to an action. A type given as text makes goals, results and feedback dicts.
 
         Args:
-            feedback_depth: how many feedback messages a goal keeps until somebody iterates; older ones are dropped.
-            server_lost_after_s: how long a server may be away before goals end with `ActionServerLost`.
+            feedback_depth: how many feedback messages a goal keeps until somebody iterates, at least 1; older ones are
+                dropped, and counted in `goal.feedback_dropped`.
+            server_lost_after_s: how long a server may be away before goals end with `ActionServerLost`; `math.inf` for
+                ever.
 
         Raises:
-            InvalidNameError, TypeNotFoundError, ClosedError.
+            InvalidNameError, TypeNotFoundError, ClosedError. TypeError, ActionArgumentError: an argument is of no use.
         """
         from rosidl_py_gen.runtime.action_client import ActionClient
         from rosidl_py_gen.runtime.action_types import ActionNames, action_type
 
         self.scope.require_open(self._closed, "the node")
-        client: ActionClient[Any, Any, Any] = ActionClient(
+        client: ActionClient[Any] = ActionClient(
             self.scope,
             action_type(action),
             ActionNames.resolve(self._names, name),

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.ddsnames import topic_name
-from rosidl_py_gen.runtime.names_rules import fully_qualified_node_name, normalize_namespace
+from rosidl_py_gen.runtime.names_rules import normalize_namespace, resolve_node_name
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class NodeGraph:
-    """Graph methods of `Node`."""
+    """Graph methods of `Node`. Each one raises `ClosedError` when the node is closed."""
 
     scope: Scope
     _closed: bool
@@ -29,22 +29,29 @@ class NodeGraph:
     _discovery: Discovery
     _names: NodeNames
 
+    if TYPE_CHECKING:
+
+        def _require_open(self) -> None: ...
+
+    def _look(self) -> Graph:
+        """The graph as it is now."""
+        self._require_open()
+        self._discovery.refresh()
+        return self._graph
+
     # ------------------------------------------------------------------------------------------------------- topics
 
     def get_topic_names_and_types(self, *, no_demangle: bool = False) -> NamesAndTypes:
         """All topics, each with its types; `no_demangle` gives every DDS topic as it is called there."""
-        self._discovery.refresh()
-        return self._graph.topics(demangle=not no_demangle)
+        return self._look().topics(demangle=not no_demangle)
 
     def get_publishers_info_by_topic(self, topic: str, *, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Every publisher of a topic: node, type, hash, GID, QoS. `no_mangle`: `topic` is a DDS name."""
-        self._discovery.refresh()
-        return self._graph.endpoint_infos(self._dds_topic(topic, no_mangle), writers=True)
+        return self._look().endpoint_infos(self._dds_topic(topic, no_mangle), writers=True)
 
     def get_subscriptions_info_by_topic(self, topic: str, *, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Every subscription of a topic; see `get_publishers_info_by_topic`."""
-        self._discovery.refresh()
-        return self._graph.endpoint_infos(self._dds_topic(topic, no_mangle), writers=False)
+        return self._look().endpoint_infos(self._dds_topic(topic, no_mangle), writers=False)
 
     def count_publishers(self, topic: str) -> int:
         """How many publishers a topic has, bare DDS ones included."""
@@ -61,15 +68,13 @@ class NodeGraph:
 
     def get_service_names_and_types(self) -> NamesAndTypes:
         """All services, each with its types."""
-        self._discovery.refresh()
-        return self._graph.services()
+        return self._look().services()
 
     # -------------------------------------------------------------------------------------------------------- nodes
 
     def get_nodes(self) -> list[NodeInfo]:
         """All nodes: name, namespace, enclave."""
-        self._discovery.refresh()
-        return self._graph.nodes()
+        return self._look().nodes()
 
     def get_node_names(self) -> list[str]:
         """Fully qualified names of all nodes, sorted; two nodes of one name are listed twice."""
@@ -77,32 +82,27 @@ class NodeGraph:
 
     def get_publisher_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Topics a node publishes; empty when there is no such node."""
-        self._discovery.refresh()
-        return self._graph.of_node(name, normalize_namespace(namespace), writers=True)
+        return self._look().of_node(name, normalize_namespace(namespace), writers=True)
 
     def get_subscriber_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Topics a node subscribes to; empty when there is no such node."""
-        self._discovery.refresh()
-        return self._graph.of_node(name, normalize_namespace(namespace), writers=False)
+        return self._look().of_node(name, normalize_namespace(namespace), writers=False)
 
     def get_service_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Services a node offers; empty when there is no such node."""
-        self._discovery.refresh()
-        return self._graph.of_node(name, normalize_namespace(namespace), writers=False, services="rq")
+        return self._look().of_node(name, normalize_namespace(namespace), writers=False, services="rq")
 
     def get_client_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Services a node has clients of; empty when there is no such node."""
-        self._discovery.refresh()
-        return self._graph.of_node(name, normalize_namespace(namespace), writers=False, services="rr")
+        return self._look().of_node(name, normalize_namespace(namespace), writers=False, services="rr")
 
     # ------------------------------------------------------------------------------------------------------ waiting
 
     async def wait_for_node(self, name: str, timeout_s: float | None = None) -> bool:
         """Wait until a node is known: ``"name"`` in this node's namespace, or ``"/ns/name"``; False when time
-        passed.
+        passed. Raises `InvalidNameError`, `ClosedError`.
         """
-        namespace, _, plain = name.rpartition("/") if "/" in name else (self._names.namespace, "", name)
-        wanted = fully_qualified_node_name(plain, normalize_namespace(namespace))
+        wanted = resolve_node_name(name, self._names.namespace)
 
         def known() -> bool:
             return any(node.fully_qualified_name == wanted for node in self._graph.nodes())

@@ -15,12 +15,14 @@ from rosidl_py_gen.runtime.parameter_values import (
     InvalidParameterValue,
     Parameter,
     ParameterDescriptor,
-    ParameterNotDeclared,
     ParameterType,
-    ParameterValue,
     PythonValue,
     WrongParameterType,
+    as_parameters,
+    as_prefixes,
     parameter_value,
+    require_name,
+    require_names,
 )
 from rosidl_py_gen.runtime.parameters import ParameterStore, SetResult
 from rosidl_py_gen.runtime.stream import Stream
@@ -35,7 +37,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.clock import Clock
     from rosidl_py_gen.runtime.clock_sleep import Rate
     from rosidl_py_gen.runtime.context import Context
-    from rosidl_py_gen.runtime.parameter_client import ParameterClient, ParameterEvents, ParametersToSet
+    from rosidl_py_gen.runtime.parameter_client import ParameterClient, ParameterEvents
+    from rosidl_py_gen.runtime.parameter_values import ParametersToSet
     from rosidl_py_gen.runtime.parameters import ParameterEvent
     from rosidl_py_gen.runtime.remap_rules import NodeNames
     from rosidl_py_gen.runtime.scope import Scope
@@ -82,7 +85,7 @@ class NodeParameters:
     ) -> None:
         """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
         merged = self.context.ros_arguments.overrides_for(self._names.fully_qualified_name)
-        merged.update({name: parameter_value(value) for name, value in (overrides or {}).items()})
+        merged.update({item.name: item.value for item in as_parameters(overrides or {})})
         # Not `self` in the function below: a node must not be part of a cycle, or it outlives its last user.
         changes: list[Stream[ParameterChange]] = []
         self._changes = changes
@@ -90,18 +93,20 @@ class NodeParameters:
         self.scope.own(events)
 
         def tell(event: ParameterEvent) -> None:
-            events.publish(event)
-            for parameter in (*event.new, *event.changed, *event.deleted):
-                for stream in changes:
+            for stream in tuple(changes):
+                for parameter in (*event.new, *event.changed, *event.deleted):
                     stream.push(ParameterChange(parameter.name, parameter.value.value))
+            events.publish(event)
 
-        self._store = ParameterStore(merged, allow_undeclared=allow_undeclared, on_event=tell)
+        self._store = ParameterStore(
+            merged, allow_undeclared=allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
+        )
         self._time_source = TimeSource(self.scope, self._names, self._store, self.clock)
         self.scope.own(self._time_source)
         if declare_overrides:
             self._store.declare_overrides()
         if start_services:
-            self.scope.own(ParameterServices(self.scope, self._names, self._store))
+            self.scope.own(ParameterServices(self.scope, self._names, self._store, events))
         if logger_services:
             from rosidl_py_gen.runtime.logger_service import LoggerServices
 
@@ -121,8 +126,9 @@ class NodeParameters:
         """Declare the fields of a dataclass; returns a live object whose attributes follow, see `parameter_classes.py`.
 
         Raises:
-            ParameterClassError: an annotation cannot be a parameter.
+            ParameterClassError: an annotation cannot be a parameter, or a field has no default and nor has `initial`.
             ParameterError: a name is taken, an override has the wrong type or is refused. Nothing is declared then.
+            TypeError: an argument has the wrong type; the validator is async.
         """
         from rosidl_py_gen.runtime.parameter_classes import bind_class
 
@@ -141,20 +147,22 @@ class NodeParameters:
 
         Raises:
             ParameterAlreadyDeclared, InvalidParameterName, InvalidParameterValue, WrongParameterType.
+            TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
         self.scope.require_open(self._closed, "the node")
-        kind = None if descriptor is None or descriptor.type is ParameterType.NOT_SET else descriptor.type
-        empty = isinstance(default, (list, tuple)) and not default
-        value = parameter_value(default, kind if empty else None)
+        value = parameter_value(default)
+        kind = getattr(descriptor, "type", ParameterType.NOT_SET)
+        if value.value == b"" and isinstance(kind, ParameterType) and kind.is_array:
+            value = parameter_value((), kind)
         return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
 
     def undeclare_parameter(self, name: str) -> None:
         """Forget a parameter; raises `ParameterNotDeclared`, `ParameterImmutable` when it is read-only."""
-        self._store.undeclare(name)
+        self._store.undeclare(require_name(name))
 
     def has_parameter(self, name: str) -> bool:
         """True when declared, with or without a value."""
-        return self._store.has(name)
+        return self._store.has(require_name(name))
 
     # ----------------------------------------------------------------------------------------------------- reading
 
@@ -173,54 +181,59 @@ class NodeParameters:
         Raises:
             ParameterNotDeclared, WrongParameterType (names both types).
         """
-        if not self._store.has(name) and not self._store.allow_undeclared:
-            raise ParameterNotDeclared([name])
-        value = self._store.values().get(name, ParameterValue())
+        value = self._store.peek(require_name(name))
+        kind = None if type is None else _kind_of(type)
         if not value.is_set:
             return default
-        if type is None:
+        if kind is None:
             return value.value
-        kind = _kind_of(type)
         if kind is not value.type:
             raise WrongParameterType(name, kind.name, value.type.name)
         return list(value.value) if get_origin(type) is list else value.value  # type: ignore[arg-type]
 
     def get_parameters(self, names: Sequence[str]) -> list[PythonValue]:
-        """Values in order; raises `ParameterNotDeclared`, `ParameterUninitialized`."""
-        return [self._store.get(name).value for name in names]
+        """Values as they are at one moment, in order; `get_parameter` is for one.
+
+        Raises:
+            ParameterNotDeclared, ParameterUninitialized. TypeError: for a single text.
+        """
+        return [value.value for value in self._store.get_values(require_names(names))]
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
         """Raises `ParameterNotDeclared`."""
-        return self._store.describe(name)
+        return self._store.describe(require_name(name))
 
     def describe(self, name: str) -> ParameterDescriptor:
         """Short for `describe_parameter`."""
         return self.describe_parameter(name)
 
-    def list_parameters(self, prefixes: Sequence[str] = (), depth: int = 0) -> Listing:
-        """Names and groups; depth 0 has no limit."""
-        return self._store.listing(prefixes, depth)
+    def list_parameters(self, prefixes: str | Sequence[str] = (), depth: int = 0) -> Listing:
+        """Names and groups, all or those below one or several prefixes; depth 0 has no limit."""
+        return self._store.listing(as_prefixes(prefixes), depth)
 
     # ----------------------------------------------------------------------------------------------------- setting
 
     def set_parameter(self, name: str, value: object) -> None:
-        """Set one; raises `InvalidParameterValue` with the reason when it is refused."""
+        """Set one; raises `InvalidParameterValue` with the reason when it is refused. From any thread."""
         result = self.set_parameters_atomically({name: value})
         if not result.successful:
             raise InvalidParameterValue(result.reason)
 
     def set_parameters(self, values: ParametersToSet) -> list[SetResult]:
-        """Set one by one; the result of each says whether and why not."""
+        """Set one by one, from any thread; the result of each says whether and why not.
+
+        Raises:
+            InvalidParameterValue: one is no parameter value; nothing is set then. TypeError: a name is no text.
+            CallbackAnswerError: a callback answered something it must not.
+        """
         return self._store.set_each(self._fitted(values))
 
     def set_parameters_atomically(self, values: ParametersToSet) -> SetResult:
-        """Set all or nothing, with one event."""
+        """Set all or nothing, with one event; otherwise as `set_parameters`."""
         return self._store.set_atomically(self._fitted(values))
 
     def _fitted(self, values: ParametersToSet) -> list[Parameter]:
         """An empty list takes the type that was declared."""
-        from rosidl_py_gen.runtime.parameter_client import as_parameters
-
         fitted = []
         for parameter in as_parameters(values):
             value = parameter.value
@@ -231,21 +244,28 @@ class NodeParameters:
         return fitted
 
     def add_pre_set_callback(self, callback: Callable[[list[Parameter]], list[Parameter]]) -> Callable[[], None]:
-        """May replace the list to set. Returns the function that removes it."""
+        """May replace the list to set. Returns the function that removes it; raises `TypeError` for an async function.
+
+        It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop. When it
+        raises, the set is refused with a reason that says so, and the traceback is logged.
+        """
         return self._store.add_pre_set_callback(callback)
 
     def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Callable[[], None]:
-        """May refuse a set, the newest is asked first. Returns the function that removes it."""
+        """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
         return self._store.add_on_set_callback(callback)
 
     def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Callable[[], None]:
-        """Hears of each successful set and declaration. Returns the function that removes it."""
+        """Hears of each successful set and declaration, on the thread that set; what it raises is logged.
+
+        Returns the function that removes it; raises `TypeError` for an async function.
+        """
         return self._store.add_post_set_callback(callback)
 
     # ------------------------------------------------------------------------------------------------------ events
 
     def parameter_changes(self) -> Stream[ParameterChange]:
-        """Every change of this node's parameters from now on, whoever makes it."""
+        """Every change of this node's parameters from now on, whoever makes it, in whatever thread."""
         stream: Stream[ParameterChange] = _Changes(self._changes, self.scope)
         self._changes.append(stream)
         self.scope.own(stream)
@@ -255,14 +275,16 @@ class NodeParameters:
         """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
         from rosidl_py_gen.runtime.parameter_client import event_stream
 
-        return event_stream(self.scope, self._names, None if node is None else self._names.resolve_topic(node))
+        wanted = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))
+        return event_stream(self.scope, self._names, wanted)
 
     def create_parameter_client(self, node: str) -> ParameterClient:
         """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""
         from rosidl_py_gen.runtime.parameter_client import ParameterClient
 
         self.scope.require_open(self._closed, "the node")
-        client = ParameterClient(self.scope, self._names, node, self.context.run_until_complete)
+        wanted = require_name(node, "the name of a node")
+        client = ParameterClient(self.scope, self._names, wanted, self.context.run_until_complete)
         self.scope.own(client)
         return client
 
@@ -280,11 +302,12 @@ class NodeParameters:
         """Publish ``/clock`` by hand (`advance`, `set_time`), or by itself with `rate` simulated seconds a second."""
         from rosidl_py_gen.runtime.clock import Clock
         from rosidl_py_gen.runtime.timer import Timer
+        from rosidl_py_gen.runtime.timer_rule import period_to_ns
 
         self.scope.require_open(self._closed, "the node")
 
         def make_timer(callback: Callable[[], None]) -> Timer:
-            return Timer(self.scope, round(period_s * 1e9), callback, Clock(ClockType.STEADY_TIME))
+            return Timer(self.scope, period_to_ns(period_s), callback, Clock(ClockType.STEADY_TIME))
 
         begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
         publisher = SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, make_timer)
@@ -334,7 +357,7 @@ def _kind_of(wanted: Any) -> ParameterType:
         scalar = _KINDS.get(arguments[0])
         if scalar is not None and ParameterType.BOOL <= scalar <= ParameterType.STRING:
             return ParameterType(scalar + 5)  # BOOL 1 -> BOOL_ARRAY 6 and so on
-    elif wanted in _KINDS:
+    elif isinstance(wanted, type) and wanted in _KINDS:
         return _KINDS[wanted]
     raise TypeError(
         f"{wanted!r} is no parameter type; expected bool, int, float, str, bytes or a list such as list[int]"

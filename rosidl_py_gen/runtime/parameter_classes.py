@@ -2,17 +2,18 @@
 
 `bind_class` declares every field and returns a live object: it is an instance of the dataclass, follows sets from
 outside, and setting an attribute sets the parameter. A set is checked on a complete new object before anything changes,
-so neither the store nor the live object ever holds half an update.
+and that object then replaces the one that is shown, so neither the store nor the live object ever holds half an update.
+What a live object does is in `parameter_live.py`.
 """
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-import functools
-from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from rosidl_py_gen.runtime.parameter_fields import FieldPlan, plan_class
+from rosidl_py_gen.runtime.parameter_callbacks import Refused, called, require_plain, validate
+from rosidl_py_gen.runtime.parameter_fields import FieldPlan, ParameterClassError, plan_class
+from rosidl_py_gen.runtime.parameter_live import FixedList, hints_of, make_live, place_of, plain
 from rosidl_py_gen.runtime.parameter_rules import descriptor_problem
 from rosidl_py_gen.runtime.parameter_values import (
     InvalidParameterValue,
@@ -20,16 +21,16 @@ from rosidl_py_gen.runtime.parameter_values import (
     ParameterImmutable,
     ParameterValue,
     WrongParameterType,
+    require_name,
 )
-from rosidl_py_gen.runtime.parameters import SetResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from rosidl_py_gen.runtime.parameter_callbacks import Commit
     from rosidl_py_gen.runtime.parameters import ParameterStore
 
 _T = TypeVar("_T")
-_BINDING = "_rosidl_binding"
 
 
 class _Binding:
@@ -38,87 +39,100 @@ class _Binding:
     def __init__(self, store: ParameterStore, cls: type, prefix: str, validator: Callable[[Any], str | None] | None):
         self.store = store
         self.cls = cls
-        self.prefix = prefix
         self.validator = validator
-        self.plans = {prefix + plan.name: plan for plan in plan_class(cls)}
-        self.live: Any = None
+        self.plans = {plan.name: plan for plan in (plan.with_prefix(prefix) for plan in plan_class(cls))}
+        self.values: dict[str, ParameterValue] = {}
+        self.current: Any = None
 
-    # A set travels: check (on-set callback) -> store -> apply (before the event) -> event -> post-set callbacks.
+    # A set travels: on-set callbacks -> prepare -> store -> commit (before the event) -> event -> post-set callbacks.
 
-    def check(self, parameters: Sequence[Parameter]) -> SetResult:
-        changes = {p.name: p.value for p in parameters if p.name in self.plans}
-        if not changes:
-            return SetResult(True)
-        known = self.store.values()
-        values = {name: known.get(name, ParameterValue()) for name in self.plans}
-        reason = self.problem({**values, **changes})
-        return SetResult(not reason, reason)
+    def prepare(self, changes: Mapping[str, ParameterValue]) -> Commit | None:
+        """Check a change and make the object that shows it. Raises `Refused`, `CallbackAnswerError`."""
+        mine = {name: value for name, value in changes.items() if name in self.plans}
+        if not mine:
+            return None
+        values = {**self.values, **mine}
+        shown = self.complete(values, mine)
 
-    def problem(self, values: Mapping[str, ParameterValue]) -> str:
-        """Why an object with these values is refused; an empty text when it is fine."""
+        def commit() -> None:
+            self.values, self.current = values, shown
+
+        return commit
+
+    def complete(self, values: Mapping[str, ParameterValue], changed: Mapping[str, ParameterValue]) -> Any:
+        """A complete object with these values; validators of the `changed` fields and that of the class agree."""
         try:
-            plain = {name: self.plans[name].from_wire(values[name]) for name in self.plans}
-            for name, plan in self.plans.items():
-                reason = plan.problem(plain[name])
-                if reason:
-                    return reason
-            candidate = self.build(plain)
-        except ValueError as error:
-            # From choices, or from the class's own __post_init__: the text is the reason.
-            return str(error) or f"{self.cls.__name__} refused the values"
-        return (self.validator(candidate) or "") if self.validator is not None else ""
+            fields = {name: plan.from_wire(values[name]) for name, plan in self.plans.items()}
+        except InvalidParameterValue as error:
+            raise Refused(str(error)) from None
+        for name in changed:
+            self.plans[name].check(fields[name])
+        made = self.build(fields)
+        if self.validator is not None:
+            validate(f"the validator of {self.cls.__name__}", self.validator, made)
+        for name, plan in self.plans.items():
+            # Whatever the class or the validator did to its fields: they show the parameters.
+            value = plan.from_wire(values[name])
+            fixed = FixedList.of(value) if isinstance(value, list) else value
+            object.__setattr__(_follow(made, plan.path[:-1]), plan.path[-1], fixed)
+        return made
 
-    def build(self, plain: Mapping[str, Any]) -> Any:
+    def build(self, fields: Mapping[str, Any]) -> Any:
         tree: dict[str, Any] = {}
         for name, plan in self.plans.items():
             below = tree
             for part in plan.path[:-1]:
                 below = below.setdefault(part, {})
-            below[plan.path[-1]] = plain[name]
+            below[plan.path[-1]] = fields[name]
         return _build(self.cls, tree)
 
-    def apply(self, values: Mapping[str, ParameterValue]) -> None:
-        for name, value in values.items():
-            plan = self.plans.get(name)
-            if plan is None:
-                continue
-            target = self.live
-            for part in plan.path[:-1]:
-                target = getattr(target, part)
-            object.__setattr__(target, plan.path[-1], plan.from_wire(value))
+    # ------------------------------------------------------------------------------------------------------- writing
 
     def set(self, path: tuple[str, ...], value: Any) -> None:
         """What assigning to an attribute does; raises the error that says why it is refused."""
-        parameters = [
-            Parameter(name, plan.to_wire(_follow(value, plan.path[len(path) :])))
-            for name, plan in self.plans.items()
-            if plan.path[: len(path)] == path
-        ]
-        self.set_all(parameters)
+        self.set_all(self.parameters(path, value))
+
+    def parameters(self, path: tuple[str, ...], value: Any) -> list[Parameter]:
+        """The parameters at or below `path`, with the values that `value` gives them; nothing when there are none."""
+        found = [plan for plan in self.plans.values() if plan.path[: len(path)] == path]
+        if found and found[0].path != path:
+            expected = self.cls
+            for part in path:
+                expected = hints_of(expected)[part]
+            _require_instance(".".join(path), value, expected)
+        return [Parameter(plan.name, plan.to_wire(_follow(value, plan.path[len(path) :]))) for plan in found]
 
     def set_all(self, parameters: Sequence[Parameter]) -> None:
         result = self.store.set_atomically(parameters)
         if result.successful:
             return
-        if any(self.plans[p.name].descriptor.read_only for p in parameters):
+        if result.reason.startswith("Trying to set a read-only parameter"):
             raise ParameterImmutable(result.reason)
         raise InvalidParameterValue(result.reason)
 
 
 def _build(cls: Any, tree: Mapping[str, Any]) -> Any:
-    hints = _hints(cls)
-    return cls(**{name: _build(hints[name], part) if isinstance(part, dict) else part for name, part in tree.items()})
-
-
-@functools.cache
-def _hints(cls: type) -> dict[str, Any]:
-    return get_type_hints(cls)
+    hints = hints_of(cls)
+    fields = {name: _build(hints[name], part) if isinstance(part, dict) else part for name, part in tree.items()}
+    try:
+        return called(f"{cls.__name__}(...)", lambda: cls(**fields))
+    except Refused as refusal:
+        if isinstance(refusal.__cause__, ValueError):
+            # From the class's own __post_init__: the text is the reason.
+            raise Refused(str(refusal.__cause__) or f"{cls.__name__} refused the values") from None
+        raise
 
 
 def _follow(value: Any, path: tuple[str, ...]) -> Any:
     for part in path:
         value = getattr(value, part)
     return value
+
+
+def _require_instance(what: str, value: object, expected: type) -> None:
+    if not isinstance(value, expected):
+        found = f"{value!r} of type {type(value).__name__}"
+        raise TypeError(f"{what} must be an object of {expected.__name__}, got {found}")
 
 
 def bind_class(
@@ -137,28 +151,50 @@ def bind_class(
         validator: gets the complete new object before each set; a text it returns is the reason to refuse.
 
     Raises:
-        ParameterClassError: an annotation cannot be a parameter.
+        ParameterClassError: an annotation cannot be a parameter, or a field has no default and `initial` is not given.
         ParameterError: a name is taken, an override has the wrong type or is refused. Nothing is declared then.
+        TypeError: an argument has the wrong type; the validator is async.
     """
+    require_name(prefix, "the prefix")
     binding = _Binding(store, cls, f"{prefix}." if prefix else "", validator)
-    source = cls() if initial is None else initial
-    defaults = {name: plan.to_wire(_follow(source, plan.path)) for name, plan in binding.plans.items()}
-    _refuse_bad_start(binding, {name: store.overrides.get(name, value) for name, value in defaults.items()})
-    binding.live = _make_live(cls, source, binding, ())
-    declared: list[str] = []
-    try:
-        for name, plan in binding.plans.items():
-            descriptor = dataclasses.replace(plan.descriptor, name=name)
-            value = store.declare(name, defaults[name], descriptor, optional=plan.optional)
-            declared.append(name)
-            binding.apply({name: value})
-    except Exception:
-        for name in declared:
-            store.forget(name)
-        raise
-    store.add_on_set_callback(binding.check)
-    store.add_applier(binding.apply)
-    return binding.live  # type: ignore[no-any-return]
+    if validator is not None:
+        require_plain(validator, "the validator")
+    source = _start(cls, initial)
+    with store.lock:
+        start = {name: plan.to_wire(_follow(source, plan.path)) for name, plan in binding.plans.items()}
+        binding.values = {name: store.overrides.get(name, value) for name, value in start.items()}
+        _refuse_bad_start(binding, binding.values)
+        live: _T = make_live(cls, source, binding)
+        declared: list[str] = []
+        try:
+            for name, plan in binding.plans.items():
+                store.declare(name, start[name], plan.descriptor, optional=plan.optional)
+                declared.append(name)
+        except BaseException:
+            for name in declared:
+                store.forget(name)
+            raise
+        store.add_mirror(binding.prepare)
+    return live
+
+
+def _start(cls: type[_T], initial: _T | None) -> _T:
+    """The object the defaults come from."""
+    if initial is None:
+        for item in dataclasses.fields(cls):  # type: ignore[arg-type]  # plan_class made sure
+            if item.init and item.default is dataclasses.MISSING and item.default_factory is dataclasses.MISSING:
+                raise ParameterClassError(f"{cls.__name__}.{item.name} has no default; give it one, or pass initial=")
+        return cls()
+    _require_instance("initial", initial, cls)
+    _require_nested("initial", initial, cls)
+    return initial
+
+
+def _require_nested(what: str, value: object, cls: type) -> None:
+    for name, hint in hints_of(cls).items():
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint) and hasattr(value, name):
+            _require_instance(f"{what}.{name}", getattr(value, name), hint)
+            _require_nested(f"{what}.{name}", getattr(value, name), hint)
 
 
 def _refuse_bad_start(binding: _Binding, values: dict[str, ParameterValue]) -> None:
@@ -173,9 +209,11 @@ def _refuse_bad_start(binding: _Binding, values: dict[str, ParameterValue]) -> N
         reason = descriptor_problem(Parameter(name, values[name]), plan.descriptor, declaring=True)
         if reason:
             raise InvalidParameterValue(f"parameter {name!r} cannot be declared: {reason}")
-    reason = binding.problem(values)
-    if reason:
-        raise InvalidParameterValue(f"the parameters of {binding.cls.__name__} cannot be declared: {reason}")
+    try:
+        binding.current = binding.complete(values, values)
+    except Refused as refusal:
+        reason = f"the parameters of {binding.cls.__name__} cannot be declared: {refusal}"
+        raise InvalidParameterValue(reason) from refusal.__cause__
 
 
 def update_parameters(live: object, **changes: Any) -> None:
@@ -183,102 +221,23 @@ def update_parameters(live: object, **changes: Any) -> None:
 
     Raises as assigning does, and then nothing has changed.
     """
-    binding, base = _binding_of(live)
-    parameters = []
+    binding, base = place_of(live)
+    parameters: list[Parameter] = []
     for attribute, value in changes.items():
-        path = (*base, attribute)
-        found = [(name, plan) for name, plan in binding.plans.items() if plan.path[: len(path)] == path]
+        found = binding.parameters((*base, attribute), value)
         if not found:
-            raise AttributeError(f"{binding.cls.__name__} has no parameter {'.'.join(path)!r}")
-        parameters += [Parameter(name, plan.to_wire(_follow(value, plan.path[len(path) :]))) for name, plan in found]
+            raise AttributeError(f"{binding.cls.__name__} has no parameter {'.'.join((*base, attribute))!r}")
+        parameters += found
     binding.set_all(parameters)
 
 
 def snapshot(live: _T) -> _T:
-    """A plain, independent copy of a live object, consistent in itself."""
-    return copy.deepcopy(live)
+    """A plain, independent copy of a live object: all values as they were at one moment, in any thread.
 
-
-def _binding_of(live: object) -> tuple[_Binding, tuple[str, ...]]:
-    found: tuple[_Binding, tuple[str, ...]] | None = getattr(live, _BINDING, None)
-    if found is None:
-        raise TypeError(f"{live!r} is no live parameter object; declare_parameters returns one")
-    return found
-
-
-# ------------------------------------------------------------------------------------------------------ live classes
-
-_live_classes: dict[type, type] = {}
-
-
-def _make_live(cls: type, source: Any, binding: _Binding, path: tuple[str, ...]) -> Any:
-    live: Any = object.__new__(_live_class(cls))
-    for item in dataclasses.fields(cls):
-        value = getattr(source, item.name)
-        if dataclasses.is_dataclass(value) and not isinstance(value, type) and item.init:
-            value = _make_live(type(value), value, binding, (*path, item.name))
-        object.__setattr__(live, item.name, value)
-    object.__setattr__(live, _BINDING, (binding, path))
-    return live
-
-
-def _live_class(cls: type) -> type:
-    if cls not in _live_classes:
-        members: dict[str, Any] = {
-            "__doc__": cls.__doc__,
-            "__module__": cls.__module__,
-            "__qualname__": cls.__qualname__,
-            "__eq__": _equal,
-            "__hash__": None,
-            "__reduce_ex__": _reduce,
-            "__copy__": _plain,
-            "__deepcopy__": lambda self, memo: _plain(self),
-        }
-        if not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
-            members["__setattr__"] = _set_attribute
-        _live_classes[cls] = type(cls.__name__, (cls,), members)
-    return _live_classes[cls]
-
-
-def _base(live: Any) -> type:
-    base: type = type(live).__mro__[1]
-    return base
-
-
-def _plain(live: Any) -> Any:
-    """The same values in an object of the user's own class."""
-    return _rebuild(
-        _base(live), {item.name: copy.deepcopy(getattr(live, item.name)) for item in dataclasses.fields(live)}
-    )
-
-
-def _reduce(live: Any, protocol: Any) -> Any:
-    """Pickle as the user's own class, without the store."""
-    return _rebuild, (_base(live), {item.name: getattr(live, item.name) for item in dataclasses.fields(live)})
-
-
-def _rebuild(cls: type, values: Mapping[str, Any]) -> Any:
-    made: Any = object.__new__(cls)
-    for name, value in values.items():
-        object.__setattr__(made, name, value)
-    return made
-
-
-def _equal(live: Any, other: object) -> Any:
-    left = _plain(live)
-    right = _plain(other) if getattr(other, _BINDING, None) is not None else other
-    return left == right
-
-
-def _set_attribute(live: Any, name: str, value: Any) -> None:
-    binding, path = _binding_of(live)
-    full = (*path, name)
-    if not any(plan.path[: len(full)] == full for plan in binding.plans.values()):
-        if name in {item.name for item in dataclasses.fields(live)}:
-            object.__setattr__(live, name, value)  # A field with init=False is no parameter.
-            return
-        raise AttributeError(f"{type(live).__name__} has no field {name!r}")
-    binding.set(full, value)
+    Reading several attributes one after the other may see a set that comes in between; a snapshot cannot.
+    """
+    place_of(live)
+    return plain(live)  # type: ignore[no-any-return]
 
 
 __all__ = ["FieldPlan", "bind_class", "snapshot", "update_parameters"]

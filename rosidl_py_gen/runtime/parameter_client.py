@@ -1,12 +1,16 @@
 """The parameters of another node, over its six services and ``/parameter_events``.
 
 Decides how answers become values and errors. Every call waits for the remote node, as part of `timeout_s`.
+
+One name gives one value, several give a list. An empty list says nothing about its type, in Python as in YAML, so
+before one is set the remote node is asked which array type the parameter has.
 """
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
@@ -34,7 +38,7 @@ from rosidl_py_gen.runtime.parameter_messages import (
     to_message,
     value_from_message,
 )
-from rosidl_py_gen.runtime.parameter_overrides import overrides_for
+from rosidl_py_gen.runtime.parameter_overrides import ParameterFileError, overrides_for
 from rosidl_py_gen.runtime.parameter_rules import Listing
 from rosidl_py_gen.runtime.parameter_values import (
     Parameter,
@@ -42,7 +46,10 @@ from rosidl_py_gen.runtime.parameter_values import (
     ParameterNotDeclared,
     ParameterType,
     PythonValue,
+    as_parameters,
+    as_prefixes,
     parameter_value,
+    require_names,
 )
 from rosidl_py_gen.runtime.parameter_yaml import dump_parameters, parse_parameter_file
 from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
@@ -52,14 +59,12 @@ from rosidl_py_gen.runtime.time_values import Time
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Coroutine, Sequence
 
+    from rosidl_py_gen.runtime.parameter_values import ParametersToSet
     from rosidl_py_gen.runtime.parameters import ParameterEvent, SetResult
     from rosidl_py_gen.runtime.remap_rules import NodeNames
     from rosidl_py_gen.runtime.scope import Scope
-
-ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
-"""Names with values, or `Parameter` objects."""
 
 
 class MalformedAnswerError(RosidlError):
@@ -72,13 +77,6 @@ class RemoteParameterEvent(NamedTuple):
     node: str
     stamp: Time
     event: ParameterEvent
-
-
-def as_parameters(values: ParametersToSet) -> list[Parameter]:
-    """Raises `InvalidParameterValue` for a value that is no parameter value."""
-    if hasattr(values, "items"):
-        return [Parameter(name, parameter_value(value)) for name, value in values.items()]
-    return list(values)
 
 
 def event_stream(scope: Scope, names: NodeNames, node: str | None) -> ParameterEvents:
@@ -111,6 +109,21 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
         super().close(error)
         self._scope.disown(self)
         self._subscription.close()
+
+
+def _asked(names: str | Sequence[str]) -> list[str]:
+    return [names] if isinstance(names, str) else require_names(names)
+
+
+class _Deadline:
+    """What is left of one `timeout_s` for several calls."""
+
+    def __init__(self, timeout_s: float | None) -> None:
+        self._end_s = None if timeout_s is None else time.monotonic() + timeout_s
+
+    def left_s(self) -> float | None:
+        """None when there is no limit."""
+        return None if self._end_s is None else max(0.0, self._end_s - time.monotonic())
 
 
 class ParameterClient:
@@ -165,22 +178,40 @@ class ParameterClient:
         Raises:
             ParameterNotDeclared: at least one of them is not declared, or has no value.
         """
-        asked = [names] if isinstance(names, str) else list(names)
+        asked = _asked(names)
         response = await self._get.call(GetParameters_Request(names=asked), timeout_s)
         values = [value_from_message(item).value for item in self._complete(response.values, asked)]
         return values[0] if isinstance(names, str) else values
 
-    async def types(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]:
-        """Raises `ParameterNotDeclared` when at least one is not declared."""
-        asked = list(names)
+    @overload
+    async def types(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+        self, names: str, timeout_s: float | None = None
+    ) -> ParameterType: ...
+    @overload
+    async def types(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]: ...
+    async def types(
+        self, names: str | Sequence[str], timeout_s: float | None = None
+    ) -> ParameterType | list[ParameterType]:
+        """One type for one name, a list for several; raises `ParameterNotDeclared` when one is not declared."""
+        asked = _asked(names)
         response = await self._types.call(GetParameterTypes_Request(names=asked), timeout_s)
-        return [parameter_type(int(item)) for item in self._complete(response.types, asked)]
+        found = [parameter_type(int(item)) for item in self._complete(response.types, asked)]
+        return found[0] if isinstance(names, str) else found
 
-    async def describe(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterDescriptor]:
-        """Raises `ParameterNotDeclared` when at least one is not declared."""
-        asked = list(names)
+    @overload
+    async def describe(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+        self, names: str, timeout_s: float | None = None
+    ) -> ParameterDescriptor: ...
+    @overload
+    async def describe(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterDescriptor]: ...
+    async def describe(
+        self, names: str | Sequence[str], timeout_s: float | None = None
+    ) -> ParameterDescriptor | list[ParameterDescriptor]:
+        """One for one name, a list for several; raises `ParameterNotDeclared` when one is not declared."""
+        asked = _asked(names)
         response = await self._describe.call(DescribeParameters_Request(names=asked), timeout_s)
-        return [descriptor_from_message(item) for item in self._complete(response.descriptors, asked)]
+        found = [descriptor_from_message(item) for item in self._complete(response.descriptors, asked)]
+        return found[0] if isinstance(names, str) else found
 
     def _complete(self, answers: Sequence[Any], asked: list[str]) -> Sequence[Any]:
         if len(answers) == len(asked):
@@ -190,30 +221,63 @@ class ParameterClient:
         raise MalformedAnswerError(f"{self.node} answered {len(answers)} values for {len(asked)} parameters")
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
-        """Set one by one; the result of each says whether and why not."""
-        request = SetParameters_Request(parameters=[to_message(item) for item in as_parameters(values)])
-        response = await self._set.call(request, timeout_s)
+        """Set one by one; the result of each says whether and why not.
+
+        An empty list takes the type the remote parameter has, which costs one or two more questions for each.
+
+        Raises:
+            InvalidParameterValue: one is no parameter value. TypeError: a name is no text.
+        """
+        deadline = _Deadline(timeout_s)
+        wanted = await self._fitted(as_parameters(values), deadline)
+        request = SetParameters_Request(parameters=[to_message(item) for item in wanted])
+        response = await self._set.call(request, deadline.left_s())
         return [result_from_message(item) for item in response.results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
-        """Set all or nothing."""
-        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in as_parameters(values)])
-        return result_from_message((await self._set_atomically.call(request, timeout_s)).result)
+        """Set all or nothing; otherwise as `set`."""
+        deadline = _Deadline(timeout_s)
+        wanted = await self._fitted(as_parameters(values), deadline)
+        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in wanted])
+        return result_from_message((await self._set_atomically.call(request, deadline.left_s())).result)
 
-    async def list(self, prefixes: Sequence[str] = (), depth: int = 0, timeout_s: float | None = None) -> Listing:
-        """Names and groups; depth 0 has no limit."""
-        request = ListParameters_Request(prefixes=[*prefixes], depth=depth)
+    async def _fitted(self, parameters: list[Parameter], deadline: _Deadline) -> list[Parameter]:
+        """Empty lists, which came here as empty byte arrays, get the array type of the remote parameter."""
+        for index, parameter in enumerate(parameters):
+            if parameter.value.value == b"":
+                kind = await self._declared_type(parameter.name, deadline)
+                if kind.is_array:
+                    parameters[index] = Parameter(parameter.name, parameter_value((), kind))
+        return parameters
+
+    async def _declared_type(self, name: str, deadline: _Deadline) -> ParameterType:
+        """NOT_SET when the parameter is not declared."""
+        typed = await self._types.call(GetParameterTypes_Request(names=[name]), deadline.left_s())
+        kind = parameter_type(int(typed.types[0])) if len(typed.types) == 1 else ParameterType.NOT_SET
+        if kind is ParameterType.NOT_SET and len(typed.types) == 1:
+            # Declared but unset: the descriptor may know.
+            described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.left_s())
+            kind = parameter_type(described.descriptors[0].type) if len(described.descriptors) == 1 else kind
+        return kind
+
+    async def list(self, prefixes: str | Sequence[str] = (), depth: int = 0, timeout_s: float | None = None) -> Listing:
+        """Names and groups, all or those below one or several prefixes; depth 0 has no limit."""
+        request = ListParameters_Request(prefixes=as_prefixes(prefixes), depth=depth)
         result = (await self._list.call(request, timeout_s)).result
         return Listing(tuple(result.names), tuple(result.prefixes))
 
     async def load_yaml(self, path: str | os.PathLike[str], timeout_s: float | None = None) -> dict[str, SetResult]:
-        """Set what a parameter file says for the remote node.
+        """Set what a parameter file says for the remote node, empty lists with the type they have there.
 
         Raises:
-            ParameterFileError: it is not a parameter file. OSError: it cannot be read.
+            ParameterFileError: it is not a parameter file, or has nothing for the remote node.
+            OSError: it cannot be read.
         """
-        text = Path(path).read_text(encoding="utf-8")
-        found = overrides_for(parse_parameter_file(text, str(path)), self.node)
+        entries = parse_parameter_file(Path(path).read_text(encoding="utf-8"), str(path))
+        if not any(entry.matches(self.node) for entry in entries):
+            named = ", ".join(dict.fromkeys(entry.pattern for entry in entries)) or "no node at all"
+            raise ParameterFileError(f"{path}: nothing for {self.node}; the file has parameters of {named}")
+        found = overrides_for(entries, self.node)
         results = await self.set([Parameter(name, value) for name, value in found.items()], timeout_s)
         return dict(zip(found, results, strict=False))
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from rosidl_py_gen.runtime.parameter_rules import float_range_problem, integer_range_problem
+from rosidl_py_gen.runtime.parameter_callbacks import Refused, require_plain, validate
+from rosidl_py_gen.runtime.parameter_rules import float_range_problem, integer_range_problem, range_flaw
 from rosidl_py_gen.runtime.parameter_values import (
     INT64_MAX,
     INT64_MIN,
@@ -105,11 +106,13 @@ class FieldPlan:
 
     Attributes:
         path: attribute names from the outermost object to the leaf.
+        name: the dotted name of the parameter, with the prefix of the whole class.
         choices: the allowed wire values, empty when any is allowed.
         container: list or tuple for arrays.
     """
 
     path: tuple[str, ...]
+    name: str
     kind: ParameterType
     descriptor: ParameterDescriptor
     optional: bool
@@ -119,10 +122,10 @@ class FieldPlan:
     validators: tuple[Validator, ...]
     element_range: FloatRange | IntRange | None
 
-    @property
-    def name(self) -> str:
-        """The dotted name, without the prefix of the whole class."""
-        return ".".join(self.path)
+    def with_prefix(self, prefix: str) -> FieldPlan:
+        """The same under another name: `prefix` is put in front, dot included."""
+        name = prefix + self.name
+        return dataclasses.replace(self, name=name, descriptor=dataclasses.replace(self.descriptor, name=name))
 
     def to_wire(self, value: Any) -> ParameterValue:
         """The parameter value of a field's value; raises `InvalidParameterValue` naming the field."""
@@ -151,24 +154,25 @@ class FieldPlan:
             return _enum_member(self.enum, plain)
         return self.container(plain) if self.container is not None else plain  # type: ignore[arg-type]
 
-    def problem(self, value: Any) -> str:
-        """Why the field's value is refused; ranges of scalars are the descriptor's business."""
+    def check(self, value: Any) -> None:
+        """Raises `Refused` for a value that ranges of items or validators refuse; other ranges are the descriptor's.
+
+        Raises `CallbackAnswerError` for a validator that answers neither None nor a text.
+        """
         if value is None:
-            return ""
-        if self.element_range is not None:
+            return
+        allowed = self.element_range
+        if allowed is not None:
             for index, item in enumerate(value):
                 name = f"{self.name}[{index}]"
-                if isinstance(self.element_range, IntRange):
-                    reason = integer_range_problem(name, item, self.element_range)
+                if isinstance(allowed, IntRange):
+                    reason = integer_range_problem(name, item, allowed)
                 else:
-                    reason = float_range_problem(name, item, self.element_range)
+                    reason = float_range_problem(name, item, allowed)
                 if reason:
-                    return reason
+                    raise Refused(reason)
         for validator in self.validators:
-            text = validator(value)
-            if text:
-                return text
-        return ""
+            validate(f"the validator of {self.name!r}", validator, value)
 
 
 def _enum_by_value(enum: type[Enum]) -> bool:
@@ -191,7 +195,10 @@ def _enum_member(enum: type[Enum], plain: Any) -> Enum:
 def plan_class(cls: type, prefix: tuple[str, ...] = ()) -> tuple[FieldPlan, ...]:
     """The leaves of a dataclass in the order of its fields; raises `ParameterClassError`."""
     if not isinstance(cls, type) or not dataclasses.is_dataclass(cls):
-        raise ParameterClassError(f"{cls!r} is not a dataclass")
+        what = (
+            f"{cls!r} is an object; give its class" if dataclasses.is_dataclass(cls) else f"{cls!r} is not a dataclass"
+        )
+        raise ParameterClassError(what)
     try:
         hints = get_type_hints(cls, include_extras=True)
     except NameError as error:
@@ -237,18 +244,28 @@ def _plan_field(cls: type, name: str, annotation: Any, path: tuple[str, ...]) ->
         floating_point_range=number_range if isinstance(number_range, FloatRange) and not is_array else None,
         integer_range=number_range if isinstance(number_range, IntRange) and not is_array else None,
     )
-    validators = tuple(item for item in shape.metadata if callable(item) and not isinstance(item, type))
     return FieldPlan(
         path,
+        dotted,
         shape.kind,
         descriptor,
         shape.optional,
         shape.enum,
         shape.choices,
         shape.container,
-        validators,
+        _validators(where, shape),
         number_range if is_array else None,
     )
+
+
+def _validators(where: str, shape: _Shape) -> tuple[Validator, ...]:
+    found = tuple(item for item in shape.metadata if callable(item) and not isinstance(item, type))
+    for validator in found:
+        try:
+            require_plain(validator, "the validator")
+        except TypeError as error:
+            raise ParameterClassError(f"{where}: {error}") from error
+    return found
 
 
 def _peel(where: str, annotation: Any) -> _Shape:
@@ -296,14 +313,31 @@ def _range(where: str, shape: _Shape) -> FloatRange | IntRange | None:
         raise ParameterClassError(f"{where}: a range is for numbers only")
     if given is None:
         return None if width is None or width.range == IntRange(INT64_MIN, INT64_MAX) else width.range
-    if real:
-        return FloatRange(float(given.from_value), float(given.to_value), float(given.step))
-    if any(value != int(value) for value in (given.from_value, given.to_value, given.step)):
-        raise ParameterClassError(f"{where}: the range of an int must have integer ends and step, got {given!r}")
-    made = IntRange(int(given.from_value), int(given.to_value), int(given.step))
+    made = _real_range(given) if real else _integer_range(where, given)
+    flaw = range_flaw(made)
+    if flaw:
+        raise ParameterClassError(f"{where}: {flaw}")
     if width is not None and not (
         width.range.from_value <= min(made.from_value, made.to_value)
         and max(made.from_value, made.to_value) <= width.range.to_value
     ):
         raise ParameterClassError(f"{where}: {given!r} does not fit {width!r}")
     return made
+
+
+def _real_range(given: Range) -> FloatRange:
+    try:
+        return FloatRange(float(given.from_value), float(given.to_value), float(given.step))
+    except (TypeError, ValueError, OverflowError):
+        return FloatRange(given.from_value, given.to_value, given.step)  # for `range_flaw` to say what is wrong
+
+
+def _integer_range(where: str, given: Range) -> IntRange:
+    try:
+        ends = int(given.from_value), int(given.to_value), int(given.step)
+        exact = ends == (given.from_value, given.to_value, given.step)
+    except (TypeError, ValueError, OverflowError):
+        exact = False
+    if not exact:
+        raise ParameterClassError(f"{where}: the range of an int must have integer ends and step, got {given!r}")
+    return IntRange(*ends)

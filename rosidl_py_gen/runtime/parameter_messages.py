@@ -6,10 +6,12 @@ does not exist is NOT_SET.
 
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.msgs.rcl_interfaces import msg
 from rosidl_py_gen.runtime.parameter_values import (
     FloatRange,
@@ -22,56 +24,62 @@ from rosidl_py_gen.runtime.parameter_values import (
 from rosidl_py_gen.runtime.parameters import ParameterEvent, SetResult
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
-_MEMBERS = {
-    ParameterType.BOOL: "bool_value",
-    ParameterType.INTEGER: "integer_value",
-    ParameterType.DOUBLE: "double_value",
-    ParameterType.STRING: "string_value",
-    ParameterType.BYTE_ARRAY: "byte_array_value",
-    ParameterType.BOOL_ARRAY: "bool_array_value",
-    ParameterType.INTEGER_ARRAY: "integer_array_value",
-    ParameterType.DOUBLE_ARRAY: "double_array_value",
-    ParameterType.STRING_ARRAY: "string_array_value",
-}
+_KINDS = tuple(ParameterType)
+_UNSET = ParameterValue()
+# What the members hold that do not count: empty, so that messages may share them.
+_NOTHING = (0, False, 0, 0.0, "", *(np.zeros(0, kind) for kind in (np.uint8, np.bool_, np.int64, np.float64)))
+# Which member a type selects, in the order of the type numbers.
+_READERS: tuple[Callable[[Any], Any], ...] = (
+    lambda message: None,
+    operator.attrgetter("bool_value"),
+    operator.attrgetter("integer_value"),
+    operator.attrgetter("double_value"),
+    operator.attrgetter("string_value"),
+    lambda message: bytes(message.byte_array_value),
+    *(
+        lambda message, member=f"{name}_array_value": _items(getattr(message, member))
+        for name in ("bool", "integer", "double", "string")
+    ),
+)
 
 
 def parameter_type(number: int) -> ParameterType:
     """NOT_SET for numbers that do not exist."""
-    return ParameterType(number) if 0 <= number <= ParameterType.STRING_ARRAY else ParameterType.NOT_SET
+    return _KINDS[number] if 0 <= number < len(_KINDS) else ParameterType.NOT_SET
 
 
 def value_to_message(value: ParameterValue) -> msg.ParameterValue:
     """The member that `type` selects is set, the others keep their defaults."""
-    message = msg.ParameterValue(type=int(value.type))
-    member = _MEMBERS.get(value.type)
-    if member is not None:
+    number = int(value.type)
+    members: list[Any] = [*_NOTHING, []]
+    members[0] = number
+    if number:
         content: Any = value.value
         if isinstance(content, bytes):
             content = np.frombuffer(content, np.uint8)
         elif isinstance(content, tuple):
             content = list(content)
-        setattr(message, member, content)
-    return message
+        members[number] = content  # members and type numbers have the same order
+    return msg.ParameterValue(*members)
 
 
 def value_from_message(message: msg.ParameterValue) -> ParameterValue:
     """The reverse of `value_to_message`."""
-    kind = parameter_type(message.type)
-    if kind is ParameterType.NOT_SET:
-        return ParameterValue()
-    content: Any = getattr(message, _MEMBERS[kind])
-    if kind is ParameterType.BYTE_ARRAY:
-        content = bytes(content)
-    elif kind.is_array:
-        content = tuple(content.tolist() if isinstance(content, np.ndarray) else content)
-    return ParameterValue(kind, content)
+    number = message.type
+    if not 0 < number < len(_KINDS):
+        return _UNSET
+    return ParameterValue(_KINDS[number], _READERS[number](message))
+
+
+def _items(content: Any) -> tuple[Any, ...]:
+    return tuple(content.tolist() if isinstance(content, np.ndarray) else content)
 
 
 def to_message(parameter: Parameter) -> msg.Parameter:
     """Name and value."""
-    return msg.Parameter(name=parameter.name, value=value_to_message(parameter.value))
+    return msg.Parameter(parameter.name, value_to_message(parameter.value))
 
 
 def from_message(message: msg.Parameter) -> Parameter:
@@ -118,14 +126,14 @@ def descriptor_from_message(message: msg.ParameterDescriptor) -> ParameterDescri
 
 def event_to_message(event: ParameterEvent, node: str, stamp_ns: int) -> msg.ParameterEvent:
     """`node` is the fully qualified name."""
-    message = msg.ParameterEvent(
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    return msg.ParameterEvent(
+        stamp=Time(sec=sec, nanosec=nanosec),
         node=node,
         new_parameters=[to_message(p) for p in event.new],
         changed_parameters=[to_message(p) for p in event.changed],
         deleted_parameters=[to_message(p) for p in event.deleted],
     )
-    message.stamp.sec, message.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
-    return message
 
 
 def event_from_message(message: msg.ParameterEvent) -> ParameterEvent:
@@ -142,8 +150,11 @@ def event_from_message(message: msg.ParameterEvent) -> ParameterEvent:
 
 
 def result_to_message(result: SetResult) -> msg.SetParametersResult:
-    """Success and reason."""
-    return msg.SetParametersResult(successful=result.successful, reason=result.reason)
+    """Success and reason; what cannot be sent of the reason becomes ``?``."""
+    reason = result.reason
+    if not reason.isascii():
+        reason = reason.encode("utf-8", "replace").decode()
+    return msg.SetParametersResult(successful=result.successful, reason=reason)
 
 
 def result_from_message(message: msg.SetParametersResult) -> SetResult:

@@ -5,6 +5,9 @@ Decides which message answers which question; what the answer is, is `parameters
 
 from __future__ import annotations
 
+import contextlib
+import threading
+from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
@@ -16,12 +19,13 @@ from rosidl_py_gen.runtime.parameter_messages import (
     result_to_message,
     value_to_message,
 )
+from rosidl_py_gen.runtime.parameters import CallbackAnswerError, SetResult
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
 from rosidl_py_gen.runtime.service import ServiceServer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator, Sequence
 
     from rosidl_py_gen.runtime.clock import Clock
     from rosidl_py_gen.runtime.parameters import ParameterEvent, ParameterStore
@@ -30,9 +34,18 @@ if TYPE_CHECKING:
 
 
 class ParameterEventPublisher:
-    """Publishes one ParameterEvent for each atomic set; nothing for a declaration without a value."""
+    """Publishes one ParameterEvent for each atomic set; nothing for a declaration without a value.
+
+    Events of what a service request changes are sent right after its answer, with the time of the change: their
+    publication would be a fifth of the time that the client waits.
+    """
 
     def __init__(self, scope: Scope, names: NodeNames, clock: Clock) -> None:
+        self._scope = scope
+        self._bridge = scope.bridge
+        self._lock = threading.RLock()
+        self._waiting: deque[tuple[ParameterEvent, int]] = deque()
+        self._held = 0
         self._node = names.fully_qualified_name
         self._clock = clock
         self._publisher: Publisher[msg.ParameterEvent] = Publisher(
@@ -50,19 +63,46 @@ class ParameterEventPublisher:
 
     def publish(self, event: ParameterEvent) -> None:
         """Tell the world."""
-        if not self._closed and (event.new or event.changed or event.deleted):
-            self._publisher.publish(event_to_message(event, self._node, self._clock.now_ns()))
+        if self._closed or not (event.new or event.changed or event.deleted):
+            return
+        self._waiting.append((event, self._clock.now_ns()))
+        if not self._held:
+            self._send()
+
+    @contextlib.contextmanager
+    def after_the_answer(self) -> Iterator[None]:
+        """Let the events of a request wait until the loop comes round; on the loop's thread."""
+        self._held += 1
+        try:
+            yield
+        finally:
+            self._held -= 1
+            if self._waiting:
+                self._bridge.call_soon(self._send)
+
+    def _send(self) -> None:
+        with self._lock:  # from the first to the last, whatever thread comes
+            while self._waiting:
+                event, stamp_ns = self._waiting.popleft()
+                try:
+                    self._publisher.publish(event_to_message(event, self._node, stamp_ns))
+                except Exception:
+                    self._scope.report_failure("publishing a parameter event")
 
     def close(self) -> None:
-        """May be called twice."""
-        self._closed = True
+        """Send what waits; may be called twice."""
+        if not self._closed:
+            self._closed = True
+            self._send()
         self._publisher.close()
 
 
 class ParameterServices:
     """The six services of one node."""
 
-    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore) -> None:
+    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore, events: ParameterEventPublisher) -> None:
+        self._scope = scope
+        self._events = events
         self._store = store
         table: list[tuple[str, str, Callable[[Any], Any]]] = [
             ("describe_parameters", "DescribeParameters", self._describe),
@@ -101,12 +141,22 @@ class ParameterServices:
         return srv.ListParameters_Response(result=result)
 
     def _set(self, request: srv.SetParameters_Request) -> srv.SetParameters_Response:
-        results = self._store.set_each(from_message(item) for item in request.parameters)
-        return srv.SetParameters_Response(results=[result_to_message(item) for item in results])
+        with self._events.after_the_answer():
+            return srv.SetParameters_Response(results=[self._answer((item,)) for item in request.parameters])
 
     def _set_atomically(self, request: srv.SetParametersAtomically_Request) -> srv.SetParametersAtomically_Response:
-        result = self._store.set_atomically([from_message(item) for item in request.parameters])
-        return srv.SetParametersAtomically_Response(result=result_to_message(result))
+        with self._events.after_the_answer():
+            return srv.SetParametersAtomically_Response(result=self._answer(request.parameters))
+
+    def _answer(self, parameters: Sequence[msg.Parameter]) -> msg.SetParametersResult:
+        """Always an answer: whoever asks must not wait for a callback's mistake."""
+        try:
+            result = self._store.set_atomically([from_message(item) for item in parameters])
+        except Exception as error:
+            self._scope.report_failure("setting a parameter for another node")
+            text = str(error) if isinstance(error, CallbackAnswerError) else f"{type(error).__name__}: {error}"
+            result = SetResult(False, text)
+        return result_to_message(result)
 
     @property
     def endpoints(self) -> list[ServiceServer[Any, Any]]:

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import operator
 from array import array
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import TypeAlias
 
 from rosidl_py_gen.errors import RosidlError
 
@@ -101,6 +102,18 @@ class Parameter:
     value: ParameterValue = field(default_factory=ParameterValue)
 
 
+ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
+"""Names with values, or `Parameter` objects."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetResult:
+    """The answer to one set request; `reason` is empty on success unless a callback gave one."""
+
+    successful: bool
+    reason: str = ""
+
+
 @dataclass(frozen=True, slots=True)
 class FloatRange:
     """Allowed values of a DOUBLE; `step` 0 means any value between the ends."""
@@ -134,6 +147,12 @@ class ParameterDescriptor:
 
 
 _SCALARS = ((bool, ParameterType.BOOL), (int, ParameterType.INTEGER), (float, ParameterType.DOUBLE))
+_READY: dict[type, ParameterType] = {
+    bool: ParameterType.BOOL,
+    float: ParameterType.DOUBLE,
+    bytes: ParameterType.BYTE_ARRAY,
+}
+"""Types whose every value is a parameter value as it is."""
 _ARRAY_OF = {
     ParameterType.BOOL: ParameterType.BOOL_ARRAY,
     ParameterType.INTEGER: ParameterType.INTEGER_ARRAY,
@@ -148,27 +167,79 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
     Accepts None, bool, int, float, str, bytes, lists, tuples, array.array and numpy scalars and arrays. An empty list
     is a byte array, as in rclpy, unless `kind` names the array type. Raises `InvalidParameterValue`.
     """
-    if isinstance(value, ParameterValue):
+    ready = _READY.get(type(value))
+    if ready is not None:
+        made = ParameterValue(ready, value)  # type: ignore[arg-type]
+    elif isinstance(value, ParameterValue):
         made = value
     else:
         plain = _plain(value)
-        if kind is not None and kind.is_array and plain in ((), b""):
+        if kind is not None and kind.is_array and isinstance(plain, tuple) and not plain:
             return ParameterValue(kind, b"" if kind is ParameterType.BYTE_ARRAY else ())
         made = _infer(plain)
     if kind is not None and made.type is not kind:
+        if made.value == b"" and kind.is_array:
+            return ParameterValue(kind, ())
         raise InvalidParameterValue(f"{value!r} is of type {made.type.name}, expected {kind.name}")
     return made
 
 
+def as_parameters(values: ParametersToSet) -> list[Parameter]:
+    """Raises `TypeError` for what is neither, `InvalidParameterValue` for a value that is no parameter value."""
+    if isinstance(values, Mapping):
+        return [Parameter(require_name(name), _named_value(name, value)) for name, value in values.items()]
+    if isinstance(values, (str, bytes, Parameter)) or not isinstance(values, Iterable):
+        raise TypeError(f"expected a dict of names and values, or a list of Parameter objects, got {values!r}")
+    return [_checked(item) for item in values]
+
+
+def _checked(item: object) -> Parameter:
+    if not isinstance(item, Parameter):
+        raise TypeError(f"expected Parameter objects, found {item!r}; a dict of names and values will do too")
+    if not isinstance(item.value, ParameterValue) or not isinstance(item.value.type, ParameterType):
+        raise TypeError(f"the value of a Parameter must be a ParameterValue, as parameter_value makes it, got {item!r}")
+    try:
+        return Parameter(require_name(item.name), parameter_value(item.value.value, item.value.type))
+    except InvalidParameterValue as error:
+        raise InvalidParameterValue(f"parameter {item.name!r}: {error}") from error
+
+
+def _named_value(name: str, value: object) -> ParameterValue:
+    try:
+        return parameter_value(value)
+    except InvalidParameterValue as error:
+        raise InvalidParameterValue(f"parameter {name!r}: {error}") from error
+
+
+def require_name(name: object, what: str = "a parameter's name") -> str:
+    """Raises `TypeError` for what is no text."""
+    if not isinstance(name, str):
+        raise TypeError(f"{what} must be a text, got {name!r} of type {type(name).__name__}")
+    return name
+
+
+def require_names(names: object, what: str = "names of parameters") -> list[str]:
+    """A list of texts; raises `TypeError` for anything else, a single text included."""
+    if isinstance(names, (str, bytes)) or not isinstance(names, Iterable):
+        raise TypeError(f"{what} must be given as a list of texts, got {names!r}")
+    return [require_name(name) for name in names]
+
+
+def as_prefixes(prefixes: str | Sequence[str]) -> list[str]:
+    """One prefix or several; raises `TypeError` for what is no text."""
+    return require_names([prefixes] if isinstance(prefixes, str) else prefixes, "prefixes")
+
+
 def _plain(value: object) -> object:
     """Replace numpy and array.array values by plain ones, sequences by tuples."""
+    if type(value) in (str, int):
+        return value
     if isinstance(value, (bytes, bytearray, memoryview)):
         return bytes(value)
     if isinstance(value, array):
         return tuple(value.tolist())
-    tolist = getattr(value, "tolist", None)  # numpy, without importing it
-    if tolist is not None:
-        value = tolist()
+    if hasattr(value, "tolist") and not isinstance(value, type):  # numpy, without importing it
+        value = value.tolist()
     if isinstance(value, (list, tuple)):
         return tuple(_plain(item) if not isinstance(item, (list, tuple)) else item for item in value)
     return value
@@ -188,16 +259,25 @@ def _infer(value: object) -> ParameterValue:
 def _infer_scalar(value: object) -> tuple[ParameterType, bool | int | float | str]:
     if isinstance(value, str):
         # str() drops the class of str enums and the like, which would not compare or print as plain text.
-        return ParameterType.STRING, str.__str__(value)
+        return ParameterType.STRING, _utf8(str.__str__(value))
     for python_type, kind in _SCALARS:
         if isinstance(value, python_type):
             if kind is ParameterType.INTEGER:
                 return kind, _int64(value)
-            return kind, value
+            return kind, value if kind is ParameterType.BOOL else float(value)
     raise InvalidParameterValue(
         f"{value!r} of type {type(value).__name__} is no parameter value; expected None, bool, int, float, str, bytes "
         "or a list of one of these types"
     )
+
+
+def _utf8(text: str) -> str:
+    if not text.isascii():
+        try:
+            str.encode(text)
+        except UnicodeEncodeError as error:
+            raise InvalidParameterValue(f"{text!r} cannot be sent: {error.reason} at character {error.start}") from None
+    return text
 
 
 def _int64(value: object) -> int:

@@ -2,7 +2,9 @@
 
 Decides what a scalar means, and it is not what YAML says: `y` is true, `010` is 8, `08` is 8.0 and `null` is a text
 (protocol.md 10.5). So the standard resolver is replaced by one that only tells plain scalars from quoted ones, and
-`plain_scalar` decides. PyYAML is imported only here. Reading files is the caller's.
+`plain_scalar` decides. Text is what is quoted or tagged ``!!str``; other tags are ignored (``!!int yes`` is true) and
+block scalars count as plain, as in `get_value` of rcl_yaml_param_parser's parse.c. PyYAML is imported only here.
+Reading files is the caller's.
 """
 
 from __future__ import annotations
@@ -91,10 +93,11 @@ class _Loader(yaml.BaseLoader):
         event = self.peek_event()  # type: ignore[no-untyped-call]
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             raise yaml.MarkedYAMLError(problem="anchors and aliases are not supported", problem_mark=event.start_mark)
-        return super().compose_node(parent, index)  # type: ignore[arg-type]
-
-
-_Loader.add_implicit_resolver(_PLAIN, re.compile(""), None)
+        node = super().compose_node(parent, index)  # type: ignore[arg-type]
+        if isinstance(event, yaml.ScalarEvent) and isinstance(node, yaml.ScalarNode):
+            quoted = event.style in ("'", '"')
+            node.tag = str(event.tag) if event.tag in (_STRING, _BINARY) else _STRING if quoted else _PLAIN
+        return node
 
 
 def parse_parameter_file(text: str, name: str = "<text>") -> list[NodeParameters]:

@@ -8,70 +8,66 @@ for matching the two are the same, because a DDS entity without the policy has a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum, IntEnum
+from enum import Enum
 from typing import TYPE_CHECKING, TypeVar
 
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.qos_policies import (
+    BEST_AVAILABLE_NS,
+    INFINITE_NS,
+    MAX_DEPTH,
+    POLICIES,
+    UNSPECIFIED_NS,
+    Durability,
+    History,
+    InvalidQoSError,
+    Liveliness,
+    Reliability,
+    duration_ns,
+    policy_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+__all__ = [
+    "ACTION_STATUS",
+    "BEST_AVAILABLE",
+    "CLOCK",
+    "DEFAULT",
+    "INFINITE_NS",
+    "PARAMETERS",
+    "PARAMETER_EVENTS",
+    "ROSOUT",
+    "SENSOR_DATA",
+    "SERVICES_DEFAULT",
+    "SYSTEM_DEFAULT",
+    "Compatibility",
+    "CompatibilityResult",
+    "Durability",
+    "History",
+    "InvalidQoSError",
+    "Liveliness",
+    "QoSLike",
+    "QoSProfile",
+    "Reliability",
+    "as_profile",
+    "check_compatible",
+    "resolve_best_available",
+    "without_best_available",
+]
+
 _T = TypeVar("_T")
-
-UNSPECIFIED_NS = 0
-INFINITE_NS = 9223372036_854775807
-BEST_AVAILABLE_NS = 9223372036_854775806
-MAX_DEPTH = 2**31 - 1
-
-
-class InvalidQoSError(RosidlError, ValueError):
-    """The caller asked for a quality of service that cannot exist."""
-
-
-class History(IntEnum):
-    """How many samples are kept; numbers of rmw (protocol.md 7.1)."""
-
-    SYSTEM_DEFAULT = 0
-    KEEP_LAST = 1
-    KEEP_ALL = 2
-    UNKNOWN = 3
-
-
-class Reliability(IntEnum):
-    """Whether lost samples are sent again; numbers of rmw."""
-
-    SYSTEM_DEFAULT = 0
-    RELIABLE = 1
-    BEST_EFFORT = 2
-    UNKNOWN = 3
-    BEST_AVAILABLE = 4
-
-
-class Durability(IntEnum):
-    """Whether late joiners get earlier samples; numbers of rmw."""
-
-    SYSTEM_DEFAULT = 0
-    TRANSIENT_LOCAL = 1
-    VOLATILE = 2
-    UNKNOWN = 3
-    BEST_AVAILABLE = 4
-
-
-class Liveliness(IntEnum):
-    """Who says that a publisher is alive; numbers of rmw (2 was removed there)."""
-
-    SYSTEM_DEFAULT = 0
-    AUTOMATIC = 1
-    MANUAL_BY_TOPIC = 3
-    UNKNOWN = 4
-    BEST_AVAILABLE = 5
 
 
 @dataclass(frozen=True, slots=True)
 class QoSProfile:
     """One endpoint's quality of service; every builder call returns a changed copy.
 
-    The default value is the ROS default profile: keep last 10, reliable, volatile.
+    The default value is the ROS default profile: keep last 10, reliable, volatile. Policies are enum members; the plain
+    ints of rmw are accepted too, except for `history`, which is the first argument: a depth is meant there.
+
+    Raises:
+        InvalidQoSError: a value of another type, or out of range.
     """
 
     history: History = History.KEEP_LAST
@@ -85,12 +81,19 @@ class QoSProfile:
     avoid_ros_namespace_conventions: bool = False
 
     def __post_init__(self) -> None:
-        if isinstance(self.depth, bool) or not isinstance(self.depth, int) or not 0 <= self.depth <= MAX_DEPTH:
+        for name, kind in POLICIES.items():
+            value: object = getattr(self, name)
+            if value.__class__ is not kind:
+                object.__setattr__(self, name, policy_of(name, kind, value))
+        if self.depth.__class__ is not int or not 0 <= self.depth <= MAX_DEPTH:
             raise InvalidQoSError(f"depth must be an int from 0 to {MAX_DEPTH}, got {self.depth!r}")
         for name in ("deadline_ns", "lifespan_ns", "liveliness_lease_ns"):
-            value: int = getattr(self, name)
-            if not isinstance(value, int) or not 0 <= value <= INFINITE_NS:
-                raise InvalidQoSError(f"{name} must be an int of nanoseconds from 0 to 2**63-1, got {value!r}")
+            period = getattr(self, name)
+            if period.__class__ is not int or not 0 <= period <= INFINITE_NS:
+                raise InvalidQoSError(f"{name} must be an int of nanoseconds from 0 to 2**63-1, got {period!r}")
+        if self.avoid_ros_namespace_conventions.__class__ is not bool:
+            found = self.avoid_ros_namespace_conventions
+            raise InvalidQoSError(f"avoid_ros_namespace_conventions must be True or False, got {found!r}")
 
     def keep_last(self, depth: int) -> QoSProfile:
         """Keep the newest `depth` samples; 0 counts as 1 on the wire."""
@@ -118,11 +121,11 @@ class QoSProfile:
 
     def deadline(self, seconds: float) -> QoSProfile:
         """Expect a sample at least every `seconds`; `math.inf` for never."""
-        return replace(self, deadline_ns=_duration_ns("deadline", seconds))
+        return replace(self, deadline_ns=duration_ns("deadline", seconds))
 
     def lifespan(self, seconds: float) -> QoSProfile:
         """Drop samples older than `seconds`; `math.inf` for never."""
-        return replace(self, lifespan_ns=_duration_ns("lifespan", seconds))
+        return replace(self, lifespan_ns=duration_ns("lifespan", seconds))
 
     def automatic_liveliness(self, lease_s: float | None = None) -> QoSProfile:
         """The process asserts liveliness; None leaves the lease as it is."""
@@ -137,16 +140,8 @@ class QoSProfile:
         return replace(self, avoid_ros_namespace_conventions=True)
 
     def _with_liveliness(self, kind: Liveliness, lease_s: float | None) -> QoSProfile:
-        lease_ns = self.liveliness_lease_ns if lease_s is None else _duration_ns("liveliness lease", lease_s)
+        lease_ns = self.liveliness_lease_ns if lease_s is None else duration_ns("liveliness lease", lease_s)
         return replace(self, liveliness=kind, liveliness_lease_ns=lease_ns)
-
-
-def _duration_ns(what: str, seconds: float) -> int:
-    if seconds == float("inf"):
-        return INFINITE_NS
-    if not 0 <= seconds < INFINITE_NS / 1e9:
-        raise InvalidQoSError(f"{what} must be seconds, 0 (unspecified) or more, or math.inf; got {seconds!r}")
-    return round(seconds * 1_000_000_000)
 
 
 DEFAULT = QoSProfile()
@@ -171,8 +166,14 @@ QoSLike = int | QoSProfile
 
 
 def as_profile(qos: QoSLike) -> QoSProfile:
-    """The profile itself, or the default profile with `qos` as its keep-last depth."""
+    """The profile of a new endpoint: `qos` itself, or the default profile with `qos` as its keep-last depth.
+
+    Raises `InvalidQoSError`, also for UNKNOWN policies: only what was discovered may be unknown.
+    """
     if isinstance(qos, QoSProfile):
+        for name, kind in POLICIES.items():
+            if getattr(qos, name).name == "UNKNOWN":
+                raise InvalidQoSError(f"{name} is {kind.__name__}.UNKNOWN: only discovered endpoints have that")
         return qos
     if isinstance(qos, bool) or not isinstance(qos, int):
         raise InvalidQoSError(f"qos must be a QoSProfile or an int (keep-last depth), got {qos!r}")

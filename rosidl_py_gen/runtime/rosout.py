@@ -1,7 +1,6 @@
 """From a log record to the fields of rcl_interfaces/Log, and to the node that publishes it.
 
-Decides which node a record belongs to: the one registered for the record's logger or for its nearest ancestor. So a
-child publishes through its parent's node, and node `a.b` never publishes twice because a node `a` exists as well.
+Decides what the message says, and that each record is published once, by the node it belongs to (`log_owners.py`).
 Records that belong to no node are not published. Source: protocol.md 9.7.
 """
 
@@ -13,6 +12,7 @@ import traceback
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.runtime.log_owners import LogOwners
 from rosidl_py_gen.runtime.logging import get_root_logger, ros_level
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ class RosoutRouter(logging.Handler):
 
     def __init__(self) -> None:
         super().__init__()
-        self._publish: dict[str, list[Callable[[LogFields], None]]] = {}
+        self._publishers: LogOwners[Callable[[LogFields], None]] = LogOwners()
         self._busy = threading.local()
 
     def register(self, logger_name: str, publish: Callable[[LogFields], None]) -> Callable[[], None]:
@@ -68,20 +68,11 @@ class RosoutRouter(logging.Handler):
 
         When two nodes have one name the older one publishes, so that nothing appears twice.
         """
-        self._publish.setdefault(logger_name, []).append(publish)
-
-        def unregister() -> None:
-            found = self._publish.get(logger_name, [])
-            if publish in found:
-                found.remove(publish)
-            if not found:
-                self._publish.pop(logger_name, None)
-
-        return unregister
+        return self._publishers.add(logger_name, publish)
 
     def emit(self, record: logging.LogRecord) -> None:
         """Publish one record; what publishing itself logs is not published again."""
-        publish = self._find(record.name)
+        publish = self._publishers.find(record.name)
         if publish is None or getattr(self._busy, "now", False):
             return
         self._busy.now = True
@@ -91,14 +82,6 @@ class RosoutRouter(logging.Handler):
             self.handleError(record)
         finally:
             self._busy.now = False
-
-    def _find(self, name: str) -> Callable[[LogFields], None] | None:
-        while name:
-            found = self._publish.get(name)
-            if found:
-                return found[0]
-            name = name.rpartition(".")[0]
-        return None
 
 
 _router = RosoutRouter()

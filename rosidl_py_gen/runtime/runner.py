@@ -1,65 +1,90 @@
 """Running a program: an async main function, or nodes that live from callbacks. Ctrl-C and SIGTERM end both cleanly.
 
 Decides what "cleanly" means: tasks are cancelled and awaited, nodes are closed so that peers see them go at once, and
-there is no traceback. `asyncio.run` works just as well for async programs; it raises KeyboardInterrupt, as always.
+there is no traceback. A second signal is for a program that does not end by itself: SIGINT then raises
+KeyboardInterrupt where the program is, SIGTERM ends the process. `asyncio.run` works just as well for async programs;
+it raises KeyboardInterrupt, as always.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import signal
+import sys
 import threading
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
+from rosidl_py_gen.runtime.bridge import LoopMismatchError
 from rosidl_py_gen.runtime.context import Context
+from rosidl_py_gen.runtime.logging import get_root_logger
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterator
+    from collections.abc import Callable, Coroutine
+    from types import FrameType, TracebackType
 
     from rosidl_py_gen.runtime.node import Node
 
 T = TypeVar("T")
 
+_PATIENCE_S = 1.0
+"""How long work of other threads may take after the end without a word about it."""
+
 
 def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> T | None:
-    """Run an async function to its end, on an event loop of its own.
+    """Run an async function to its end, on an event loop of its own that also serves the nodes made before.
+
+    Work that `asyncio.to_thread` began is waited for, as a thread cannot be stopped; a second signal ends the process
+    without it.
 
     Returns:
         What it returned; None when a signal ended it.
+
+    Raises:
+        LoopMismatchError: an event loop runs already, as in Jupyter.
+        TypeError: no async function or coroutine.
+        KeyboardInterrupt: at the second SIGINT.
     """
-    coroutine = main() if callable(main) else main
+    coroutine = _coroutine(main)
     loop = asyncio.new_event_loop()
-    try:
-        asyncio.set_event_loop(loop)
-        task = loop.create_task(coroutine)
-        stopped = threading.Event()
-
-        def stop() -> None:
-            stopped.set()
-            task.cancel()
-
-        with _signals(loop, stop):
+    with _Signals(loop) as signals:
+        try:
+            asyncio.set_event_loop(loop)
+            return _run_task(loop, signals, loop.create_task(_attached(coroutine)))
+        finally:
+            signals.begin_end()
+            if signals.insisted:  # the callback that had to be interrupted must not be called again
+                Context.close_served_by(loop)
             try:
-                return loop.run_until_complete(task)
-            except (asyncio.CancelledError, KeyboardInterrupt) as err:
-                if not stopped.is_set() and not isinstance(err, KeyboardInterrupt):
-                    raise
-                _finish(loop, task)
-                return None
-    finally:
-        _shut_down(loop)
+                _end_tasks(loop)
+            finally:
+                coroutine.close()  # a signal may have come before its first step
+                Context.close_default()
+                asyncio.set_event_loop(None)
+                loop.close()
 
 
 def spin(*nodes: Node) -> None:
     """Deliver to the callbacks of `nodes` until Ctrl-C, SIGTERM, or all of them are closed; then close them.
 
-    Nodes of other contexts cannot be spun together with these: one event loop waits for one context.
+    Nodes of other contexts can be spun together with these, at the price of a thread for each further context.
+
+    Raises:
+        LoopMismatchError: an event loop runs already, as in Jupyter; nothing is closed then.
+        TypeError: no node. KeyboardInterrupt: at the second SIGINT.
     """
+    for node in nodes:
+        if not hasattr(getattr(node, "context", None), "bridge"):
+            raise TypeError(f"spin takes nodes, got {node!r:.100}")
+    if not nodes:
+        raise TypeError("spin takes at least one node")
+    _refuse_running_loop("spin(node)", "async with node: await asyncio.Event().wait()")
 
     async def forever() -> None:
         for node in nodes:
-            node.context.bridge.running_loop()
+            if not node.is_closed:
+                node.context.bridge.running_loop()
         while not all(node.is_closed for node in nodes):
             await asyncio.sleep(0.1)
 
@@ -70,38 +95,137 @@ def spin(*nodes: Node) -> None:
             node.close()
 
 
-@contextlib.contextmanager
-def _signals(loop: asyncio.AbstractEventLoop, stop: Callable[[], None]) -> Iterator[None]:
-    """Call `stop` on SIGINT and SIGTERM; where asyncio cannot do that (Windows), KeyboardInterrupt is raised
-    instead.
+# --------------------------------------------------------------------------------------------------------- beginning
+
+
+def _coroutine(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> Coroutine[Any, Any, T]:
+    """What to run; refused when it is something else, or when a loop runs already."""
+    try:
+        _refuse_running_loop("run(main)", "await main()")
+    except LoopMismatchError:
+        if asyncio.iscoroutine(main):
+            main.close()
+        raise
+    coroutine = main() if callable(main) else main
+    if not asyncio.iscoroutine(coroutine):
+        raise TypeError(f"run takes an async function without arguments, or a coroutine, got {main!r:.100}")
+    return coroutine
+
+
+def _refuse_running_loop(what: str, instead: str) -> None:
+    if asyncio._get_running_loop() is not None:
+        raise LoopMismatchError(
+            f"{what} makes an event loop, but one runs here already (Jupyter always has one): write `{instead}` instead"
+        )
+
+
+def _run_task(loop: asyncio.AbstractEventLoop, signals: _Signals, task: asyncio.Task[T]) -> T | None:
+    signals.task = task
+    try:
+        return loop.run_until_complete(task)
+    except asyncio.CancelledError:
+        if not signals.stopped:
+            raise
+    except KeyboardInterrupt:
+        if signals.insisted:
+            raise
+    return None
+
+
+async def _attached(coroutine: Coroutine[Any, Any, T]) -> T:
+    Context.attach_all()
+    return await coroutine
+
+
+# ----------------------------------------------------------------------------------------------------------- signals
+
+
+class _Signals:
+    """Handlers of SIGINT and SIGTERM: the first signal cancels `task`, the next one insists.
+
+    Python's own handlers, not the loop's: those run on the loop, and a callback that never returns would keep it.
     """
-    installed = []
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            with contextlib.suppress(NotImplementedError):
-                loop.add_signal_handler(number, stop)
-                installed.append(number)
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self.task: asyncio.Task[Any] | None = None
+        self._ending = False
+        self._previous: dict[int, Any] = {}
+        self.stopped = False
+        """A signal came."""
+        self.insisted = False
+        """A second SIGINT came."""
+
+    def __enter__(self) -> _Signals:
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM):
+                self._previous[number] = signal.signal(number, self._on_signal)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, _: TracebackType | None) -> None:
+        for number, previous in self._previous.items():
+            signal.signal(number, signal.SIG_DFL if previous is None else previous)  # None: not made in Python
+
+    def begin_end(self) -> None:
+        """What a signal meets from now on is the end itself."""
+        self._ending = True
+
+    def _on_signal(self, number: int, _: FrameType | None) -> None:
+        if not (self.stopped or self._ending):
+            self.stopped = True
+            if self.task is not None:
+                self.task.cancel()
+            with contextlib.suppress(RuntimeError):  # closed
+                self._loop.call_soon_threadsafe(lambda: None)  # wakes it
+        elif number == signal.SIGTERM:
+            _die(number)
+        else:
+            self.insisted = True
+            raise KeyboardInterrupt
+
+
+def _die(number: int) -> NoReturn:
+    """End this process as `number` does by default, whatever its threads do."""
+    with contextlib.suppress(Exception):
+        sys.stdout.flush()
+    signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)
+    os._exit(128 + number)  # where a signal is not what ends a process
+
+
+# --------------------------------------------------------------------------------------------------------------- end
+
+
+def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
+    """Cancel what is left, wait for it, and tell of what failed meanwhile."""
+    tasks = asyncio.all_tasks(loop)
+    for task in tasks:
+        task.cancel()
+    if tasks:
+        loop.run_until_complete(asyncio.wait(tasks))
+    for task in tasks:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            words = "a task failed while the program ended"
+            loop.call_exception_handler({"message": words, "exception": error, "task": task})
+    loop.run_until_complete(loop.shutdown_asyncgens())
     try:
-        yield
-    finally:
-        for number in installed:
-            loop.remove_signal_handler(number)
+        _end_threads(loop)
+    except KeyboardInterrupt:
+        # Threads that do not end would keep the interpreter, too. Peers shall see us go nevertheless.
+        Context.close_all()
+        _die(signal.SIGINT)
 
 
-def _finish(loop: asyncio.AbstractEventLoop, task: asyncio.Task[Any]) -> None:
-    """Let a task that is being cancelled run to its end."""
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        loop.run_until_complete(task)
+def _end_threads(loop: asyncio.AbstractEventLoop) -> None:
+    """Wait for what `asyncio.to_thread` began, and say so when it takes long."""
 
+    async def end() -> None:
+        ending = asyncio.ensure_future(loop.shutdown_default_executor())
+        done, _ = await asyncio.wait((ending,), timeout=_PATIENCE_S)
+        if not done:
+            get_root_logger().warning(
+                "waiting for a function that asyncio.to_thread or run_in_executor began; Ctrl-C ends without it"
+            )
+        await ending
 
-def _shut_down(loop: asyncio.AbstractEventLoop) -> None:
-    try:
-        for task in asyncio.all_tasks(loop):
-            _finish(loop, task)
-        loop.run_until_complete(loop.shutdown_asyncgens())
-        loop.run_until_complete(loop.shutdown_default_executor())
-    finally:
-        Context.close_default()
-        asyncio.set_event_loop(None)
-        loop.close()
+    loop.run_until_complete(end())

@@ -15,6 +15,7 @@ from numbers import Real
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.callbacks import start_task
 from rosidl_py_gen.runtime.ddsnames import entity_id
 from rosidl_py_gen.runtime.logging import node_logger
 
@@ -110,7 +111,8 @@ class Scope:
     def require_open(self, closed: bool, what: str) -> None:
         """Raise `ClosedError` when the endpoint or the node is closed."""
         if closed or self.closed:
-            raise ClosedError(f"{what} of node {self.node_name} is closed")
+            named = f"node {self.node_name}" if what == "the node" else f"{what} of node {self.node_name}"
+            raise ClosedError(f"{named} is closed")
 
     # ----------------------------------------------------------------------------------------------------- waiting
 
@@ -148,7 +150,7 @@ class Scope:
 
     def start(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         """Run a coroutine as a task that is kept alive, and cancelled when the node closes."""
-        task = self.bridge.running_loop().create_task(coroutine)
+        task = start_task(self.bridge.running_loop(), coroutine)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task

@@ -149,7 +149,7 @@ class ServiceServer(Generic[RequestT, ResponseT]):
             if self._handler is None:
                 self._requests.append(request)
             elif self._async_handler:
-                self._scope.start(self._answer(self._handler(request.message), request))
+                self._scope.start(self._await_handler(self._handler, request))
             else:
                 self._call_handler(self._handler, request)
         if self._requests:
@@ -184,15 +184,18 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         try:
             response = handler(request.message)
             if inspect.iscoroutine(response):  # of a lambda, for example
-                self._scope.start(self._answer(response, request))
+                self._scope.start(self._await_handler(lambda _: response, request))
             else:
                 request.respond(response)  # type: ignore[arg-type]  # not awaitable
         except (Exception, asyncio.CancelledError):  # of a future that was cancelled
             self._scope.report_failure(f"the handler of service {self.name}")
 
-    async def _answer(self, answer: Any, request: ServiceRequest[RequestT, ResponseT]) -> None:
+    async def _await_handler(
+        self, handler: Callable[[RequestT], Any], request: ServiceRequest[RequestT, ResponseT]
+    ) -> None:
+        # Called in here, so that a task that is cancelled before it begins leaves no coroutine behind.
         try:
-            response: ResponseT = await answer
+            response: ResponseT = await handler(request.message)
             if not self._closed:
                 request.respond(response)
         except asyncio.CancelledError:

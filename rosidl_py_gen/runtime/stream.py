@@ -1,12 +1,13 @@
 """A queue that is read with ``async for`` and can end.
 
 Decides that what was pushed before `close` is still delivered, that a full queue drops its oldest item and counts it,
-and that several readers share the items. Everything happens on the event loop's thread.
+and that several readers share the items. Readers belong to one event loop; any thread may push and close.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections import deque
 from typing import Generic, TypeVar
 
@@ -30,7 +31,7 @@ class Stream(Generic[T]):
         return bool(self._waiters)
 
     def push(self, item: T) -> None:
-        """Add an item; ignored after `close`."""
+        """Add an item, from any thread; ignored after `close`."""
         if self.closed:
             return
         if len(self._items) == self._items.maxlen:
@@ -39,16 +40,24 @@ class Stream(Generic[T]):
         self._wake()
 
     def close(self, error: BaseException | None = None) -> None:
-        """End the stream once it is drained; with an error, readers get that instead of a plain end."""
+        """End the stream once it is drained; with an error, readers get that instead of a plain end. Any thread may."""
         if not self.closed:
-            self.closed, self._error = True, error
+            self._error = error
+            self.closed = True
             self._wake()
 
     def _wake(self) -> None:
+        if not self._waiters:
+            return
         waiters, self._waiters = self._waiters, []
+        here = asyncio._get_running_loop()
         for waiter in waiters:
-            if not waiter.done():
-                waiter.set_result(None)
+            loop = waiter.get_loop()
+            if loop is here:
+                _complete(waiter)
+            else:
+                with contextlib.suppress(RuntimeError):  # the loop was closed, and its reader with it
+                    loop.call_soon_threadsafe(_complete, waiter)
 
     def __aiter__(self) -> Stream[T]:
         return self
@@ -62,8 +71,15 @@ class Stream(Generic[T]):
             waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
             self._waiters.append(waiter)
             try:
-                await waiter
+                # Another thread may have pushed between the look above and the wait; it saw no waiter then.
+                if not self._items and not self.closed:
+                    await waiter
             finally:
                 if waiter in self._waiters:
                     self._waiters.remove(waiter)
         return self._items.popleft()
+
+
+def _complete(waiter: asyncio.Future[None]) -> None:
+    if not waiter.done():
+        waiter.set_result(None)

@@ -143,6 +143,7 @@ class Subscription(Generic[T]):
     async def _next_good(self, timeout_s: float | None) -> tuple[T, Sample]:
         self._require_no_callback()
         require_timeout(timeout_s)
+        self._scope.require_open(self._closed, f"the subscription on {self.topic}")
         timeout: asyncio.TimerHandle | None = None
         expired = False
         if timeout_s is not None and not self._items:

@@ -76,6 +76,13 @@ class SyncCalls:
             self._turn.notify_all()
 
     def close(self) -> None:
-        """Close the loop, unless a thread is in it."""
-        if self._loop is not None and not self._loop.is_running():
-            self._loop.close()
+        """End what still runs on the loop and close it, unless a thread is in it."""
+        loop = self._loop
+        if loop is None or loop.is_closed() or loop.is_running() or asyncio._get_running_loop() is not None:
+            return
+        tasks = asyncio.all_tasks(loop)
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            loop.run_until_complete(asyncio.wait(tasks))
+        loop.close()

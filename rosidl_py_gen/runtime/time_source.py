@@ -5,7 +5,9 @@ Decides nothing: when to follow is `sim_time_rule.py`'s, what a jump means is `c
 
 from __future__ import annotations
 
+import math
 import time
+from numbers import Real
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
@@ -15,7 +17,7 @@ from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import CLOCK, DEFAULT
 from rosidl_py_gen.runtime.sim_time_rule import USE_SIM_TIME, SimTimeRule, SimTimeStep, check_use_sim_time
 from rosidl_py_gen.runtime.subscription import Subscription
-from rosidl_py_gen.runtime.time_values import ClockType, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.time_values import ClockType, Duration, Time, TimeRangeError, seconds_to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -96,23 +98,49 @@ class TimeSource:
 class SimTimePublisher:
     """Publishes ``/clock``; made by `create_sim_time_publisher`.
 
-    Time stands still until `advance`, `set_time`, or, with a `rate`, by itself: `rate` simulated seconds pass in one
+    Time moves with `advance` and `set_time`, and while `rate` is not 0 by itself: `rate` simulated seconds pass in one
     second, in steps of the given timer.
     """
 
     def __init__(
         self, scope: Scope, topic: str, start: Time, rate: float, make_timer: Callable[[Callable[[], None]], Timer]
     ) -> None:
-        if rate < 0:
-            raise TimeRangeError(f"the rate of simulated time must be 0 or more, got {rate!r}")
-        self.rate = rate
-        """Simulated seconds per second; may be changed at any time, 0 pauses."""
+        """Raises `TypeError` and `TimeRangeError` that name the argument; `make_timer` may too."""
+        _require_time("start", start)
+        self._rate = _checked_rate(rate)
         self._scope = scope
         self._closed = False
-        self._publisher: Publisher[ClockMessage] = Publisher(scope, message_type(ClockMessage), topic, DEFAULT)
         self._now_ns = start.nanoseconds
         self._wall_ns = time.monotonic_ns()
-        self._timer = make_timer(self._tick) if rate else None
+        self._timer = make_timer(self._tick)
+        try:
+            if not self._timer.period:
+                raise TimeRangeError("period_s, the seconds between two messages, must be more than 0")
+            if not self._rate:
+                self._timer.cancel()
+            self._publisher: Publisher[ClockMessage] = Publisher(scope, message_type(ClockMessage), topic, DEFAULT)
+        except BaseException:
+            self._timer.close()
+            raise
+
+    @property
+    def rate(self) -> float:
+        """Simulated seconds per second; may be changed at any time, 0 pauses.
+
+        Setting it raises `TypeError` for no number, `TimeRangeError` unless finite and 0 or more.
+        """
+        return self._rate
+
+    @rate.setter
+    def rate(self, rate: float) -> None:
+        rate = _checked_rate(rate)
+        self._scope.require_open(self._closed, "a publisher of simulated time")
+        before, self._rate = self._rate, rate
+        if not rate:
+            self._timer.cancel()
+        elif not before:
+            self._wall_ns = time.monotonic_ns()  # what passed during the pause does not count
+            self._timer.reset()
 
     @property
     def now(self) -> Time:
@@ -120,19 +148,28 @@ class SimTimePublisher:
         return Time(nanoseconds=self._now_ns, clock_type=ClockType.ROS_TIME)
 
     def advance(self, duration: Duration | float) -> None:
-        """Let time pass, a number means seconds, and publish; negative jumps back."""
-        length = duration if isinstance(duration, Duration) else Duration(seconds=duration)
-        self.set_time(self.now + length)
+        """Let time pass, a number means seconds, and publish; negative jumps back.
+
+        Raises:
+            TypeError: no duration and no number. TimeRangeError: not finite, or time would leave what a message holds.
+        """
+        length_ns = duration.nanoseconds if isinstance(duration, Duration) else seconds_to_ns("duration", duration)
+        self.set_time(self.now + Duration(nanoseconds=length_ns))
 
     def set_time(self, now: Time) -> None:
-        """Publish this time."""
-        self._now_ns = now.nanoseconds
+        """Publish this time, whichever clock it is of.
+
+        Raises:
+            TypeError: no `Time`. TimeRangeError: too late for a message.
+        """
+        _require_time("now", now)
         self._publisher.publish(ClockMessage(clock=now.to_msg()))
+        self._now_ns = now.nanoseconds
 
     def _tick(self) -> None:
         wall_ns = time.monotonic_ns()
         passed_ns, self._wall_ns = wall_ns - self._wall_ns, wall_ns
-        self.advance(Duration(nanoseconds=round(passed_ns * self.rate)))
+        self.advance(Duration(nanoseconds=round(passed_ns * self._rate)))
 
     async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
         """Wait until at least `count` nodes follow; False when the time passed."""
@@ -143,6 +180,19 @@ class SimTimePublisher:
         if not self._closed:
             self._closed = True
             self._scope.disown(self)
-            if self._timer is not None:
-                self._timer.close()
+            self._timer.close()
             self._publisher.close()
+
+
+def _checked_rate(rate: object) -> float:
+    if not isinstance(rate, Real) or isinstance(rate, bool):
+        raise TypeError(f"rate must be a number of simulated seconds per second, got {rate!r:.100}")
+    number = float(rate)
+    if not (math.isfinite(number) and number >= 0):
+        raise TimeRangeError(f"rate, the simulated seconds per second, must be finite and 0 or more, got {number!r}")
+    return number
+
+
+def _require_time(what: str, value: object) -> None:
+    if not isinstance(value, Time):
+        raise TypeError(f"{what} must be a Time such as Time(seconds=5), got {value!r:.100}")

@@ -6,9 +6,11 @@ can neither be ordered nor subtracted, because their zero differs. Where time co
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from enum import IntEnum
+from numbers import Integral, Real
 from typing import TYPE_CHECKING, Protocol, overload
 
 from rosidl_py_gen.errors import RosidlError
@@ -45,14 +47,30 @@ class SecNanosec(Protocol):
     nanosec: int
 
 
+def seconds_to_ns(what: str, seconds: object) -> int:
+    """A number of seconds, numpy's too, as nanoseconds; rounded when it is no whole number.
+
+    Raises:
+        TypeError: no number. TimeRangeError: not finite. Both begin with `what`.
+    """
+    if isinstance(seconds, Integral) and not isinstance(seconds, bool):
+        return int(seconds) * NS_PER_S
+    if not isinstance(seconds, Real) or isinstance(seconds, bool):
+        raise TypeError(f"{what} must be a number of seconds, got {seconds!r:.100}")
+    number = float(seconds)
+    if not math.isfinite(number):
+        raise TimeRangeError(f"{what} must be finite, got {number!r}")
+    # Whole seconds apart: the product of both might exceed a float.
+    fraction, whole = math.modf(number)
+    return int(whole) * NS_PER_S + round(fraction * NS_PER_S)
+
+
 def _total_ns(seconds: float, nanoseconds: int) -> int:
     if not isinstance(nanoseconds, int):
         raise TimeRangeError(f"nanoseconds must be an int, got {nanoseconds!r}")
-    if isinstance(seconds, int):
+    if type(seconds) is int:
         return seconds * NS_PER_S + nanoseconds
-    if seconds != seconds or seconds in (float("inf"), float("-inf")):
-        raise TimeRangeError(f"seconds must be finite, got {seconds!r}")
-    return round(seconds * NS_PER_S) + nanoseconds
+    return seconds_to_ns("seconds", seconds) + nanoseconds
 
 
 def _sec_nanosec(what: str, nanoseconds: int) -> tuple[int, int]:

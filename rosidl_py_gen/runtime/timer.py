@@ -11,16 +11,16 @@ import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.clock import ClockType
+from rosidl_py_gen.runtime.clock import Clock, ClockType
 from rosidl_py_gen.runtime.scope import is_async
 from rosidl_py_gen.runtime.time_values import Duration
-from rosidl_py_gen.runtime.timer_rule import TimerRule
+from rosidl_py_gen.runtime.timer_rule import TimerRule, period_to_ns
 
 if TYPE_CHECKING:
     import asyncio
     from collections.abc import Awaitable, Callable
 
-    from rosidl_py_gen.runtime.clock import Clock, TimeJump
+    from rosidl_py_gen.runtime.clock import TimeJump
     from rosidl_py_gen.runtime.scope import Scope
 
 _ANY_JUMP = Duration(nanoseconds=1)
@@ -30,6 +30,11 @@ class Timer:
     """Made by `Node.create_timer` and `create_wall_timer`."""
 
     def __init__(self, scope: Scope, period_ns: int, callback: Callable[[], object] | None, clock: Clock) -> None:
+        """Raises `TypeError` for a callback or clock that is none, `TimeRangeError` for a negative period."""
+        if callback is not None and not callable(callback):
+            raise TypeError(f"callback must be a function without arguments, or None, got {callback!r:.100}")
+        if not isinstance(clock, Clock):
+            raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
         self._scope = scope
         self._clock = clock
         self._callback = callback
@@ -171,8 +176,12 @@ class Timer:
         return Duration(nanoseconds=self._rule.period_ns)
 
     def change_period(self, period_s: float) -> None:
-        """Use another period from the next call on; the call already due stays where it is."""
-        self._rule.change_period(round(period_s * 1e9))
+        """Use another period from the next call on; the call already due stays where it is.
+
+        Raises:
+            TypeError: no number. TimeRangeError: negative or not finite.
+        """
+        self._rule.change_period(period_to_ns(period_s))
         self._scope.bridge.call_soon(self._arm)
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rosidl_py_gen.runtime.time_values import TimeRangeError
+from rosidl_py_gen.runtime.time_values import TimeRangeError, seconds_to_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +102,18 @@ class TimerRule:
         if now_ns < self.last_ns and now_ns < self.next_ns:
             self.last_ns = now_ns
             self.next_ns = now_ns + self.period_ns
+
+
+def period_to_ns(period_s: object, what: str = "period_s") -> int:
+    """A timer's period in seconds as nanoseconds.
+
+    Raises:
+        TypeError: no number. TimeRangeError: negative or not finite. Both begin with `what`.
+    """
+    period_ns = seconds_to_ns(what, period_s)
+    if period_ns < 0:
+        raise TimeRangeError(f"{what} must be 0 or more, got {period_s!r}")
+    return period_ns
 
 
 def _checked(period_ns: int) -> int:

@@ -1,26 +1,31 @@
 """``~/get_type_description``: telling others how a type this node uses is defined, and asking them.
 
-Decides which types count (those of the node's publishers, subscriptions, services, clients, actions) and the failure
-texts of protocol.md 9.8. Sources are looked for in the bundled interfaces and below AMENT_PREFIX_PATH; a type whose
-file is not there is answered with empty contents.
+Decides which types count (those of the node's endpoints, the services and actions these are parts of) and the failure
+texts of protocol.md 9.8; whatever goes wrong is such a failure, never silence. Sources are looked for in the bundled
+interfaces and below AMENT_PREFIX_PATH; a type whose file is not there, or says something else, is answered with empty
+contents.
 """
 
 from __future__ import annotations
 
 import os
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.codec import encode
+from rosidl_py_gen.errors import RosidlError, TypeNotFoundError
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
 from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.runtime.client import Client
-from rosidl_py_gen.runtime.late_types import late_service_type
+from rosidl_py_gen.runtime.ddsnames import demangle_type
+from rosidl_py_gen.runtime.late_types import SERVICES, late_service_type
+from rosidl_py_gen.runtime.message_types import class_of
 from rosidl_py_gen.runtime.parameter_values import ParameterDescriptor, ParameterType, parameter_value
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.service import ServiceServer
-from rosidl_py_gen.typesupport import type_description, type_hash
+from rosidl_py_gen.typesupport import referenced_classes, type_description, type_hash, type_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
@@ -32,8 +37,10 @@ if TYPE_CHECKING:
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 PARAMETER = "start_type_description_service"
 _HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
-_PARTS = {"service_type": ("Request", "Response"), "action_type": ("SendGoal", "GetResult", "FeedbackMessage")}
-_GETTERS = {"message_type": "get_message", "service_type": "get_service", "action_type": "get_action"}
+_BUNDLED = "rosidl_py_gen.msgs"
+_MEMORY = "rosidl_py_gen_memory."
+"""Where `dynamic.py` puts classes that it compiles."""
+_GETTERS = {"msg": "get_message", "srv": "get_service", "action": "get_action"}
 
 
 class TypeDescriptionError(RosidlError, LookupError):
@@ -73,60 +80,116 @@ class TypeDescriptionService:
             scope.own(cls(scope, names))
 
     def _answer(self, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
-        response = srv.GetTypeDescription_Response(successful=False)
         if not _HASH.match(request.type_hash):
-            response.failure_reason = "Failed to parse type hash"
-            return response
-        found = next((used for used in self._types_in_use() if type_hash(used) == request.type_hash), None)
-        if found is None:
-            response.failure_reason = "Type not currently in use by this node"
-            return response
-        from rosidl_py_gen import from_dict
-
-        description = type_description(found)
-        response.type_description = from_dict(msg.TypeDescription, description)
-        if request.include_type_sources:
-            names = [description["type_description"]["type_name"]]
-            names += sorted(item["type_name"] for item in description["referenced_type_descriptions"])
-            response.type_sources = [type_source(name) for name in names]
-        response.successful = True
+            return _failure("Failed to parse type hash")
+        reason = "Failed to populate TypeDescription to response."
+        try:
+            found = self._find(request.type_hash)
+            if found is None:
+                return _failure("Type not currently in use by this node")
+            response = srv.GetTypeDescription_Response(successful=True, type_description=_described(found))
+            encode(response)  # what does not fit a message, such as names of over 255 characters, must be told as well
+            if request.include_type_sources:
+                reason = "Failed to populate TypeSource_Sequence to response."
+                response.type_sources = _sources(found)
+                encode(response)
+        except Exception:
+            self._scope.report_failure(f"describing the type {request.type_name} {request.type_hash}")
+            return _failure(reason)
         return response
 
-    def _types_in_use(self) -> Iterator[Any]:
-        import rosidl_py_gen
+    def _find(self, wanted: str) -> type[Any] | None:
+        """The class of a type in use; raises `TypeNotFoundError` when it is in use and there is no class."""
+        for name, announced in self._endpoint_types():
+            if announced == wanted:
+                return _class(name, wanted)
+            whole = name.removesuffix("_Request")
+            if whole != name:
+                service: Any = class_of(whole, wanted)
+                if service is not None and service.Request._TYPE.hash == announced:
+                    return _class(whole, wanted)
+                if SERVICES.get(whole, ())[:2] == (wanted, announced):
+                    return _class(whole, wanted)
+        actions = (
+            getattr(owned, "_type", None) for owned in self._scope.owned.values() if hasattr(owned, "action_type")
+        )
+        return next((known.cls for known in actions if known is not None and known.cls._TYPE.hash == wanted), None)
 
-        for owned in list(self._scope.owned.values()):
-            for endpoint in (owned, *getattr(owned, "endpoints", ())):
-                for attribute, getter in _GETTERS.items():
-                    name = getattr(endpoint, attribute, None)
-                    if isinstance(name, str):
-                        cls = getattr(rosidl_py_gen, getter)(name)
-                        yield cls
-                        yield from (getattr(cls, part) for part in _PARTS.get(attribute, ()))
+    def _endpoint_types(self) -> Iterator[tuple[str, str]]:
+        """Name and hash of the message type of each endpoint of this node, as it announces them."""
+        discovery, graph = self._scope.discovery, self._scope.graph
+        discovery.refresh()
+        announced = discovery._nodes[self._scope.number]
+        for guid in announced.reader_gids | announced.writer_gids:
+            endpoint = graph.endpoints.get(guid)
+            name = None if endpoint is None else demangle_type(endpoint.info.type)
+            if endpoint is not None and name is not None:
+                yield name, endpoint.user_data.get("typehash", "")
 
     def close(self) -> None:
         """May be called twice."""
         self._service.close()
 
 
-def type_source(name: str) -> msg.TypeSource:
-    """The definition of ``pkg/msg/Name`` as it is written in its file; derived types have none."""
+def _failure(reason: str) -> srv.GetTypeDescription_Response:
+    return srv.GetTypeDescription_Response(successful=False, failure_reason=reason)
+
+
+def _class(name: str, wanted: str) -> type[Any]:
+    found = class_of(name, wanted)
+    if found is None:  # a bundled type that no message needed yet
+        package, kind, stem = name.split("/")
+        found = getattr(import_module(f"{_BUNDLED}.{package}.{kind}"), stem)
+        if type_hash(found) != wanted:
+            raise TypeNotFoundError(f"{name} with the hash {wanted} is announced, but has no class here")
+    return found
+
+
+def _described(cls: type[Any]) -> msg.TypeDescription:
+    from rosidl_py_gen import from_dict
+
+    return from_dict(msg.TypeDescription, type_description(cls))
+
+
+def _sources(cls: type[Any]) -> list[msg.TypeSource]:
+    """The type's own source, then those of the types it leads to, sorted by name."""
+    top = type_name(cls)
+    classes = referenced_classes(cls)
+    return [type_source(name, classes[name]) for name in (top, *sorted(set(classes) - {top}))]
+
+
+def type_source(name: str, cls: type[Any] | None = None) -> msg.TypeSource:
+    """The definition of ``pkg/msg/Name`` as it is written in its file; derived types have none.
+
+    `cls` tells which of several definitions of that name is meant.
+    """
     package, kind, stem = name.split("/")
-    for folder in _interface_folders(package):
+    for folder in _interface_folders(package, cls):
         for suffix in (kind, "idl"):
             path = folder / kind / f"{stem}.{suffix}"
-            if path.is_file():
+            if path.is_file() and _is_of_file(name, cls):
                 text = path.read_bytes().decode("utf-8", "replace")
                 return msg.TypeSource(type_name=name, encoding=suffix, raw_file_contents=text)
     # X_Request and A_SendGoal come from the file of X and A.
     return msg.TypeSource(type_name=name, encoding="implicit" if "_" in stem else kind)
 
 
-def _interface_folders(package: str) -> Iterator[Path]:
-    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-        if prefix:
-            yield Path(prefix) / "share" / package
+def _interface_folders(package: str, cls: type[Any] | None) -> Iterator[Path]:
+    if cls is None or not cls.__module__.startswith(f"{_BUNDLED}."):
+        for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+            if prefix:
+                yield Path(prefix) / "share" / package
     yield interfaces_dir() / package
+
+
+def _is_of_file(name: str, cls: type[Any] | None) -> bool:
+    """False when a class was compiled from a text that says something else than the file of the same name."""
+    if cls is None or not cls.__module__.startswith(_MEMORY):
+        return True
+    import rosidl_py_gen
+
+    get: Callable[[str], type[Any]] = getattr(rosidl_py_gen, _GETTERS[name.split("/")[1]])
+    return type_hash(get(name)) == type_hash(cls)
 
 
 async def ask_type_description(

@@ -18,8 +18,9 @@ from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
 
+from rosidl_py_gen import compile_text
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, Context, Node
+from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, TransportError
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT, QoSProfile
 
 if TYPE_CHECKING:
@@ -405,6 +406,17 @@ def test_what_is_no_function_is_refused_with_a_hint(memory: World) -> None:
     for wrong in (None, "hi", 5, [0, 1, 0, 0, 5]):
         with pytest.raises(TypeError, match="publish_raw takes bytes"):
             publisher.publish_raw(wrong)  # type: ignore[arg-type]
+
+
+def test_a_type_name_that_crashes_the_library_is_refused(dds: World) -> None:
+    node = dds.node("n")
+    for length, fits in ((230, True), (240, False), (1000, False)):
+        message = compile_text(f"my_pkg/msg/L{'o' * (length - 1)}", "int32 x")
+        if fits:
+            node.create_publisher(message, "long").publish(message())
+        else:
+            with pytest.raises(TransportError, match="the DDS name of a type may have 255 characters, found"):
+                node.create_publisher(message, "long")
 
 
 def test_a_context_that_is_closed_runs_nothing(memory: World) -> None:

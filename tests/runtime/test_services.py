@@ -129,6 +129,7 @@ async def test_late_and_foreign_replies_are_ignored(world: World) -> None:
     alice, bob = world.pair()
     server = alice.create_service(AddTwoInts, "add")
     client = bob.create_client(AddTwoInts, "add")
+    assert await client.wait_for_service(timeout_s=5)
     with pytest.raises(CallTimeoutError):
         task = asyncio.create_task(anext(aiter(server)))
         await client.call(Request(a=1), timeout_s=0.2)

@@ -239,6 +239,7 @@ def soak_s(request: pytest.FixtureRequest) -> float:
     return float(os.environ.get("SOAK_MINUTES", "0")) * 60 or 20.0
 
 
+@pytest.mark.timeout(300 + 90 * float(os.environ.get("SOAK_MINUTES", "0")))
 async def test_soak_memory_stays_flat_under_traffic(dds: World, soak_s: float) -> None:
     alice, bob = dds.pair()
     received = 0

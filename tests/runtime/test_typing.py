@@ -39,17 +39,17 @@ class Drive:
     max_speed: Annotated[float, Range(0.0, 2.5)] = 0.8
 
 
-async def execute(goal: ServerGoal[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback]) -> Fibonacci.Result:
+async def execute(goal: ServerGoal[Fibonacci]) -> Fibonacci.Result:
     assert_type(goal.request, Fibonacci.Goal)
     goal.publish_feedback(Fibonacci.Feedback(sequence=np.array([goal.request.order], np.int32)))
-    return Fibonacci.Result(sequence=np.array([1], np.int32))
+    return Fibonacci.Result(sequence=[1, 2])
 
 
 async def more(node: Node) -> None:
     server = node.create_action_server(Fibonacci, "c", execute)
-    assert_type(server, ActionServer[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback])
+    assert_type(server, ActionServer[Fibonacci])
     client = node.create_action_client(Fibonacci, "c")
-    assert_type(client, ActionClient[Fibonacci.Goal, Fibonacci.Result, Fibonacci.Feedback])
+    assert_type(client, ActionClient[Fibonacci])
     goal = await client.send_goal(Fibonacci.Goal(order=5))
     async for feedback in goal.feedback():
         assert_type(feedback, Fibonacci.Feedback)

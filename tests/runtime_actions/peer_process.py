@@ -29,8 +29,10 @@ def open_context(domain_id: int) -> Context:
 
 
 async def execute(goal: Any) -> Any:
-    """Counts up to the order, slowly when it is large."""
+    """Counts up to the order, slowly when it is large, without a pause when it is negative."""
     done: list[int] = []
+    for number in range(-goal.request.order):
+        goal.publish_feedback(Fibonacci.Feedback(sequence=[number]))
     for number in range(goal.request.order):
         if goal.cancel_requested:
             return goal.canceled(Fibonacci.Result(sequence=done))

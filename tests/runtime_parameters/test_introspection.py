@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from parameter_worlds import World, run, until
 
-from rosidl_py_gen import get_service
-from rosidl_py_gen.runtime.clock import ClockType, Time
+from rosidl_py_gen import compile_text, get_service
+from rosidl_py_gen.runtime.clock import Clock, ClockType, Time
 from rosidl_py_gen.runtime.introspection import IntrospectionState
-from rosidl_py_gen.runtime.qos import SYSTEM_DEFAULT
+from rosidl_py_gen.runtime.qos import SYSTEM_DEFAULT, InvalidQoSError
 
 AddTwoInts: Any = get_service("example_interfaces/srv/AddTwoInts")
 STATE = IntrospectionState
@@ -86,5 +86,64 @@ def test_closing_endpoints_with_introspection_is_clean(world: World, state: Intr
         server.close()
         caller.close()
         node.close()
+
+    run(main)
+
+
+@pytest.mark.parametrize("state", [0, 1, 2, 3, "METADATA", None, True])
+def test_something_else_than_a_state_is_refused(world: World, state: Any) -> None:
+    async def main() -> None:
+        events, client, server, node, _ = await exchange(world, STATE.OFF, STATE.METADATA)
+        await until(lambda: len(events) == 2)
+        for endpoint in (client, server):
+            with pytest.raises(TypeError, match=r"^state must be one of IntrospectionState.OFF, .*, got "):
+                endpoint.configure_introspection(node.clock, SYSTEM_DEFAULT, state)
+        assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
+        await until(lambda: len(events) == 4)  # the server goes on as it was
+        assert all(event.request == [] for event in events)
+
+    run(main)
+
+
+@pytest.mark.parametrize("clock", [None, 5, "ros", ClockType.ROS_TIME])
+def test_something_else_than_a_clock_is_refused(world: World, clock: Any) -> None:
+    async def main() -> None:
+        _, client, server, *_ = await exchange(world, STATE.OFF, STATE.OFF)
+        for endpoint in (client, server):
+            for state in STATE:
+                with pytest.raises(TypeError, match=r"^clock must be a Clock such as node.clock, got "):
+                    endpoint.configure_introspection(clock, SYSTEM_DEFAULT, state)
+        with pytest.raises(InvalidQoSError):
+            client.configure_introspection(Clock(), "deep", STATE.METADATA)
+        assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
+
+    run(main)
+
+
+def test_another_clock_counts_from_the_next_event_on(world: World) -> None:
+    async def main() -> None:
+        events, client, server, *_ = await exchange(world, STATE.OFF, STATE.METADATA)
+        await until(lambda: len(events) == 2)
+        later = Clock(system_ns=lambda: 99_000_000_000)
+        server.configure_introspection(later, SYSTEM_DEFAULT, STATE.METADATA)
+        await client.call(AddTwoInts.Request(a=1), timeout_s=5)
+        await until(lambda: len(events) == 4)
+        assert [event.info.stamp.sec for event in events] == [77, 77, 99, 99]
+
+    run(main)
+
+
+def test_services_compiled_from_text_can_be_watched(world: World) -> None:
+    async def main() -> None:
+        ask: Any = compile_text("my_pkg/srv/Ask", "string question\n---\nint8 answer")
+        events: list[Any] = []
+        node = world.node("n")
+        node.create_subscription(ask.Event, "/ask/_service_event", events.append, 10)
+        node.create_service(ask, "ask", lambda request: ask.Response(answer=42))
+        client = node.create_client(ask, "ask")
+        client.configure_introspection(node.clock, SYSTEM_DEFAULT, STATE.CONTENTS)
+        await client.call(ask.Request(question="?"), timeout_s=5)
+        await until(lambda: len(events) == 2)
+        assert events[0].request[0].question == "?" and events[1].response[0].answer == 42
 
     run(main)

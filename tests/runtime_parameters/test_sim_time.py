@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from functools import partial
+from typing import Any
 
 import pytest
 from parameter_worlds import World, run, until
 
+from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.clock import Clock, ClockType, ClockTypeError, Duration, Time, TimeRangeError
-from rosidl_py_gen.runtime.clock_sleep import Rate
 
 
 def ros(seconds: float) -> Time:
@@ -103,55 +105,17 @@ def test_sleeping_by_simulated_time(world: World) -> None:
     run(main)
 
 
-def test_a_rate_stays_on_its_grid(world: World) -> None:
-    async def main() -> None:
-        clock = Clock(ClockType.ROS_TIME)
-        clock.enable_ros_time_override()
-        clock.set_ros_time_override(ros(10))
-        rate = Rate(clock, 1)
-        rounds: list[float] = []
-
-        async def loop() -> None:
-            while True:
-                await rate.sleep()
-                rounds.append(clock.now().seconds)
-
-        task = asyncio.ensure_future(loop())
-        for now in (10.5, 11.2, 11.9, 12.0, 14.7, 14.9, 15.1, 5.0, 5.9, 6.0):
-            await asyncio.sleep(0.005)
-            clock.set_ros_time_override(ros(now))
-        await asyncio.sleep(0.005)
-        task.cancel()
-        assert rounds == [11.2, 12.0, 14.7, 15.1]
-        with pytest.raises(TimeRangeError):
-            Rate(clock, 0)
-
-    run(main)
-
-
 def test_sleeping_by_real_clocks(world: World) -> None:
     async def main() -> None:
         for kind in ClockType:
             clock = Clock(kind)
             start = clock.now()
-            await clock.sleep_for(0.02)
+            assert await clock.sleep_for(0.02)
             assert clock.now() - start >= Duration(seconds=0.02)
-            await clock.sleep_until(start)
-            await clock.sleep_for(Duration(seconds=-1))
+            assert await clock.sleep_until(start)
+            assert await clock.sleep_for(Duration(seconds=-1))
         with pytest.raises(ClockTypeError, match="cannot sleep until a ROS_TIME"):
             await Clock(ClockType.STEADY_TIME).sleep_until(ros(1))
-
-    run(main)
-
-
-def test_activation_ends_a_sleep_only_when_its_time_has_come(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        task = asyncio.ensure_future(node.clock.sleep_for(3600))
-        await asyncio.sleep(0.01)
-        node.set_parameter("use_sim_time", True)
-        node.clock.set_ros_time_override(ros(2_000_000_000_0))
-        await asyncio.wait_for(task, 5)
 
     run(main)
 
@@ -168,5 +132,67 @@ def test_a_publisher_with_a_rate_runs_by_itself(world: World) -> None:
         assert source.now == stopped
         source.close()
         source.close()
+        with pytest.raises(ClosedError):
+            source.rate = 1
 
     run(main)
+
+
+def test_the_rate_of_a_publisher_can_be_set_later(world: World) -> None:
+    async def main() -> None:
+        source = world.node("source").create_sim_time_publisher(start=ros(50), period_s=0.002)
+        await asyncio.sleep(0.1)
+        assert source.now == ros(50)
+        source.rate = 1.0
+        await until(lambda: source.now > ros(50))
+        assert source.now < ros(50.09)  # the time before it ran does not count
+        source.rate = 10_000.0
+        await until(lambda: source.now > ros(70))
+        source.rate = 0
+        stopped = source.now
+        await asyncio.sleep(0.02)
+        assert source.now == stopped and source.rate == 0
+
+    run(main)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"rate": math.nan}, TimeRangeError, "^rate.* must be finite and 0 or more, got nan"),
+        ({"rate": math.inf}, TimeRangeError, "^rate.* must be finite"),
+        ({"rate": -1}, TimeRangeError, "^rate.* must be finite and 0 or more, got -1"),
+        ({"rate": "fast"}, TypeError, "^rate must be a number of simulated seconds per second, got 'fast'"),
+        ({"rate": None}, TypeError, "^rate must be a number"),
+        ({"start": 5}, TypeError, "^start must be a Time such as .*, got 5"),
+        ({"period_s": 0}, TimeRangeError, "^period_s.* must be more than 0"),
+    ],
+)
+def test_a_publisher_refuses_wrong_values(
+    world: World, options: dict[str, Any], error: type[Exception], words: str
+) -> None:
+    node = world.node("source")
+    before = len(node.scope.owned)
+    with pytest.raises(error, match=words):
+        node.create_sim_time_publisher(**options)
+    assert len(node.scope.owned) == before
+    if "rate" in options:
+        source = node.create_sim_time_publisher(rate=1.0)
+        with pytest.raises(error, match=words):
+            source.rate = options["rate"]
+        assert source.rate == 1.0
+
+
+def test_wrong_times_are_refused_and_change_nothing(world: World) -> None:
+    source = world.node("source").create_sim_time_publisher(start=ros(5))
+    with pytest.raises(TypeError, match=r"^now must be a Time such as .*, got 5"):
+        source.set_time(5)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"^duration must be a number of seconds, got 'a'"):
+        source.advance("a")  # type: ignore[arg-type]
+    with pytest.raises(TimeRangeError, match=r"^duration must be finite"):
+        source.advance(math.nan)
+    with pytest.raises(TimeRangeError, match="int32"):
+        source.set_time(ros(2**31))
+    with pytest.raises(TimeRangeError, match="negative"):
+        source.advance(-6)
+    assert source.now == ros(5)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rosidl_py_gen.runtime import Context, MemoryTransport
 from rosidl_py_gen.runtime.arguments import RosArgumentError, RosArguments, parse_arguments
 from rosidl_py_gen.runtime.parameter_values import parameter_value
 from rosidl_py_gen.runtime.remap_rules import RemapKind
@@ -41,12 +44,12 @@ def test_groups_end_at_two_dashes_and_may_be_repeated() -> None:
 def test_every_flag() -> None:
     got = parse(
         "prog --ros-args -r a:=b --remap n:c:=d -p x:=1 --param n:y:=2 --params-file a.yaml --log-level DEBUG "
-        "--log-level my.node:=warn -e /e --log-config-file c.conf --log-file-name pre "
+        "--log-level my.node:=warn -e /e --log-file-name pre "
         "--disable-stdout-logs --disable-rosout-logs --disable-external-lib-logs --enable-rosout-logs"
     )
     assert [(rule.node, rule.match) for rule in got.remap_rules] == [(None, "a"), ("n", "c")]
     assert (got.log_level, got.log_levels) == (10, (("my.node", 30),))
-    assert (got.enclave, got.log_config_file, got.log_file_name) == ("/e", "c.conf", "pre")
+    assert (got.enclave, got.log_file_name) == ("/e", "pre")
     assert (got.stdout_logs, got.rosout_logs, got.external_lib_logs) == (False, True, False)
     assert got.overrides_for("/n") == {
         "x": parameter_value(1),
@@ -107,6 +110,13 @@ def test_something_outside_that_only_looks_like_a_rule_stays() -> None:
         ("-e /1", "must not begin with a digit"),
         ("--params-file none.yaml", "the file cannot be read"),
         ("--params-file bad.yaml", "bad.yaml:1"),
+        (
+            "--log-file-name a/b",
+            "ROS argument --log-file-name 'a/b': expected the beginning of a file name, without folder",
+        ),
+        ("--log-file-name ..\\b", "without folder"),
+        ("--log-config-file c.conf", "ROS argument --log-config-file 'c.conf': log configuration files are not read"),
+        ("--log-config-file c.conf", "use --log-level [logger:=]LEVEL, or configure Python's logging in the program"),
         ("--enable-nothing", "unknown ROS arguments: '--enable-nothing'"),
     ],
 )
@@ -114,6 +124,21 @@ def test_errors_show_the_argument(arguments: str, reason: str) -> None:
     with pytest.raises(RosArgumentError) as caught:
         parse("prog --ros-args " + arguments)
     assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("a --ros-args b", "args must be a list of arguments such as .*, got the text 'a --ros-args b'"),
+        (b"a b", "args must be a list of arguments"),
+        (["p", 5], "args must be texts, got 5"),
+    ],
+)
+def test_a_command_line_is_a_list_of_texts(arguments: Any, words: str) -> None:
+    with pytest.raises(TypeError, match=words):
+        parse_arguments(arguments)
+    with pytest.raises(TypeError, match=words):
+        Context(0, args=arguments, transport=MemoryTransport())
 
 
 def test_the_default_reader_reads_files(tmp_path_factory: pytest.TempPathFactory) -> None:

@@ -82,6 +82,8 @@ def test_only_ros_clocks_can_be_overridden_and_only_with_ros_times() -> None:
                 call()
     with pytest.raises(ClockTypeError, match="must be a ROS_TIME"):
         Clock().set_ros_time_override(Time(nanoseconds=1))
+    with pytest.raises(TypeError, match="must be a Time, got 5"):
+        Clock().set_ros_time_override(5)  # type: ignore[arg-type]
 
 
 def test_callbacks_run_before_and_after_the_change_of_source() -> None:
@@ -134,6 +136,9 @@ def test_thresholds_must_have_the_right_sign() -> None:
         Clock().create_jump_callback(min_forward=Duration())
     with pytest.raises(TimeRangeError, match="min_backward must be a negative"):
         Clock().create_jump_callback(min_backward=Duration(nanoseconds=1))
+    for name in ("min_forward", "min_backward"):
+        with pytest.raises(TypeError, match=f"{name} must be a Duration or None, got 5"):
+            Clock().create_jump_callback(**{name: 5})  # type: ignore[arg-type]
 
 
 def test_a_closed_callback_is_silent_even_when_closed_by_another_callback() -> None:

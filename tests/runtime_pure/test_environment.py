@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -36,9 +37,9 @@ def test_arguments_win_over_variables() -> None:
     assert (settings.domain_id, settings.discovery, settings.warnings) == (3, DiscoveryRange.SUBNET, ())
 
 
-@pytest.mark.parametrize("bad", [-1, 233, True])
-def test_bad_domain_id_argument(bad: int) -> None:
-    with pytest.raises(EnvironmentSettingError, match="domain_id must be"):
+@pytest.mark.parametrize("bad", [-1, 233, True, "5", 1.0])
+def test_bad_domain_id_argument(bad: Any) -> None:
+    with pytest.raises(EnvironmentSettingError, match=f"^domain_id must be .*got {bad!r}$"):
         read_environment({}, domain_id=bad)
 
 

@@ -11,6 +11,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from rosidl_py_gen.runtime.goal import (
     ZERO_ID,
+    CancelAnswer,
     CancelCode,
     CancelSelection,
     GoalBook,
@@ -20,7 +21,6 @@ from rosidl_py_gen.runtime.goal import (
     GoalTransitionError,
     ResultAnswer,
     UnknownGoalError,
-    cancel_answer,
     next_status,
 )
 
@@ -93,14 +93,21 @@ def test_statuses_are_listed_in_the_order_of_acceptance_with_terminal_ones() -> 
 
 def test_results_wait_for_the_end_and_are_there_at_once_afterwards() -> None:
     goals = book(5)
-    assert goals.request_result(gid(9), "z") == (ResultAnswer.UNKNOWN, S.UNKNOWN, None)
-    assert goals.request_result(gid(1), "a") == (ResultAnswer.WAIT, S.ACCEPTED, None)
+    assert goals.request_result(gid(9)) == (ResultAnswer.UNKNOWN, None)
+    with pytest.raises(UnknownGoalError):
+        goals.wait_for_result(gid(9), "z")
+    assert goals.request_result(gid(1)) == (ResultAnswer.WAIT, None)
+    goals.wait_for_result(gid(1), "a")
     goals.apply(gid(1), E.EXECUTE)
-    assert goals.request_result(gid(1), "b") == (ResultAnswer.WAIT, S.EXECUTING, None)
-    assert goals.request_result(gid(1), "gone")[0] is ResultAnswer.WAIT
-    goals.forget_waiting("gone")
+    assert goals.request_result(gid(1)) == (ResultAnswer.WAIT, None)
+    goals.wait_for_result(gid(1), "b")
+    goals.wait_for_result(gid(1), "gone")
+    assert goals.waiting() == ["a", "b", "gone"]
+    goals.forget_waiting(gid(1), "gone")
+    goals.forget_waiting(gid(1), "gone")
+    goals.forget_waiting(gid(9), "gone")
     assert goals.finish(gid(1), E.SUCCEED, "result", 7) == ["a", "b"]
-    assert goals.request_result(gid(1), "c") == (ResultAnswer.READY, S.SUCCEEDED, "result")
+    assert goals.request_result(gid(1)) == (ResultAnswer.READY, "result") and goals.waiting() == []
 
 
 def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
@@ -109,7 +116,7 @@ def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
     goals.finish(gid(1), E.SUCCEED, "first", 7)
     with pytest.raises(GoalTransitionError):
         goals.finish(gid(1), E.ABORT, "second", 8)
-    assert goals.request_result(gid(1), "x") == (ResultAnswer.READY, S.SUCCEEDED, "first")
+    assert goals.request_result(gid(1)) == (ResultAnswer.READY, "first")
     with pytest.raises(UnknownGoalError):
         goals.finish(gid(2), E.ABORT, "r", 8)
     with pytest.raises(UnknownGoalError):
@@ -125,7 +132,7 @@ def test_results_are_forgotten_when_their_time_is_over() -> None:
     goals.finish(gid(1), E.SUCCEED, "r", 1000)
     assert goals.expire(1100) == [] and goals.next_expiry_ns() == 1101
     assert goals.expire(1101) == [gid(1)]
-    assert goals.request_result(gid(1), "x")[0] is ResultAnswer.UNKNOWN
+    assert goals.request_result(gid(1))[0] is ResultAnswer.UNKNOWN
     assert goals.expire(10**9) == [] and gid(2) in goals
     assert goals.accept(gid(1), 2000) is not None
 
@@ -137,6 +144,14 @@ def test_without_a_timeout_a_finished_goal_is_forgotten_at_the_next_check(timeou
     assert goals.expire(5) == []
     goals.finish(gid(1), E.SUCCEED, "r", 5)
     assert goals.expire(5) == [gid(1)]
+
+
+def test_without_end_a_finished_goal_is_kept_for_ever() -> None:
+    goals = Book(None)
+    goals.accept(gid(1), 0)
+    goals.apply(gid(1), E.EXECUTE)
+    goals.finish(gid(1), E.SUCCEED, "r", 5)
+    assert goals.expire(10**30) == [] and goals.next_expiry_ns() is None
 
 
 def mixed() -> Book:
@@ -172,15 +187,45 @@ def test_who_is_cancelled_with_which_code(goal: int, stamp: int, code: int, chos
     assert all(info.stamp_ns for info in got.goals)
 
 
-def test_the_answer_keeps_all_accepted_goals_and_says_rejected_only_when_all_were_refused() -> None:
+@pytest.mark.parametrize(
+    ("goal", "agreed", "ended", "code", "chosen"),
+    [
+        (0, [1, 2], [], 0, [1, 2]),
+        (0, [1], [], 0, [1]),
+        (0, [], [], 1, []),  # rclcpp's REJECTED; rclpy says 0
+        (0, [1, 2], [2], 0, [1]),
+        (0, [2], [2], 1, []),  # 1 is left, and was refused
+        (0, [1, 2], [1, 2], 0, []),  # zero ids always get 0 when nothing is left
+        (0, [], [1, 2], 0, []),
+        (1, [1], [], 0, [1]),
+        (1, [], [], 1, []),
+        (1, [1], [1], 3, []),
+        (1, [], [1], 3, []),
+        (9, [], [], 2, []),
+    ],
+)
+def test_the_answer_to_a_cancel(goal: int, agreed: list[int], ended: list[int], code: int, chosen: list[int]) -> None:
     """r2r answers REJECTED with an empty list for every request that hits two goals (r2r.md A7)."""
-    infos = (GoalInfo(gid(1), 1), GoalInfo(gid(2), 2))
-    both = CancelSelection(CancelCode.NONE, infos)
-    assert cancel_answer(both, infos) is CancelCode.NONE
-    assert cancel_answer(both, infos[:1]) is CancelCode.NONE
-    assert cancel_answer(both, ()) is CancelCode.REJECTED
-    assert cancel_answer(CancelSelection(CancelCode.NONE), ()) is CancelCode.NONE
-    assert cancel_answer(CancelSelection(CancelCode.UNKNOWN_GOAL_ID), ()) is CancelCode.UNKNOWN_GOAL_ID
+    goals = book(1, 2)
+    for number in (1, 2):
+        goals.apply(gid(number), E.EXECUTE)
+    selection = goals.select_for_cancel(gid(goal), 0)
+    for number in ended:
+        goals.finish(gid(number), E.SUCCEED, "r", 3)
+    infos = {number: GoalInfo(gid(number), number) for number in (1, 2)}
+    answer = goals.answer_cancel(selection, [infos[number] for number in agreed])
+    assert answer == CancelAnswer(CancelCode(code), tuple(infos[number] for number in chosen))
+
+
+def test_a_goal_named_with_a_stamp_is_one_of_many() -> None:
+    goals = mixed()
+    selection = goals.select_for_cancel(gid(5), 20)
+    for number in (1, 2, 5):
+        goals.apply(gid(number), E.CANCEL_GOAL)
+    assert goals.answer_cancel(selection, selection.goals) == CancelAnswer(CancelCode.NONE)
+    only = goals.select_for_cancel(gid(3), 0)
+    assert only == CancelSelection(CancelCode.GOAL_TERMINATED, by_id=True)
+    assert goals.answer_cancel(only, ()) == CancelAnswer(CancelCode.GOAL_TERMINATED)
 
 
 class BookAgainstModel(RuleBasedStateMachine):
@@ -229,15 +274,16 @@ class BookAgainstModel(RuleBasedStateMachine):
     @rule(goal=ids)
     def ask_result(self, goal: int) -> None:
         self.tokens += 1
-        answer, status, result = self.book.request_result(gid(goal), self.tokens)
+        answer, result = self.book.request_result(gid(goal))
         known = self.model.get(goal, S.UNKNOWN)
-        assert status is known
+        assert self.book.status(gid(goal)) is known
         if known is S.UNKNOWN:
             assert answer is ResultAnswer.UNKNOWN
         elif known.is_terminal:
             assert answer is ResultAnswer.READY and result == self.ended[goal]
         else:
             assert answer is ResultAnswer.WAIT
+            self.book.wait_for_result(gid(goal), self.tokens)
             self.waiting[goal].append(self.tokens)
 
     @rule(goal=st.integers(0, 5), back=st.integers(0, 60), by_stamp=st.booleans())

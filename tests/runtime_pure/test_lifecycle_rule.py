@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+import numpy as np
 import pytest
 
 from rosidl_py_gen.runtime.lifecycle_rule import (
@@ -14,6 +15,7 @@ from rosidl_py_gen.runtime.lifecycle_rule import (
     TransitionError,
     available,
     finished,
+    outcome_of,
     requested,
 )
 
@@ -79,3 +81,28 @@ def test_the_table_has_25_rows_and_available_ones_leave_the_state() -> None:
     assert len(TRANSITIONS) == 7 + 18 and len({row.id for row in TRANSITIONS}) == 25
     assert [row.id for row in available(State.INACTIVE)] == [2, 3, 6]
     assert available(State.FINALIZED) == ()
+
+
+@pytest.mark.parametrize(
+    ("answer", "outcome"),
+    [
+        (None, Outcome.SUCCESS),
+        (True, Outcome.SUCCESS),
+        (np.bool_(True), Outcome.SUCCESS),
+        (1, Outcome.SUCCESS),
+        (Outcome.SUCCESS, Outcome.SUCCESS),
+        (False, Outcome.FAILURE),
+        (np.bool_(False), Outcome.FAILURE),
+        (0, Outcome.FAILURE),
+        ("", Outcome.FAILURE),
+        ([], Outcome.FAILURE),
+        (Outcome.FAILURE, Outcome.FAILURE),
+        (Outcome.ERROR, Outcome.ERROR),
+        # lifecycle_msgs/Transition TRANSITION_CALLBACK_SUCCESS, _FAILURE, _ERROR
+        (97, Outcome.SUCCESS),
+        (98, Outcome.FAILURE),
+        (99, Outcome.ERROR),
+    ],
+)
+def test_what_the_answer_of_a_callback_means(answer: object, outcome: Outcome) -> None:
+    assert outcome_of(answer) is outcome

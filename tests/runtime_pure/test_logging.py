@@ -221,10 +221,7 @@ def test_records_reach_python_handlers_and_then_the_console_is_quiet(
     stream = io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)
     log_console.install_console(ConsoleSettings())
-    try:
-        get_logger("seen").info("by caplog")
-    finally:
-        log_console.remove_console()
+    get_logger("seen").info("by caplog")
     assert "by caplog" in caplog.text and stream.getvalue() == ""
 
 

@@ -11,6 +11,7 @@ from rosidl_py_gen.runtime.names_rules import (
     expand_name,
     is_hidden,
     normalize_namespace,
+    resolve_node_name,
     validate_full_name,
     validate_name,
     validate_node_name,
@@ -233,3 +234,17 @@ def test_whatever_expands_is_a_full_name(text: str) -> None:
         return
     validate_full_name(full)
     assert expand_name(full, "other", "/elsewhere") == full
+
+
+@pytest.mark.parametrize(
+    ("given", "namespace", "full"),
+    [("n", "/", "/n"), ("n", "/a", "/a/n"), ("/n", "/a", "/n"), ("/b/n", "/a", "/b/n"), ("b/n", "/a", "/b/n")],
+)
+def test_a_node_is_named_with_or_without_namespace(given: str, namespace: str, full: str) -> None:
+    assert resolve_node_name(given, namespace) == full
+
+
+@pytest.mark.parametrize("bad", ["", "/", "a b", "/a//n", "/1/n", "a/", None, 5])
+def test_what_is_no_node_name_is_refused(bad: str) -> None:
+    with pytest.raises(InvalidNameError, match=r"invalid (node name|namespace)"):
+        resolve_node_name(bad, "/")

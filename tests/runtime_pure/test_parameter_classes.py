@@ -7,7 +7,7 @@ import dataclasses
 import pickle
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import pytest
 
@@ -30,7 +30,6 @@ from rosidl_py_gen.runtime.parameter_values import (
     ParameterDescriptor,
     ParameterImmutable,
     ParameterType,
-    ParameterValue,
     WrongParameterType,
     parameter_value,
 )
@@ -51,6 +50,10 @@ class Mixed(Enum):
 
 def even(value: int) -> str | None:
     return None if value % 2 == 0 else f"{value} is odd"
+
+
+async def later(value: int) -> str | None:
+    return None
 
 
 @dataclass
@@ -272,7 +275,7 @@ def test_prefix_and_initial_object() -> None:
     assert (first.max_speed, first.left.pwm, second.max_speed, second.left.pwm) == (2.0, 5, 0.8, 10)
     first.max_speed = 1.0
     assert second.max_speed == 0.8 and world.store.get("a.max_speed").value == 1.0
-    assert world.set(b__mode="no").reason == "Parameter mode must be one of 'auto', 'manual', got 'no'"
+    assert world.set(b__mode="no").reason == "Parameter b.mode must be one of 'auto', 'manual', got 'no'"
 
 
 def test_arrays_of_every_type_and_ranges_for_their_items() -> None:
@@ -353,6 +356,16 @@ def test_copies_are_plain_and_independent() -> None:
         (Annotated[str, Range(0, 1)], "a range is for numbers only"),
         (Annotated[int, Range(0, 1.5)], "must have integer ends"),
         (Annotated[Int8, Range(0, 200)], "does not fit Width"),
+        (Annotated[int, Range(float("-inf"), 10)], "must have integer ends"),
+        (Annotated[int, Range(float("nan"), 10)], "must have integer ends"),
+        (Annotated[int, Range(0, 10, -1)], "a step that is not negative"),
+        (Annotated[int, Range(0, 2**64)], "must have 64-bit integers"),
+        (Annotated[float, Range(float("-inf"), 10, 0.5)], "steps are counted from the lower end"),
+        (Annotated[float, Range(0, 1, float("inf"))], "both must be finite"),
+        (Annotated[float, Range(float("nan"), 1)], "must have numbers as its ends"),
+        (Annotated[float, Range("a", 1)], "must have numbers as its ends"),  # type: ignore[arg-type]
+        (Annotated[float, Range(0, 10**400)], "must have numbers as its ends"),
+        (Annotated[int, later], "the validator 'later' is async"),
     ],
 )
 def test_what_cannot_be_a_parameter_is_said_with_class_and_field(annotation: object, reason: str) -> None:
@@ -374,19 +387,50 @@ def test_an_annotation_that_cannot_be_resolved_is_explained() -> None:
         plan_class(Holder)
 
 
-def test_only_dataclasses() -> None:
-    with pytest.raises(ParameterClassError, match="is not a dataclass"):
-        plan_class(int)
-
-
-def test_fields_without_init_are_not_parameters() -> None:
+def test_reasons_have_the_prefix() -> None:
     @dataclass
-    class Derived:
-        a: int = 2
-        double: int = field(init=False, default=0)
+    class Arrays:
+        numbers: Annotated[list[int], Range(0, 9)] = field(default_factory=list)
+        teeth: Annotated[int, even] = 4
+        left: Motor = field(default_factory=Motor)
 
     world = World()
-    derived = bind_class(world.store, Derived)
-    derived.double = 4
-    assert list(world.store.values()) == ["a"] and derived.double == 4
-    assert world.store.values()["a"] == ParameterValue(T.INTEGER, 2)
+    arrays = bind_class(world.store, Arrays, prefix="a")
+    assert world.set(a__numbers=[10]).reason == "Parameter a.numbers[0] out of range. Min: 0, Max: 9, value: 10"
+    assert world.set(a__left__pwm=-1).reason == "Parameter a.left.pwm out of range. Min: 0, Max: 255, value: -1"
+    with pytest.raises(InvalidParameterValue, match=r"parameter 'a\.numbers'"):
+        arrays.numbers = "text"  # type: ignore[assignment]
+
+
+def test_what_has_no_default_needs_an_initial_object() -> None:
+    @dataclass
+    class Bare:
+        a: int
+
+    with pytest.raises(ParameterClassError, match=r"Bare\.a has no default"):
+        bind_class(World().store, Bare)
+    assert bind_class(World().store, Bare, initial=Bare(3)).a == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ({"initial": 5}, "initial must be an object of Drive, got 5 of type int"),
+        ({"initial": Drive(left=5)}, r"initial\.left must be an object of Motor, got 5 of type int"),  # type: ignore[arg-type]
+        ({"prefix": 5}, "the prefix must be a text, got 5"),
+        ({"validator": "x"}, "the validator must be a function"),
+        ({"validator": later}, "the validator 'later' is async"),
+    ],
+)
+def test_arguments_of_the_wrong_type(arguments: dict[str, Any], reason: str) -> None:
+    world = World()
+    with pytest.raises(TypeError, match=reason):
+        bind_class(world.store, Drive, **arguments)
+    assert world.store.values() == {}
+
+
+def test_only_dataclasses() -> None:
+    with pytest.raises(ParameterClassError, match="is an object; give its class"):
+        plan_class(Drive())  # type: ignore[arg-type]
+    with pytest.raises(ParameterClassError, match="is not a dataclass"):
+        plan_class(int)

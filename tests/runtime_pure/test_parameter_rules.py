@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from rosidl_py_gen.runtime.parameter_rules import (
@@ -46,6 +48,9 @@ def test_integer_ranges(value: int, allowed: IntRange, reason: str) -> None:
         (float("nan"), FloatRange(0.0, 2.5), "Parameter p out of range Min: 0.0, Max: 2.5, value: nan"),
         (0.3, FloatRange(0.0, 1.0, 0.1), ""),
         (2.5, FloatRange(0.0, 2.5, 2.0), ""),
+        (1.0, FloatRange(-math.inf, 10.0, 0.5), ""),  # nothing to count steps from; declaring refuses such a range
+        (1.0, FloatRange(0.0, 10.0, 5e-324), ""),
+        (11.0, FloatRange(-math.inf, 10.0, 0.5), "Parameter p out of range Min: -inf, Max: 10.0, value: 11.0"),
         (
             0.35,
             FloatRange(0.0, 1.0, 0.1),

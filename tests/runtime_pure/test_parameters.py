@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import pytest
@@ -9,7 +10,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
+from rosidl_py_gen.runtime.parameter_callbacks import Refused
 from rosidl_py_gen.runtime.parameter_values import (
+    FloatRange,
     IntRange,
     InvalidParameterName,
     InvalidParameterValue,
@@ -101,6 +104,35 @@ def test_overrides_replace_defaults_unless_ignored_and_must_have_the_type() -> N
     assert not world.store.has("b")
     assert world.store.declare("c", parameter_value(1), ignore_override=True).value == 1
     assert world.store.overrides["a"].value == 5
+
+
+@pytest.mark.parametrize(
+    ("descriptor", "error", "reason"),
+    [
+        ("a text", TypeError, "'a': the descriptor must be a ParameterDescriptor, got 'a text'"),
+        (ParameterDescriptor(type=2), TypeError, "type of the descriptor must be a ParameterType, got 2"),
+        (ParameterDescriptor(description=5), TypeError, "description of the descriptor must be a str, got 5"),
+        (ParameterDescriptor(integer_range=(0, 5)), TypeError, "integer_range of the descriptor must be a IntRange"),
+        (ParameterDescriptor(integer_range=IntRange(0, 5, -1)), InvalidParameterValue, "a step that is not negative"),
+        (
+            ParameterDescriptor(floating_point_range=FloatRange(-float("inf"), 1.0, 0.5)),
+            InvalidParameterValue,
+            "steps are counted from the lower end",
+        ),
+    ],
+)
+def test_a_wrong_descriptor_is_explained(descriptor: object, error: type[Exception], reason: str) -> None:
+    world = World()
+    with pytest.raises(error, match=reason):
+        world.declare("a", 1, descriptor)  # type: ignore[arg-type]
+    assert not world.store.has("a")
+
+
+def test_names_that_cannot_be_sent_are_refused() -> None:
+    world = World(allow_undeclared=True)
+    with pytest.raises(InvalidParameterName):
+        world.declare("\ud800", 1)
+    assert not world.set(p("\ud800", 1)).successful and world.declare("ä", 1) == 1
 
 
 def test_overrides_can_be_declared_automatically() -> None:
@@ -279,15 +311,25 @@ def test_an_empty_list_in_an_override_takes_the_declared_type() -> None:
         world.declare("b", 1)
 
 
-def test_appliers_hear_of_values_before_the_event_and_only_of_successful_sets() -> None:
+def test_mirrors_are_asked_last_and_commit_before_the_event() -> None:
     world = World()
     world.declare("a", 1)
     seen: list[object] = []
-    end = world.store.add_applier(lambda values: seen.append((values["a"].value, len(world.events))))
-    world.set(p("a", "wrong"))
-    assert world.set(p("a", 2)) == OK and seen == [(2, 1)]
+
+    def prepare(changes: Mapping[str, ParameterValue]) -> Callable[[], None] | None:
+        if changes["a"].value == 5:
+            raise Refused("not five")
+        seen.append(("asked", world.get("a")))
+        return lambda: seen.append(("stored", world.get("a"), len(world.events)))
+
+    end = world.store.add_mirror(prepare)
+    remove = world.store.add_on_set_callback(lambda ps: SetResult(False, "no"))
+    assert not world.set(p("a", 2)).successful and seen == []
+    remove()
+    assert world.set(p("a", 5)) == SetResult(False, "not five") and world.get("a") == 1
+    assert world.set(p("a", 2)) == OK and seen == [("asked", 1), ("stored", 2, 1)]
     end()
-    assert world.set(p("a", 3)) == OK and len(seen) == 1
+    assert world.set(p("a", 3)) == OK and len(seen) == 2
 
 
 VALUES = st.one_of(

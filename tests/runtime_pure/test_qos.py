@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -99,10 +100,57 @@ def test_impossible_depths_are_refused(bad: object) -> None:
         as_profile(bad)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("bad", [-1.0, math.nan, -math.inf, 1e300])
+@pytest.mark.parametrize("bad", [-1.0, math.nan, -math.inf, 1e300, "x", None, True, [1]])
 def test_impossible_durations_are_refused(bad: float) -> None:
     with pytest.raises(InvalidQoSError, match="deadline must be seconds"):
         QoSProfile().deadline(bad)
+
+
+def test_the_numbers_of_rmw_become_policies() -> None:
+    profile = QoSProfile(reliability=2, durability=1, liveliness=3)  # type: ignore[arg-type]
+    assert profile.reliability is BE and profile.durability is TL and profile.liveliness is Liveliness.MANUAL_BY_TOPIC
+    assert profile == QoSProfile().best_effort().transient_local().manual_liveliness()
+
+
+@pytest.mark.parametrize(
+    ("field", "bad", "words"),
+    [
+        ("reliability", "best_effort", r"got 'best_effort': write Reliability\.BEST_EFFORT"),
+        ("history", "keep_all", r"got 'keep_all': write History\.KEEP_ALL"),
+        ("durability", "sometimes", r"one of .*Durability\.VOLATILE.*; got 'sometimes'"),
+        ("reliability", 7, r"one of .*Reliability\.RELIABLE.*; got 7"),
+        ("reliability", True, "got True"),
+        ("reliability", 1.0, "got 1.0"),
+        ("durability", Reliability.RELIABLE, "got <Reliability.RELIABLE: 1>"),
+        ("liveliness", 2, "got 2"),
+        ("liveliness", None, "got None"),
+        ("depth", True, "depth must be an int"),
+        ("depth", 1.0, "depth must be an int"),
+        ("deadline_ns", True, "deadline_ns must be an int"),
+        ("lifespan_ns", 1e9, "lifespan_ns must be an int"),
+        ("liveliness_lease_ns", -1, "liveliness_lease_ns must be an int"),
+        ("avoid_ros_namespace_conventions", "yes", "must be True or False, got 'yes'"),
+    ],
+)
+def test_values_that_are_no_policy_are_refused_in_words(field: str, bad: Any, words: str) -> None:
+    with pytest.raises(InvalidQoSError, match=words):
+        QoSProfile(**{field: bad})
+    with pytest.raises(InvalidQoSError, match=words):
+        replace(QoSProfile(), **{field: bad})
+
+
+@pytest.mark.parametrize("depth", [1, 10])
+def test_a_depth_in_the_place_of_the_history_is_refused(depth: Any) -> None:
+    with pytest.raises(InvalidQoSError, match=rf"QoSProfile\(depth={depth}\)"):
+        QoSProfile(depth)
+
+
+@pytest.mark.parametrize("name", ["history", "reliability", "durability", "liveliness"])
+def test_unknown_policies_are_shown_but_not_offered(name: str) -> None:
+    kind = type(getattr(DEFAULT, name))
+    discovered = replace(DEFAULT, **{name: kind["UNKNOWN"]})
+    with pytest.raises(InvalidQoSError, match=rf"{name} is {kind.__name__}\.UNKNOWN"):
+        as_profile(discovered)
 
 
 TLQ = QoSProfile().transient_local()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
+from fractions import Fraction
+from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.time_values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.time_values import ClockType, ClockTypeError, Duration, Time, TimeRangeError, seconds_to_ns
 
 ROS, SYSTEM, STEADY = ClockType.ROS_TIME, ClockType.SYSTEM_TIME, ClockType.STEADY_TIME
 NS = st.integers(-(2**62), 2**62)
@@ -36,6 +39,22 @@ def test_seconds_and_nanoseconds_add_up() -> None:
 def test_endless_durations_are_refused(bad: float) -> None:
     with pytest.raises(TimeRangeError, match="finite"):
         Duration(seconds=bad)
+
+
+@pytest.mark.parametrize("bad", ["1", None, True, 1j, [1]])
+def test_seconds_are_numbers(bad: Any) -> None:
+    with pytest.raises(TypeError, match="seconds must be a number of seconds, got"):
+        Duration(seconds=bad)
+    with pytest.raises(TypeError, match="start must be a number of seconds, got"):
+        seconds_to_ns("start", bad)
+
+
+def test_numbers_of_every_kind_are_seconds() -> None:
+    for value in (np.float32(1.5), np.float64(1.5), Fraction(3, 2), 1.5):
+        assert seconds_to_ns("x", value) == 1_500_000_000
+    assert seconds_to_ns("x", np.int64(2)) == seconds_to_ns("x", 2) == 2_000_000_000
+    assert seconds_to_ns("x", -0.25) == -250_000_000
+    assert seconds_to_ns("x", 1e300) == int(1e300) * 10**9  # more than a float can hold
 
 
 def test_a_time_is_never_negative_and_nanoseconds_are_ints() -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.time_values import TimeRangeError
-from rosidl_py_gen.runtime.timer_rule import TimerRule
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.runtime.time_values import Duration, TimeRangeError
+from rosidl_py_gen.runtime.timer_rule import TimerRule, period_to_ns
 
 
 def test_due_times_stay_on_the_grid_although_calls_are_late() -> None:
@@ -53,6 +57,38 @@ def test_bad_periods_are_refused(bad: int) -> None:
         TimerRule(bad, 0)
     with pytest.raises(TimeRangeError, match="period must be an int"):
         TimerRule(1, 0).change_period(bad)
+
+
+@pytest.mark.parametrize(
+    ("bad", "error", "words"),
+    [
+        (math.nan, TimeRangeError, "period_s must be finite, got nan"),
+        (math.inf, TimeRangeError, "period_s must be finite, got inf"),
+        (-1, TimeRangeError, "period_s must be 0 or more, got -1"),
+        (None, TypeError, "period_s must be a number of seconds, got None"),
+        ("1", TypeError, "period_s must be a number of seconds, got '1'"),
+    ],
+)
+def test_bad_periods_in_seconds_are_refused_by_name(bad: Any, error: type[Exception], words: str) -> None:
+    node = Node("n", context=Context(0, args=["p"], transport=MemoryTransport()))
+    timer = node.create_timer(1)
+    for make in (period_to_ns, node.create_timer, node.create_wall_timer, timer.change_period):
+        with pytest.raises(error, match=words):
+            make(bad)
+    assert timer.period == Duration(seconds=1)
+    node.context.close()
+    assert period_to_ns(0.25) == 250_000_000
+
+
+def test_a_timer_needs_a_function_and_a_clock() -> None:
+    node = Node("n", context=Context(0, args=["p"], transport=MemoryTransport()))
+    before = len(node.scope.owned)
+    with pytest.raises(TypeError, match="callback must be a function without arguments, or None, got 5"):
+        node.create_timer(1, 5)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"clock must be a Clock such as node.clock, got 'steady'"):
+        node.create_timer(1, clock="steady")  # type: ignore[arg-type]
+    assert len(node.scope.owned) == before
+    node.context.close()
 
 
 def test_cancel_and_reset() -> None:

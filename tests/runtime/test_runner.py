@@ -1,0 +1,353 @@
+"""How programs begin and end: Ctrl-C once and twice, SIGTERM, loops that run already, nodes made before their loop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from std_msgs.msg import Int32
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime import Node, run, spin
+from rosidl_py_gen.runtime.bridge import LoopMismatchError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from .conftest import World
+
+ROOT = Path(__file__).parents[2]
+IMPORTS = """
+import asyncio, sys, threading, time
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, spin
+"""
+
+
+@contextlib.contextmanager
+def program(text: str) -> Iterator[subprocess.Popen[str]]:
+    """A Python program that runs until the block ends, if not shorter."""
+    process = subprocess.Popen(
+        [sys.executable, "-W", "default", "-c", IMPORTS + text],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def lines_until(process: subprocess.Popen[str], word: str) -> None:
+    """Read the program's output up to the line `word`."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.strip() == word:
+            return
+    assert process.stderr is not None
+    raise AssertionError(f"it ended without {word!r}: {process.stderr.read()}")
+
+
+# ----------------------------------------------------------------------------------------------------------- signals
+
+STUCK = """
+class Stuck(Node):
+    def __init__(self):
+        super().__init__("stuck")
+        self.create_timer(0.01, self.tick)
+
+    def tick(self):
+        print("stuck", flush=True)
+        while True:
+            time.sleep(0.05)
+
+spin(Stuck())
+"""
+
+
+def test_a_second_ctrl_c_interrupts_a_callback_that_never_returns() -> None:
+    with program(STUCK) as process:
+        lines_until(process, "stuck")
+        process.send_signal(signal.SIGINT)
+        with pytest.raises(subprocess.TimeoutExpired):  # the first one asks politely
+            process.wait(0.5)
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=5)
+        assert "KeyboardInterrupt" in errors and "in tick" in errors  # says where it was stuck
+        assert "never" not in errors and "destroyed" not in errors
+        assert output == ""  # the callback is not called again
+        assert process.returncode == -signal.SIGINT
+
+
+@pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
+def test_a_second_sigterm_ends_a_callback_that_never_returns(first: signal.Signals) -> None:
+    with program(STUCK) as process:
+        lines_until(process, "stuck")
+        process.send_signal(first)
+        time.sleep(0.3)
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=5)
+        assert (process.returncode, errors) == (-signal.SIGTERM, "")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("uses_dds", [True, False])
+def test_one_signal_ends_a_waiting_program_at_once_and_cleans_up(number: signal.Signals, uses_dds: bool) -> None:
+    text = f"""
+async def main():
+    context = {"Context()" if uses_dds else "Context(transport=MemoryTransport())"}
+    async with context, Node("n", context=context):
+        print("up", flush=True)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            await asyncio.sleep(0.01)
+            print("cleaned up", flush=True)
+print(run(main))
+"""
+    with program(text) as process:
+        lines_until(process, "up")
+        process.send_signal(number)
+        start = time.monotonic()
+        assert process.communicate(timeout=5) == ("cleaned up\nNone\n", "")
+        assert process.returncode == 0
+        assert time.monotonic() - start < 2
+
+
+def test_ctrl_c_during_work_of_a_thread_waits_for_it() -> None:
+    text = """
+def work():
+    print("working", flush=True)
+    time.sleep(2)
+    print("worked", flush=True)
+async def main():
+    async with Node("n"):
+        await asyncio.to_thread(work)
+run(main)
+"""
+    with program(text) as process:
+        lines_until(process, "working")
+        process.send_signal(signal.SIGINT)
+        output, errors = process.communicate(timeout=10)
+        assert (output, process.returncode) == ("worked\n", 0)
+        assert "waiting for a function that asyncio.to_thread" in errors and "Traceback" not in errors
+
+
+def test_a_second_ctrl_c_during_work_of_a_thread_ends_without_traceback() -> None:
+    text = """
+def work():
+    print("working", flush=True)
+    time.sleep(60)
+async def main():
+    async with Node("n"):
+        await asyncio.to_thread(work)
+run(main)
+"""
+    with program(text) as process:
+        lines_until(process, "working")
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=5)
+        assert (process.returncode, errors) == (-signal.SIGINT, "")
+
+
+def test_handlers_of_the_program_come_back() -> None:
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    seen = []
+
+    async def main() -> None:
+        seen.append((signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)))
+
+    run(main)
+    assert seen and seen[0] != before
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+
+
+def test_tasks_that_fail_while_the_program_ends_are_told_and_do_not_hide_the_result(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    async def fails() -> None:
+        try:
+            await asyncio.sleep(60)
+        finally:
+            raise ValueError("while ending")
+
+    async def main() -> int:
+        task = asyncio.create_task(fails())
+        await asyncio.sleep(0)
+        return 1 if not task.done() else 0
+
+    assert run(main) == 1
+    assert "a task failed while the program ended" in caplog.text and "while ending" in caplog.text
+
+
+# -------------------------------------------------------------------------------------------- loops that run already
+
+
+async def test_run_and_spin_in_a_running_loop_say_what_to_write_and_close_nothing(memory: World) -> None:
+    with Node("shared") as shared:
+        node = memory.node("n")
+
+        async def main() -> None:
+            raise AssertionError("not to be run")
+
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            for what in (main, main()):
+                with pytest.raises(LoopMismatchError, match=r"`await main\(\)`"):
+                    run(what)
+            with pytest.raises(LoopMismatchError, match=r"`async with node: await asyncio\.Event\(\)\.wait\(\)`"):
+                spin(node)
+        assert not node.is_closed and not shared.is_closed and not shared.context.is_closed
+    assert issubclass(LoopMismatchError, RosidlError)
+
+
+@pytest.mark.parametrize("bad", [5, None, "main", lambda: 5])
+def test_run_takes_an_async_function_or_a_coroutine(bad: Any) -> None:
+    with pytest.raises(TypeError, match="run takes an async function without arguments, or a coroutine, got"):
+        run(bad)
+
+
+@pytest.mark.parametrize("bad", [5, None, "n", Node])
+def test_spin_takes_nodes(bad: Any) -> None:
+    with pytest.raises(TypeError, match="spin takes nodes, got"):
+        spin(bad)
+    with pytest.raises(TypeError, match="at least one node"):
+        spin()
+
+
+# --------------------------------------------------------------------------------------- nodes made before their loop
+
+
+def test_nodes_made_before_their_loop_are_served_by_run_and_by_spin(world: World) -> None:
+    alice, bob = world.pair()
+    seen: list[int] = []
+    ticks = 0
+
+    def tick() -> None:
+        nonlocal ticks
+        ticks += 1
+        publisher.publish(Int32(data=ticks))
+
+    bob.create_subscription(Int32, "n", lambda message: seen.append(message.data))
+    publisher = alice.create_publisher(Int32, "n")
+    alice.create_timer(0.02, tick)
+
+    async def main() -> None:
+        while len(seen) < 3:
+            await asyncio.sleep(0.01)
+
+    run(lambda: asyncio.wait_for(main(), 5))
+    assert ticks >= 3
+    assert not alice.is_closed and not bob.is_closed
+    seen.clear()
+
+    def enough() -> None:
+        if len(seen) >= 3:
+            alice.close()
+            bob.close()
+
+    bob.create_timer(0.02, enough)
+    spin(alice, bob)
+    assert len(seen) >= 3
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda node: node.create_publisher(Int32, "other"),
+        lambda node: node.get_node_names(),
+        lambda node: node.count_publishers("t"),
+    ],
+    ids=["create", "graph", "count"],
+)
+def test_any_use_inside_a_running_loop_attaches_it(memory: World, use: Callable[[Node], object]) -> None:
+    node = memory.node("n")
+    ticked = []
+    node.create_timer(0.01, lambda: ticked.append(1))
+
+    async def main() -> None:
+        use(node)
+        await asyncio.sleep(0.1)
+
+    asyncio.run(main())
+    assert ticked
+
+
+def test_a_program_that_only_publishes_and_sleeps_gets_its_callbacks(world: World) -> None:
+    node = world.node("n")
+    seen: list[int] = []
+    ticked: list[int] = []
+    node.create_subscription(Int32, "t", lambda message: seen.append(message.data))
+    node.create_timer(0.01, lambda: ticked.append(1))
+    publisher = node.create_publisher(Int32, "t")
+
+    async def main() -> None:
+        publisher.publish(Int32(data=4))
+        await asyncio.sleep(0.2)
+
+    asyncio.run(main())
+    assert seen == [4] and ticked
+
+
+def test_callbacks_that_never_ran_are_warned_about_once(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+    node, quiet = memory.node("n"), memory.node("quiet")
+    node.create_subscription(Int32, "t", print)
+    node.create_timer(0.01, print)
+    quiet.create_publisher(Int32, "t")
+
+    async def main() -> None:
+        await asyncio.sleep(0.05)
+
+    with caplog.at_level(logging.WARNING):
+        asyncio.run(main())
+        for _ in range(2):
+            node.close()
+            quiet.close()
+    (line,) = (record.getMessage() for record in caplog.records)
+    assert line.startswith("the callbacks of /n never ran, because no event loop was running")
+    assert "spin(node)" in line and "run(main)" in line and "async with" in line
+
+
+async def test_callbacks_that_could_run_are_not_warned_about(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        node = memory.node("n")
+        node.create_subscription(Int32, "t", print)
+        node.close()
+    assert caplog.text == ""
+
+
+def test_forgotten_callbacks_are_warned_about_at_exit() -> None:
+    with program('node = Node("n")\nnode.create_timer(0.1, print)\nasyncio.run(asyncio.sleep(0.01))\n') as process:
+        output, errors = process.communicate(timeout=10)
+        assert (output, process.returncode) == ("", 0)
+        assert errors.count("the callbacks of /n never ran") == 1
+
+
+def test_nodes_of_the_fixture_are_served_when_one_of_them_is_used(ros_node: Callable[..., Node]) -> None:
+    silent, awaited = ros_node("silent"), ros_node("awaited")
+    ticked = []
+    silent.create_timer(0.01, lambda: ticked.append(1))
+    later: list[Node] = []
+
+    async def main() -> None:
+        assert await awaited.wait_for_node("silent", timeout_s=1)
+        await asyncio.sleep(0.05)
+        later.append(ros_node("later"))
+
+    asyncio.run(main())
+    assert ticked
+    assert later[0].context.had_loop

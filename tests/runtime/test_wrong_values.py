@@ -1,0 +1,85 @@
+"""Arguments that are not what is asked for: the error says what was found and what was expected."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import pkgutil
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from std_msgs.msg import Int32
+
+from rosidl_py_gen import runtime
+from rosidl_py_gen.errors import InvalidNameError, RosidlError
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.runtime.qos import DEFAULT, InvalidQoSError, QoSProfile, Reliability
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from .conftest import World
+
+
+@pytest.mark.parametrize("bad", [MemoryTransport, 5, "memory"])
+def test_a_transport_is_an_object(bad: Any) -> None:
+    with pytest.raises(TypeError, match=r"transport must be a transport object such as MemoryTransport\(\), got"):
+        Context(transport=bad)
+
+
+def test_a_transport_is_no_context(memory: World) -> None:
+    for bad in (MemoryTransport(), 0, Context):
+        with pytest.raises(TypeError, match=r"context must be a Context, such as Context\(transport=\.\.\.\), got"):
+            Node("n", context=bad)  # type: ignore[arg-type]
+    assert Context._default is None or Context._default.is_closed
+
+
+@pytest.mark.parametrize("bad", [None, 5, "", "bad name", "/a//b/n", "/ns/"])
+async def test_what_is_waited_for_is_a_node_name(memory: World, bad: Any) -> None:
+    with pytest.raises(InvalidNameError):
+        await memory.node("n").wait_for_node(bad, timeout_s=0.01)
+
+
+@pytest.mark.parametrize(
+    "create",
+    [
+        lambda node, qos: node.create_publisher(Int32, "t", qos),
+        lambda node, qos: node.create_subscription(Int32, "t", qos=qos),
+        lambda node, qos: node.create_service("std_srvs/srv/Trigger", "s", qos=qos),
+        lambda node, qos: node.create_client("std_srvs/srv/Trigger", "s", qos=qos),
+    ],
+    ids=["publisher", "subscription", "service", "client"],
+)
+def test_endpoints_refuse_unknown_policies(memory: World, create: Callable[[Node, Any], object]) -> None:
+    node = memory.node("n")
+    for bad in (QoSProfile(reliability=Reliability.UNKNOWN), "best_effort", 1.5):
+        with pytest.raises(InvalidQoSError):
+            create(node, bad)
+    create(node, DEFAULT)
+
+
+@pytest.mark.parametrize("bad", ["x", None, -1, float("nan")])
+def test_a_period_is_a_number_of_seconds(memory: World, bad: Any) -> None:
+    with pytest.raises((TypeError, RosidlError), match="period_s must be"):
+        memory.node("n").create_timer(bad)
+
+
+def modules() -> Iterator[Any]:
+    """Every module of the runtime that is no pytest plugin."""
+    for found in pkgutil.iter_modules(runtime.__path__):
+        if found.name != "pytest_plugin":
+            yield importlib.import_module(f"{runtime.__name__}.{found.name}")
+
+
+def test_every_error_of_the_runtime_can_be_imported_from_it() -> None:
+    errors = {
+        value
+        for module in modules()
+        for name, value in vars(module).items()
+        if inspect.isclass(value) and issubclass(value, RosidlError) and not name.startswith("_")
+    }
+    missing = sorted(error.__name__ for error in errors if getattr(runtime, error.__name__, None) is not error)
+    assert missing == []
+    for name in ("FloatRange", "IntRange", "Parameter", "GoalRequest", "CancelRequest", "Finished", "ClosedError"):
+        assert name in runtime.__all__
+    assert {error.__name__ for error in errors} <= set(runtime.__all__)
