@@ -23,10 +23,6 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     GetParameterTypes_Request,
     ListParameters,
     ListParameters_Request,
-    SetParameters,
-    SetParameters_Request,
-    SetParametersAtomically,
-    SetParametersAtomically_Request,
 )
 from rosidl_py_gen.runtime.client import Client
 from rosidl_py_gen.runtime.message_types import message_type, service_type
@@ -34,8 +30,6 @@ from rosidl_py_gen.runtime.parameter_messages import (
     descriptor_from_message,
     event_from_message,
     parameter_type,
-    result_from_message,
-    to_message,
     value_from_message,
 )
 from rosidl_py_gen.runtime.parameter_overrides import ParameterFileError, overrides_for
@@ -51,6 +45,7 @@ from rosidl_py_gen.runtime.parameter_values import (
     parameter_value,
     require_names,
 )
+from rosidl_py_gen.runtime.parameter_wire import set_service_type
 from rosidl_py_gen.runtime.parameter_yaml import dump_parameters, parse_parameter_file
 from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
 from rosidl_py_gen.runtime.stream import Stream
@@ -61,6 +56,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Coroutine, Sequence
 
+    from rosidl_py_gen.runtime.message_types import ServiceType
     from rosidl_py_gen.runtime.parameter_values import ParametersToSet
     from rosidl_py_gen.runtime.parameters import ParameterEvent, SetResult
     from rosidl_py_gen.runtime.remap_rules import NodeNames
@@ -143,17 +139,16 @@ class ParameterClient:
         self._closed = False
         self._streams: list[ParameterEvents] = []
 
-        def client(cls: Any, name: str) -> Client[Any, Any]:
-            service = names.resolve_service(f"{self.node}/{name}")
-            made: Client[Any, Any] = Client(scope, service_type(cls), service, PARAMETERS, run)
+        def client(known: ServiceType[Any, Any], name: str) -> Client[Any, Any]:
+            made: Client[Any, Any] = Client(scope, known, names.resolve_service(f"{self.node}/{name}"), PARAMETERS, run)
             return made
 
-        self._get = client(GetParameters, "get_parameters")
-        self._types = client(GetParameterTypes, "get_parameter_types")
-        self._set = client(SetParameters, "set_parameters")
-        self._set_atomically = client(SetParametersAtomically, "set_parameters_atomically")
-        self._describe = client(DescribeParameters, "describe_parameters")
-        self._list = client(ListParameters, "list_parameters")
+        self._get = client(service_type(GetParameters), "get_parameters")
+        self._types = client(service_type(GetParameterTypes), "get_parameter_types")
+        self._set = client(set_service_type("SetParameters"), "set_parameters")
+        self._set_atomically = client(set_service_type("SetParametersAtomically"), "set_parameters_atomically")
+        self._describe = client(service_type(DescribeParameters), "describe_parameters")
+        self._list = client(service_type(ListParameters), "list_parameters")
 
     def _clients(self) -> tuple[Client[Any, Any], ...]:
         return (self._get, self._types, self._set, self._set_atomically, self._describe, self._list)
@@ -228,27 +223,32 @@ class ParameterClient:
         Raises:
             InvalidParameterValue: one is no parameter value. TypeError: a name is no text.
         """
-        deadline = _Deadline(timeout_s)
-        wanted = await self._fitted(as_parameters(values), deadline)
-        request = SetParameters_Request(parameters=[to_message(item) for item in wanted])
-        response = await self._set.call(request, deadline.left_s())
-        return [result_from_message(item) for item in response.results]
+        wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
+        return [*await self._set.call(wanted, left_s)]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
         """Set all or nothing; otherwise as `set`."""
-        deadline = _Deadline(timeout_s)
-        wanted = await self._fitted(as_parameters(values), deadline)
-        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in wanted])
-        return result_from_message((await self._set_atomically.call(request, deadline.left_s())).result)
+        wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
+        results: Sequence[SetResult] = await self._set_atomically.call(wanted, left_s)
+        return results[0]
 
-    async def _fitted(self, parameters: list[Parameter], deadline: _Deadline) -> list[Parameter]:
-        """Empty lists, which came here as empty byte arrays, get the array type of the remote parameter."""
+    async def _fitted(
+        self, parameters: list[Parameter], timeout_s: float | None
+    ) -> tuple[list[Parameter], float | None]:
+        """Empty lists, which came here as empty byte arrays, get the array type of the remote parameter.
+
+        Returns:
+            The parameters, and what is left of the time.
+        """
+        if all(parameter.value.value != b"" for parameter in parameters):
+            return parameters, timeout_s
+        deadline = _Deadline(timeout_s)
         for index, parameter in enumerate(parameters):
             if parameter.value.value == b"":
                 kind = await self._declared_type(parameter.name, deadline)
                 if kind.is_array:
                     parameters[index] = Parameter(parameter.name, parameter_value((), kind))
-        return parameters
+        return parameters, deadline.left_s()
 
     async def _declared_type(self, name: str, deadline: _Deadline) -> ParameterType:
         """NOT_SET when the parameter is not declared."""

@@ -15,10 +15,9 @@ from rosidl_py_gen.runtime.late_types import late_message_type, late_service_typ
 from rosidl_py_gen.runtime.parameter_messages import (
     descriptor_to_message,
     event_to_message,
-    from_message,
-    result_to_message,
     value_to_message,
 )
+from rosidl_py_gen.runtime.parameter_wire import SETTING, set_service_type
 from rosidl_py_gen.runtime.parameters import CallbackAnswerError, SetResult
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from rosidl_py_gen.runtime.clock import Clock
+    from rosidl_py_gen.runtime.parameter_values import Parameter
     from rosidl_py_gen.runtime.parameters import ParameterEvent, ParameterStore
     from rosidl_py_gen.runtime.remap_rules import NodeNames
     from rosidl_py_gen.runtime.scope import Scope
@@ -115,7 +115,7 @@ class ParameterServices:
         self._services: list[ServiceServer[Any, Any]] = [
             ServiceServer(
                 scope,
-                late_service_type(f"rcl_interfaces/srv/{title}"),
+                set_service_type(title) if title in SETTING else late_service_type(f"rcl_interfaces/srv/{title}"),
                 names.resolve_service(f"~/{name}"),
                 handler,
                 PARAMETERS,
@@ -140,23 +140,22 @@ class ParameterServices:
         result = msg.ListParametersResult(names=list(found.names), prefixes=list(found.prefixes))
         return srv.ListParameters_Response(result=result)
 
-    def _set(self, request: srv.SetParameters_Request) -> srv.SetParameters_Response:
+    def _set(self, parameters: Sequence[Parameter]) -> list[SetResult]:
         with self._events.after_the_answer():
-            return srv.SetParameters_Response(results=[self._answer((item,)) for item in request.parameters])
+            return [self._answer((item,)) for item in parameters]
 
-    def _set_atomically(self, request: srv.SetParametersAtomically_Request) -> srv.SetParametersAtomically_Response:
+    def _set_atomically(self, parameters: Sequence[Parameter]) -> list[SetResult]:
         with self._events.after_the_answer():
-            return srv.SetParametersAtomically_Response(result=self._answer(request.parameters))
+            return [self._answer(parameters)]
 
-    def _answer(self, parameters: Sequence[msg.Parameter]) -> msg.SetParametersResult:
+    def _answer(self, parameters: Sequence[Parameter]) -> SetResult:
         """Always an answer: whoever asks must not wait for a callback's mistake."""
         try:
-            result = self._store.set_atomically([from_message(item) for item in parameters])
+            return self._store.set_atomically(parameters)
         except Exception as error:
             self._scope.report_failure("setting a parameter for another node")
             text = str(error) if isinstance(error, CallbackAnswerError) else f"{type(error).__name__}: {error}"
-            result = SetResult(False, text)
-        return result_to_message(result)
+            return SetResult(False, text)
 
     @property
     def endpoints(self) -> list[ServiceServer[Any, Any]]:

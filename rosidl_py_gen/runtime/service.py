@@ -101,6 +101,9 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         self._async_handler = handler is not None and is_async(handler)
         self._requests: deque[ServiceRequest[RequestT, ResponseT]] = deque()
         self._waiters: list[asyncio.Future[None]] = []
+        self._connected: set[bytes] = set()
+        """Clients whose reply readers are connected, as of that version of the graph."""
+        self._connected_at = -1
         service_id = scope.new_entity_id()
         prefix = not qos.avoid_ros_namespace_conventions
         self._request_topic, self._reply_topic = request_name(name, prefix=prefix), reply_name(name, prefix=prefix)
@@ -217,13 +220,19 @@ class ServiceServer(Generic[RequestT, ResponseT]):
 
     def _reply_reader_is_missing(self, writer_guid: bytes | None) -> bool:
         """Whether the client announced an id, and no connected reply reader carries it yet."""
-        endpoints = self._scope.graph.endpoints
-        client = endpoints.get(writer_guid) if writer_guid is not None else None
-        client_id = client.user_data.get("clientid") if client is not None else None
-        if client_id is None:
+        graph = self._scope.graph
+        if writer_guid is None or (writer_guid in self._connected and graph.version == self._connected_at):
             return False
-        matched = (endpoints.get(guid) for guid in self._writer.matched_readers())
-        return not any(reader is not None and reader.user_data.get("clientid") == client_id for reader in matched)
+        client = graph.endpoints.get(writer_guid)
+        client_id = client.user_data.get("clientid") if client is not None else None
+        if client_id is not None:
+            matched = (graph.endpoints.get(guid) for guid in self._writer.matched_readers())
+            if not any(reader is not None and reader.user_data.get("clientid") == client_id for reader in matched):
+                return True
+        if graph.version != self._connected_at:
+            self._connected, self._connected_at = set(), graph.version
+        self._connected.add(writer_guid)
+        return False
 
     async def _send_later(self, writer_guid: bytes | None, data: bytes) -> None:
         for _ in range(_MATCH_TRIES):
