@@ -190,11 +190,18 @@ class GoalAlreadyAnsweredError(RosidlError, RuntimeError):
 
 
 class GoalRequest(Generic[ActionT_co]):
-    """A goal that waits for `accept` or `reject`, from iterating over an action server."""
+    """A goal that waits for `accept` or `reject`, from iterating over an action server.
 
-    def __init__(self, server: GoalServer, goal: ServerGoal[ActionT_co]) -> None:
+    One that the program drops without an answer is rejected with a warning.
+    """
+
+    def __init__(self, server: GoalServer, goal: ServerGoal[ActionT_co], let_go: Callable[[bytes], None]) -> None:
         self._server = server
         self._goal = goal
+        self._let_go = let_go
+
+    def __del__(self) -> None:
+        self._let_go(self._goal.goal_id)
 
     @property
     def goal_id(self) -> bytes:
@@ -211,6 +218,9 @@ class GoalRequest(Generic[ActionT_co]):
 
         With the policies ``"queue"`` and ``"preempt"`` it may have to stand in line, and is ACCEPTED until
         ``await goal.started()`` returns.
+
+        Raises:
+            GoalAlreadyAnsweredError: also when the policy is ``"reject"`` and another goal was accepted meanwhile.
         """
         self._server.on_loop(lambda: self._server.admit(self._goal, start=True))
         return self._goal

@@ -28,6 +28,7 @@ from rosidl_py_gen.runtime.action_goal import (
     decision_of,
 )
 from rosidl_py_gen.runtime.action_hearing import Hearing
+from rosidl_py_gen.runtime.action_requests import GoalRequests
 from rosidl_py_gen.runtime.action_run import HandlerRunner
 from rosidl_py_gen.runtime.action_types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
 from rosidl_py_gen.runtime.callbacks import is_own_cancel, on_loop, require_callable, result_of
@@ -106,8 +107,7 @@ class ActionServer(Generic[ActionT_co]):
         self._running: set[bytes] = set()
         self._line: deque[bytes] = deque()
         self._undecided: set[bytes] = set()
-        self._answers: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
-        self._requests: Stream[GoalRequest[ActionT_co]] = Stream()
+        self._requests = GoalRequests(scope, names.action)
         self._expiry: asyncio.TimerHandle | None = None
         self._jumps = (
             clock.create_jump_callback(
@@ -132,7 +132,7 @@ class ActionServer(Generic[ActionT_co]):
     def __aiter__(self) -> Stream[GoalRequest[ActionT_co]]:
         if self._runner is not None:
             raise TypeError(f"action {self.name} has callbacks; its goals cannot be iterated over too")
-        return self._requests
+        return self._requests.stream
 
     def cancel_requests(self) -> Stream[CancelRequest[ActionT_co]]:
         """Decide about cancels yourself: from now on each one waits until it is accepted or rejected."""
@@ -156,28 +156,19 @@ class ActionServer(Generic[ActionT_co]):
         self._expire()
         if goal_id in self._book or goal_id in self._undecided:
             return response
-        if self._policy == "reject" and (self._goals or self._undecided):
+        # Requests that a program iterates over may stay undecided for ever; those do not stand in the way.
+        if self._policy == "reject" and (self._goals or (self._undecided and self._runner is not None)):
             return response
         goal: ServerGoal[ActionT_co] = ServerGoal(self, goal_id, self._type.goal.to_value(request.goal))
         self._undecided.add(goal_id)
         try:
-            info = await (self._ask_reader(goal) if self._runner is None else self._ask_callback(goal))
+            info = await (self._requests.ask(self, goal) if self._runner is None else self._ask_callback(goal))
         finally:
             self._undecided.discard(goal_id)
         if info is not None:
             response.accepted = True
             set_stamp(response, info.stamp_ns)
         return response
-
-    async def _ask_reader(self, goal: ServerGoal[ActionT_co]) -> GoalInfo | None:
-        """Whoever iterates over the server decides, by `admit` or `refuse`."""
-        answer: asyncio.Future[GoalInfo | None] = asyncio.get_running_loop().create_future()
-        self._answers[goal.goal_id] = answer
-        try:
-            self._requests.push(GoalRequest(self, goal))
-            return await answer
-        finally:
-            del self._answers[goal.goal_id]
 
     async def _ask_callback(self, goal: ServerGoal[ActionT_co]) -> GoalInfo | None:
         decision = GoalDecision.ACCEPT
@@ -195,18 +186,17 @@ class ActionServer(Generic[ActionT_co]):
 
     def admit(self, goal: ServerGoal[Any], *, start: bool) -> None:
         """See `GoalServer`."""
-        answer = self._open_answer(goal)
+        answer = self._requests.answer_to(goal)
+        if self._policy == "reject" and self._goals:
+            answer.set_result(None)
+            raise GoalAlreadyAnsweredError(
+                f"goal {goal.goal_id.hex()} is rejected: another one was accepted meanwhile, and the policy is 'reject'"
+            )
         answer.set_result(self._enter(goal, start=start))
 
     def refuse(self, goal: ServerGoal[Any]) -> None:
         """See `GoalServer`."""
-        self._open_answer(goal).set_result(None)
-
-    def _open_answer(self, goal: ServerGoal[Any]) -> asyncio.Future[GoalInfo | None]:
-        answer = self._answers.get(goal.goal_id)
-        if answer is None or answer.done():
-            raise GoalAlreadyAnsweredError(f"goal {goal.goal_id.hex()} was answered already, or its server is closed")
-        return answer
+        self._requests.answer_to(goal).set_result(None)
 
     def _enter(self, goal: ServerGoal[Any], *, start: bool) -> GoalInfo:
         info = self._book.accept(goal.goal_id, self._clock.now_ns())
@@ -384,8 +374,7 @@ class ActionServer(Generic[ActionT_co]):
             goal.settle_start(started=False)
         if self._runner is not None:
             self._runner.close()
-        unanswered: list[asyncio.Future[Any]] = [*self._book.waiting(), *self._answers.values()]
-        for pending in unanswered:
+        for pending in self._book.waiting():
             if not pending.get_loop().is_closed():
                 pending.cancel()
         self._requests.close()

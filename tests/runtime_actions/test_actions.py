@@ -490,6 +490,53 @@ def test_stream_style(world: World) -> None:
     run(main)
 
 
+def test_a_request_the_program_drops_is_rejected_with_a_warning(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    """In r2r nothing is sent, and its client waits for ever."""
+
+    async def main() -> None:
+        server, client = await pair(world, None, policy="reject")
+
+        held: list[Any] = []
+
+        async def serve() -> None:
+            async for request in server:
+                if request.goal.order == 1:
+                    continue  # neither accepted nor rejected; forgotten when the next one comes
+                if request.goal.order == 3:
+                    held.append(request)
+                    continue
+                held.append(request.accept())
+
+        task = asyncio.ensure_future(serve())
+        forgotten = asyncio.ensure_future(client.send_goal(goal(1), timeout_s=5))
+        late = asyncio.ensure_future(client.send_goal(goal(3), timeout_s=5))
+        with pytest.raises(GoalRejected):
+            await forgotten
+        accepted = await client.send_goal(goal(2), timeout_s=5)
+        with pytest.raises(GoalAlreadyAnsweredError, match="another one was accepted meanwhile"):
+            held[0].accept()
+        with pytest.raises(GoalRejected):
+            await late
+        with pytest.raises(GoalRejected):
+            await client.send_goal(goal(2), timeout_s=5)
+        held[1].succeed(result(8))
+        assert list((await accepted.result(timeout_s=5))[1].sequence) == [8]
+        assert not server._undecided
+        server.close()
+        await asyncio.wait_for(task, 5)
+
+    run(main)
+    assert "neither accepted nor rejected; it is rejected" in caplog.text
+
+
+def test_results_are_kept_for_fifteen_minutes_unless_said_otherwise(world: World) -> None:
+    async def main() -> None:
+        server, _ = await pair(world, None)
+        assert server._book.result_timeout_ns == 900 * 10**9
+
+    run(main)
+
+
 def test_cancel_requests_as_a_stream(world: World) -> None:
     """In r2r `is_cancelling` and `succeed` fail after an accepted cancel (r2r.md A7)."""
 
