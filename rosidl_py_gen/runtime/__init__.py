@@ -87,6 +87,7 @@ if TYPE_CHECKING:
         ParameterValue,
         SetResult,
         WrongParameterType,
+        parameter_value,
     )
     from rosidl_py_gen.runtime.publisher import Publisher
     from rosidl_py_gen.runtime.qos import (
@@ -184,6 +185,7 @@ _HOMES = {
         "ParameterValue",
         "SetResult",
         "WrongParameterType",
+        "parameter_value",
     ),
     "publisher": ("Publisher",),
     "qos": (
@@ -320,6 +322,7 @@ __all__ = [
     "WouldDeadlockError",
     "WrongParameterType",
     "check_compatible",
+    "parameter_value",
     "run",
     "snapshot",
     "spin",

@@ -7,6 +7,7 @@ override earlier ones. Parameter files are read through the `read_text` function
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -156,10 +157,12 @@ def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = 
         RosArgumentError: shows the argument: unknown flag, missing or malformed value, unreadable file.
         TypeError: not a list of texts; one text is not split, because only a shell knows how.
     """
-    if isinstance(arguments, (str, bytes)):
+    if isinstance(arguments, (str, bytes)) or not isinstance(arguments, Iterable):
+        found = "the text " if isinstance(arguments, (str, bytes)) else ""
         raise TypeError(
-            f"args must be a list of arguments such as ['program', '--ros-args'], got the text {arguments!r}"
+            f"args must be a list of arguments such as ['program', '--ros-args'], got {found}{arguments!r:.200}"
         )
+    arguments = list(arguments)  # it may be an iterator
     wrong = [argument for argument in arguments if not isinstance(argument, str)]
     if wrong:
         raise TypeError(f"args must be texts, got {wrong[0]!r}")

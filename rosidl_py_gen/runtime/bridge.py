@@ -22,7 +22,7 @@ import contextlib
 import itertools
 import logging
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.waiting import DirectSelector, WaitingThread
@@ -35,10 +35,28 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 _numbers = itertools.count()
+_MISMATCH = (
+    "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
+    "Node(..., context=Context())"
+)
 
 
 class LoopMismatchError(RosidlError, RuntimeError):
     """The caller used one context from two running event loops."""
+
+
+class PoliteLoop(Protocol):
+    """A loop that ends for others; see `sync_calls.py`."""
+
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop | None:
+        """None before it is needed."""
+
+    def give_way(self) -> bool:
+        """Begin nothing new until `go_on`, and return when what is under way has ended; False when it does not."""
+
+    def go_on(self) -> None:
+        """The other loop is attached, or was not."""
 
 
 class Bridge:
@@ -49,9 +67,10 @@ class Bridge:
         self.attached: asyncio.AbstractEventLoop | None = None
         """The newest loop, closed or not; a plain attribute, because every publish looks at it."""
         self._pump: DirectSelector | WaitingThread | None = None
-        self._loop_thread = 0
         self._scheduled = False
         self._closed = False
+        self.polite: PoliteLoop | None = None
+        """The loop of plain code, which gives way to every other one."""
         self._lock = threading.RLock()
         self._starts: dict[int, Callable[[], None]] = {}
         participant.set_notify(self._notified)
@@ -77,7 +96,9 @@ class Bridge:
     def adopt_running_loop(self) -> None:
         """Attach the loop this thread runs, if it runs one and no other one is in charge."""
         loop = asyncio._get_running_loop()
-        if loop is not None and not self._closed and (self.loop is None or not self.loop.is_running()):
+        if loop is None or self._closed or loop is self.attached:
+            return
+        if not self.is_running or (self.polite is not None and self.attached is self.polite.loop):
             self.attach(loop)
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -91,13 +112,20 @@ class Bridge:
             return
         if self._closed:
             raise ClosedError("this context is closed")
-        if self.loop is not None and self.attached is not None and self.attached.is_running():
-            raise LoopMismatchError(
-                "this context already belongs to another running event loop; give the nodes of each loop a Context "
-                "of their own: Node(..., context=Context())"
-            )
+        polite = self.polite if self.polite is not None and loop is not self.polite.loop else None
+        if polite is not None and not polite.give_way():
+            raise LoopMismatchError(_MISMATCH)
+        try:
+            if self.is_running:
+                raise LoopMismatchError(_MISMATCH)
+            self._change_to(loop)
+        finally:
+            if polite is not None:
+                polite.go_on()
+
+    def _change_to(self, loop: asyncio.AbstractEventLoop) -> None:
         self.detach()
-        self.attached, self._loop_thread = loop, threading.get_ident()
+        self.attached = loop
         if self._participant.must_wait:
             wrapped = DirectSelector.wrap(loop, self._participant, self.dispatch)
             self._pump = wrapped or WaitingThread(self._participant, self._notified)
@@ -132,7 +160,7 @@ class Bridge:
         loop = self.loop
         if loop is not None:
             with contextlib.suppress(RuntimeError):  # closed in the meantime
-                if threading.get_ident() == self._loop_thread:
+                if asyncio._get_running_loop() is loop:
                     loop.call_soon(function)
                 else:
                     loop.call_soon_threadsafe(function)
@@ -145,15 +173,17 @@ class Bridge:
 
     def in_loop_thread(self) -> bool:
         """Whether the caller runs on the attached loop's thread, while that loop runs."""
-        loop = self.loop
-        return loop is not None and loop.is_running() and threading.get_ident() == self._loop_thread
+        # Not a matter of thread numbers: a loop may be run by one thread after the other.
+        loop = self.attached
+        return loop is not None and asyncio._get_running_loop() is loop
 
     def _notified(self) -> None:
         """Something is ready to be collected; called from any thread."""
         loop = self.attached
         if loop is None or loop.is_closed():
             return
-        if threading.get_ident() != self._loop_thread and isinstance(self._pump, DirectSelector):
+        here = asyncio._get_running_loop() is loop
+        if not here and isinstance(self._pump, DirectSelector):
             self._participant.wake()  # every wait is followed by a dispatch
             return
         with self._lock:
@@ -161,7 +191,7 @@ class Bridge:
                 return
             self._scheduled = True
         try:
-            if threading.get_ident() == self._loop_thread:
+            if here:
                 loop.call_soon(self._run_scheduled)
             else:
                 loop.call_soon_threadsafe(self._run_scheduled)

@@ -38,6 +38,12 @@ def require_callable(callback: object, what: str, hint: str = "") -> None:
         raise TypeError(f"{what} must be a function, got {callback!r:.100}{hint}")
 
 
+def settle(future: asyncio.Future[T], result: T) -> None:
+    """Let whoever waits go on, on the future's loop; nothing happens when nobody can any more."""
+    if not future.done() and not future.get_loop().is_closed():
+        future.set_result(result)
+
+
 def is_own_cancel() -> bool:
     """Whether the CancelledError at hand is meant for the current task, and not the outcome of something awaited.
 

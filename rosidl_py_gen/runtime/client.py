@@ -7,6 +7,7 @@ and that a pending call never outlives its caller: timeout, cancellation and `cl
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
@@ -21,7 +22,6 @@ from rosidl_py_gen.runtime.request import (
     is_foreign,
     split_header,
 )
-from rosidl_py_gen.runtime.request_line import RequestLine
 from rosidl_py_gen.runtime.scope import Throttle, request_numbers, require_timeout
 
 if TYPE_CHECKING:
@@ -65,7 +65,6 @@ class Client(Generic[RequestT, ResponseT]):
         self._pending: dict[int, asyncio.Future[ResponseT]] = {}
         self._checked_version = -1
         self._burst = 0
-        self._line = RequestLine()
         self._throttle = Throttle()
         self._available = False
         client_id = scope.new_entity_id()
@@ -84,6 +83,7 @@ class Client(Generic[RequestT, ResponseT]):
             carrier,
             endpoint_user_data(service_type.request.type_hash, client_id=client_id),
         )
+        self._line = scope.discovery.request_line(self._request_topic)
         scope.add(self._reader.guid, self._writer.guid)
         self._reader.set_sink(self._on_replies)
 
@@ -161,13 +161,13 @@ class Client(Generic[RequestT, ResponseT]):
         sequence = next(request_numbers)
         future: asyncio.Future[ResponseT] = loop.create_future()
         self._pending[sequence] = future
-        timer = None
+        timer, in_burst = None, False
         if timeout_s is not None:
             left = max(0.0, started + timeout_s - loop.time())
             timer = loop.call_later(left, self._expire, sequence, timeout_s)
         try:
             if self._burst:
-                await self._line.take_turn(future, self._burst, alone=len(self._pending) == 1)
+                in_burst = await self._line.take_turn(future, self._burst)
             data = add_header(encoded, self._writer.handle, sequence)
             while not future.done() and not self._writer.write(data):
                 await asyncio.sleep(0.001)  # the server is far behind; calls wait their turn
@@ -176,6 +176,8 @@ class Client(Generic[RequestT, ResponseT]):
             self._pending.pop(sequence, None)
             if timer is not None:
                 timer.cancel()
+            if in_burst:
+                self._line.over()
 
     def call_sync(self, request: RequestT, timeout_s: float | None = None) -> ResponseT:
         """`call` for plain code: from a script without event loop, or from another thread than the loop's.
@@ -223,6 +225,8 @@ class Client(Generic[RequestT, ResponseT]):
                 future.set_result(self._type.response.decode(message))
             except DecodeError as err:
                 future.set_exception(err)
+            except RuntimeError:
+                continue  # the loop it was awaited on is closed
 
     # ------------------------------------------------------------------------------------------------------- state
 
@@ -250,8 +254,9 @@ class Client(Generic[RequestT, ResponseT]):
         self._closed = True
         self._scope.disown(self)
         for future in self._pending.values():
-            if not future.done():
-                future.set_exception(ClosedError(f"the client of {self.name} was closed during the call"))
+            with contextlib.suppress(RuntimeError):  # the loop it was awaited on is closed
+                if not future.done():
+                    future.set_exception(ClosedError(f"the client of {self.name} was closed during the call"))
         self._pending.clear()
         self._scope.remove(self._reader.guid, self._writer.guid)
         self._writer.close()

@@ -37,6 +37,18 @@ class Container(ct.Structure):
     _fields_ = (("data", ct.c_char_p), ("size", ct.c_size_t))
 
 
+class MatchedStatus(ct.Structure):
+    """dds_publication_matched_status_t."""
+
+    _fields_ = (
+        ("total", ct.c_uint32),
+        ("total_change", ct.c_int32),
+        ("current", ct.c_uint32),
+        ("current_change", ct.c_int32),
+        ("last", ct.c_uint64),
+    )
+
+
 class BuiltinParticipant(ct.Structure):
     """dds_builtintopic_participant_t."""
 
@@ -123,10 +135,11 @@ class Api:
     """The functions of `_PROTOTYPES` as attributes, without their ``dds_`` prefix."""
 
     def __init__(self, library: ct.CDLL) -> None:
-        # The three calls of every message, without argument converters, which would be half of what a call costs.
+        # The calls of every message, without argument converters, which would be half of what a call costs.
         # Nothing checks what is passed: C ints as Python ints, everything else as a ctypes object of the right type.
         self.bare_write: Callable[[int, Any], int] = library["dds_write"]
         self.bare_take: Callable[[int, Any, Any, ct.c_size_t, int], int] = library["dds_take"]
+        self.bare_matched: Callable[[int, Any], int] = library["dds_get_publication_matched_status"]
         self.bare_wait: Callable[[int, Any, ct.c_size_t, ct.c_int64], int] = library["dds_waitset_wait"]
         for name, (result, *arguments) in _PROTOTYPES.items():
             function = ct.CFUNCTYPE(result, *arguments)((name, library))

@@ -82,6 +82,11 @@ class CycloneWriter:
         """See `transport.Writer`."""
         return self._owner.discovery.matched(self._entity, is_writer=True)
 
+    def has_readers(self) -> bool:
+        """See `transport.Writer`."""
+        status = abi.MatchedStatus()
+        return self._api.bare_matched(self._entity, _by_reference(status)) == 0 and status.current > 0
+
     def all_acknowledged(self) -> bool:
         """See `transport.Writer`."""
         code = self._api.wait_for_acks(self._entity, 0)

@@ -10,10 +10,12 @@ from __future__ import annotations
 import itertools
 import logging
 import threading
+import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime import graph_message
+from rosidl_py_gen.runtime.callbacks import settle
 from rosidl_py_gen.runtime.ddsnames import (
     DISCOVERY_TOPIC,
     DISCOVERY_TYPE,
@@ -25,6 +27,7 @@ from rosidl_py_gen.runtime.graph import Graph, NodeEntities
 from rosidl_py_gen.runtime.logging import get_logger, logger_name
 from rosidl_py_gen.runtime.names_rules import fully_qualified_node_name
 from rosidl_py_gen.runtime.qos import DEFAULT, check_compatible
+from rosidl_py_gen.runtime.request_line import RequestLine
 from rosidl_py_gen.runtime.transport import Lost
 
 if TYPE_CHECKING:
@@ -58,6 +61,7 @@ class Discovery:
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
         self._warned: set[tuple[bytes, bytes]] = set()
         self._mismatches: list[tuple[Endpoint, Endpoint, str]] = []
+        self._lines: weakref.WeakValueDictionary[str, RequestLine] = weakref.WeakValueDictionary()
         user_data = endpoint_user_data(_TYPE_HASH)
         self._writer = participant.create_writer(DISCOVERY_TOPIC, DISCOVERY_TYPE, _WRITER_QOS, user_data)
         self._reader = participant.create_reader(
@@ -164,8 +168,7 @@ class Discovery:
             return
         waiting, self._waiting = self._waiting, []
         for future in waiting:
-            if not future.done():
-                future.set_result(None)
+            settle(future, None)
         if self._mismatches:
             self._warn_mismatches(final=False)
 
@@ -175,6 +178,10 @@ class Discovery:
         self._waiting = [waiting for waiting in self._waiting if not waiting.done()]
         self._waiting.append(future)
         return future
+
+    def request_line(self, request_topic: str) -> RequestLine:
+        """The one line in which the requests of all our clients of a service stand."""
+        return self._lines.setdefault(request_topic, RequestLine())
 
     # ------------------------------------------------------------------------------------------------ mismatches
 

@@ -18,9 +18,10 @@ CYCLONEDDS_URI chooses interfaces.
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, SupportsIndex
 
 from rosidl_py_gen.errors import RosidlError
 
@@ -65,7 +66,7 @@ class DomainSettings:
 
 
 def read_environment(
-    environ: Mapping[str, str], *, domain_id: int | None = None, discovery: str | None = None
+    environ: Mapping[str, str], *, domain_id: SupportsIndex | None = None, discovery: str | None = None
 ) -> DomainSettings:
     """Combine variables and arguments; an argument that is not None wins over its variables.
 
@@ -94,13 +95,17 @@ def _domain_variable(text: str) -> int:
     return _domain_id("ROS_DOMAIN_ID", _parse_unsigned(text), text)
 
 
-def _domain_id(where: str, number: int | None, found: object = None) -> int:
-    if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number <= MAX_DOMAIN_ID:
+def _domain_id(where: str, number: SupportsIndex | None, found: object = None) -> int:
+    try:  # NumPy's integers are as good as Python's
+        index = None if number is None or isinstance(number, bool) else operator.index(number)
+    except TypeError:
+        index = None
+    if index is None or not 0 <= index <= MAX_DOMAIN_ID:
         raise EnvironmentSettingError(
             f"{where} must be a whole number from 0 to {MAX_DOMAIN_ID} (higher ids need UDP ports above 65535), "
             f"got {number if found is None else found!r}"
         )
-    return number
+    return index
 
 
 def _parse_unsigned(text: str) -> int | None:
@@ -119,7 +124,7 @@ def _parse_unsigned(text: str) -> int | None:
 
 def _range_argument(discovery: str) -> DiscoveryRange:
     try:
-        return DiscoveryRange(discovery)
+        return DiscoveryRange(discovery.lower() if isinstance(discovery, str) else discovery)
     except ValueError:
         known = ", ".join(repr(item.value) for item in DiscoveryRange)
         raise EnvironmentSettingError(f"discovery must be one of {known}, got {discovery!r}") from None

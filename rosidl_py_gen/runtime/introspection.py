@@ -190,6 +190,10 @@ class _TappedWriter:
         """See `transport.Writer`."""
         return self._writer.matched_readers()
 
+    def has_readers(self) -> bool:
+        """See `transport.Writer`."""
+        return self._writer.has_readers()
+
     def all_acknowledged(self) -> bool:
         """See `transport.Writer`."""
         return self._writer.all_acknowledged()

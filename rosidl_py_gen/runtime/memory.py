@@ -260,6 +260,10 @@ class MemoryWriter(_Endpoint):
             if sample[1] >= oldest:
                 reader.receive(sample)
 
+    def has_readers(self) -> bool:
+        """See `transport.Writer`."""
+        return bool(self.matched_readers())
+
     def matched_readers(self) -> list[bytes]:
         """See `transport.Writer`."""
         with self.owner.lock:

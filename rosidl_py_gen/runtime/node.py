@@ -361,8 +361,9 @@ class Node(NodeGraph, NodeActions, NodeParameters):
             )
         self._closed = True
         self.scope.cancel_tasks()
-        self.scope.closed = True  # one graph message at the end instead of one per endpoint
-        for endpoint in reversed(owned):
+        # One graph message at the end, not one per endpoint; what another thread is making just now closes itself.
+        self.scope.closed = True
+        for endpoint in reversed(list(self.scope.owned.values())):
             endpoint.close()
         self.scope.owned.clear()
         self._discovery.remove_node(self.scope.number)

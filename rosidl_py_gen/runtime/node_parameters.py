@@ -157,7 +157,11 @@ class NodeParameters:
         return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
 
     def undeclare_parameter(self, name: str) -> None:
-        """Forget a parameter; raises `ParameterNotDeclared`, `ParameterImmutable` when it is read-only."""
+        """Forget a parameter; raises `ParameterNotDeclared`, `ParameterImmutable` when it is read-only, `ClosedError`.
+
+        The field of a dataclass keeps showing its last value, until a parameter of that name and type is declared.
+        """
+        self.scope.require_open(self._closed, "the node")
         self._store.undeclare(require_name(name))
 
     def has_parameter(self, name: str) -> bool:
@@ -224,7 +228,7 @@ class NodeParameters:
 
         Raises:
             InvalidParameterValue: one is no parameter value; nothing is set then. TypeError: a name is no text.
-            CallbackAnswerError: a callback answered something it must not.
+            CallbackAnswerError: a callback answered something it must not. ClosedError.
         """
         return self._store.set_each(self._fitted(values))
 
@@ -233,7 +237,8 @@ class NodeParameters:
         return self._store.set_atomically(self._fitted(values))
 
     def _fitted(self, values: ParametersToSet) -> list[Parameter]:
-        """An empty list takes the type that was declared."""
+        """An empty list takes the type that was declared; raises `ClosedError`."""
+        self.scope.require_open(self._closed, "the node")
         fitted = []
         for parameter in as_parameters(values):
             value = parameter.value

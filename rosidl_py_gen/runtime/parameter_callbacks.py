@@ -11,7 +11,14 @@ import inspect
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rosidl_py_gen.runtime.parameter_rules import EMPTY_LIST_REASON
-from rosidl_py_gen.runtime.parameter_values import Parameter, ParameterError, ParameterValue, SetResult
+from rosidl_py_gen.runtime.parameter_values import (
+    InvalidParameterValue,
+    Parameter,
+    ParameterError,
+    ParameterValue,
+    SetResult,
+    checked_parameter,
+)
 from rosidl_py_gen.runtime.scope import is_async
 
 if TYPE_CHECKING:
@@ -109,7 +116,10 @@ class SetCallbacks:
             answer = called(culprit, callback, list(parameters))
             if not isinstance(answer, (list, tuple)) or not all(isinstance(item, Parameter) for item in answer):
                 raise _wrong_answer(culprit, answer, "a list of Parameter objects")
-            wanted += answer
+            try:
+                wanted += [checked_parameter(item) for item in answer]
+            except (TypeError, InvalidParameterValue) as error:
+                raise CallbackAnswerError(f"{culprit} returned what cannot be set: {error}") from error
         if not wanted:
             raise Refused(EMPTY_LIST_REASON)
         return wanted

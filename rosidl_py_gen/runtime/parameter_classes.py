@@ -8,6 +8,7 @@ What a live object does is in `parameter_live.py`.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -25,7 +26,7 @@ from rosidl_py_gen.runtime.parameter_values import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from rosidl_py_gen.runtime.parameter_callbacks import Commit
     from rosidl_py_gen.runtime.parameters import ParameterStore
@@ -51,6 +52,7 @@ class _Binding:
         mine = {name: value for name, value in changes.items() if name in self.plans}
         if not mine:
             return None
+        self._refuse_other_types(mine)
         values = {**self.values, **mine}
         shown = self.complete(values, mine)
 
@@ -58,6 +60,22 @@ class _Binding:
             self.values, self.current = values, shown
 
         return commit
+
+    def _refuse_other_types(self, values: Mapping[str, ParameterValue]) -> None:
+        """What was undeclared and is declared again still belongs to the class, which goes by its annotations."""
+        for name, value in values.items():
+            plan = self.plans[name]
+            if value.type is not plan.kind and (value.is_set or not plan.optional):
+                field = f"{self.cls.__name__}.{'.'.join(plan.path)}"
+                raise Refused(f"it shows as {field}, which is of type {plan.kind.name}, not {value.type.name}")
+
+    def follow_store(self) -> None:
+        """Take over what callbacks have set while the fields were declared. Raises `Refused`, `CallbackAnswerError`."""
+        found = self.store.values()
+        changed = {name: found[name] for name in self.plans if name in found and found[name] != self.values[name]}
+        commit = self.prepare(changed)
+        if commit is not None:
+            commit()
 
     def complete(self, values: Mapping[str, ParameterValue], changed: Mapping[str, ParameterValue]) -> Any:
         """A complete object with these values; validators of the `changed` fields and that of the class agree."""
@@ -145,6 +163,10 @@ def bind_class(
 ) -> _T:
     """Declare the fields of `cls` as parameters and return the live object.
 
+    Events are published and post-set callbacks called once all fields are declared, and the live object follows what
+    these set. A field that is undeclared shows its last value; it follows again when it is declared again, which is
+    refused with another type.
+
     Args:
         prefix: put in front of every name, with a dot between.
         initial: where the defaults come from; None calls ``cls()``, so every field needs a default then.
@@ -160,20 +182,16 @@ def bind_class(
     if validator is not None:
         require_plain(validator, "the validator")
     source = _start(cls, initial)
-    with store.lock:
+    with store.together() as declared:
         start = {name: plan.to_wire(_follow(source, plan.path)) for name, plan in binding.plans.items()}
         binding.values = {name: store.overrides.get(name, value) for name, value in start.items()}
         _refuse_bad_start(binding, binding.values)
         live: _T = make_live(cls, source, binding)
-        declared: list[str] = []
-        try:
-            for name, plan in binding.plans.items():
-                store.declare(name, start[name], plan.descriptor, optional=plan.optional)
-                declared.append(name)
-        except BaseException:
-            for name in declared:
-                store.forget(name)
-            raise
+        for name, plan in binding.plans.items():
+            store.declare(name, start[name], plan.descriptor, optional=plan.optional)
+            declared.append(name)
+        with _explained(cls):
+            binding.follow_store()
         store.add_mirror(binding.prepare)
     return live
 
@@ -209,10 +227,16 @@ def _refuse_bad_start(binding: _Binding, values: dict[str, ParameterValue]) -> N
         reason = descriptor_problem(Parameter(name, values[name]), plan.descriptor, declaring=True)
         if reason:
             raise InvalidParameterValue(f"parameter {name!r} cannot be declared: {reason}")
-    try:
+    with _explained(binding.cls):
         binding.current = binding.complete(values, values)
+
+
+@contextlib.contextmanager
+def _explained(cls: type) -> Iterator[None]:
+    try:
+        yield
     except Refused as refusal:
-        reason = f"the parameters of {binding.cls.__name__} cannot be declared: {refusal}"
+        reason = f"the parameters of {cls.__name__} cannot be declared: {refusal}"
         raise InvalidParameterValue(reason) from refusal.__cause__
 
 

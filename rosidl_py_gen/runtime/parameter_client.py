@@ -75,22 +75,26 @@ class RemoteParameterEvent(NamedTuple):
     event: ParameterEvent
 
 
-def event_stream(scope: Scope, names: NodeNames, node: str | None) -> ParameterEvents:
-    """The events of one node, or of all nodes."""
-    return ParameterEvents(scope, names.resolve_topic("/parameter_events"), node)
+def event_stream(
+    scope: Scope, names: NodeNames, node: str | None, kept: list[ParameterEvents] | None = None
+) -> ParameterEvents:
+    """The events of one node, or of all nodes; in the list `kept` while it is open."""
+    return ParameterEvents(scope, names.resolve_topic("/parameter_events"), node, [] if kept is None else kept)
 
 
 class ParameterEvents(Stream[RemoteParameterEvent]):
     """An async iterator of parameter events; close it when it is no longer needed."""
 
-    def __init__(self, scope: Scope, topic: str, node: str | None) -> None:
+    def __init__(self, scope: Scope, topic: str, node: str | None, kept: list[ParameterEvents]) -> None:
         super().__init__()
+        self._kept = kept
         self._scope = scope
         self._node = node
         self._subscription: Subscription[EventMessage] = Subscription(
             scope, message_type(EventMessage), topic, self._arrived, PARAMETER_EVENTS
         )
         scope.own(self)
+        kept.append(self)
 
     def _arrived(self, message: EventMessage) -> None:
         if self._node is None or message.node == self._node:
@@ -105,6 +109,8 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
         super().close(error)
         self._scope.disown(self)
         self._subscription.close()
+        if self in self._kept:
+            self._kept.remove(self)
 
 
 def _asked(names: str | Sequence[str]) -> list[str]:
@@ -187,7 +193,7 @@ class ParameterClient:
     async def types(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterType | list[ParameterType]:
-        """One type for one name, a list for several; raises `ParameterNotDeclared` when one is not declared."""
+        """One type for one name, a list for several; raises `ParameterNotDeclared` when one is not declared there."""
         asked = _asked(names)
         response = await self._types.call(GetParameterTypes_Request(names=asked), timeout_s)
         found = [parameter_type(int(item)) for item in self._complete(response.types, asked)]
@@ -202,7 +208,7 @@ class ParameterClient:
     async def describe(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
-        """One for one name, a list for several; raises `ParameterNotDeclared` when one is not declared."""
+        """One for one name, a list for several; raises `ParameterNotDeclared` when one is not declared there."""
         asked = _asked(names)
         response = await self._describe.call(DescribeParameters_Request(names=asked), timeout_s)
         found = [descriptor_from_message(item) for item in self._complete(response.descriptors, asked)]
@@ -212,7 +218,7 @@ class ParameterClient:
         if len(answers) == len(asked):
             return answers
         if len(answers) == 0:
-            raise ParameterNotDeclared(asked)
+            raise ParameterNotDeclared(asked, self.node)
         raise MalformedAnswerError(f"{self.node} answered {len(answers)} values for {len(asked)} parameters")
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
@@ -293,9 +299,8 @@ class ParameterClient:
 
     def events(self) -> ParameterEvents:
         """What happens to the remote node's parameters from now on."""
-        stream = event_stream(self._scope, self._names, self.node)
-        self._streams.append(stream)
-        return stream
+        self._scope.require_open(self._closed, f"the parameter client of {self.node}")
+        return event_stream(self._scope, self._names, self.node, self._streams)
 
     def close(self) -> None:
         """May be called twice; event streams end."""
@@ -303,7 +308,7 @@ class ParameterClient:
             return
         self._closed = True
         self._scope.disown(self)
-        for stream in self._streams:
+        for stream in tuple(self._streams):
             stream.close()
         for client in self._clients():
             client.close()

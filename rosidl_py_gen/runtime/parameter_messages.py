@@ -1,7 +1,7 @@
 """Parameter values, descriptors and events to and from rcl_interfaces messages.
 
 Decides nothing but the mapping of fields (protocol.md 9.2). A message from a peer may hold anything: a type number that
-does not exist is NOT_SET.
+does not exist is NOT_SET where a node tells of itself, and unreadable where it asks for something.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from rosidl_py_gen.runtime.parameter_values import (
     ParameterDescriptor,
     ParameterType,
     ParameterValue,
+    UnreadableParameter,
 )
 from rosidl_py_gen.runtime.parameters import ParameterEvent, SetResult
 
@@ -80,6 +81,18 @@ def _items(content: Any) -> tuple[Any, ...]:
 def to_message(parameter: Parameter) -> msg.Parameter:
     """Name and value."""
     return msg.Parameter(parameter.name, value_to_message(parameter.value))
+
+
+def asked_from_message(message: msg.Parameter) -> Parameter:
+    """What a peer wants to set; an `UnreadableParameter` for a type number that does not exist.
+
+    rclpy and rclcpp raise an error for one, which ends the server; nor can it mean NOT_SET, which would undeclare.
+    """
+    number = message.value.type
+    if number < len(_KINDS):
+        return from_message(message)
+    reason = f"parameter {message.name!r} cannot be set: {number} is no parameter type"
+    return UnreadableParameter(message.name, reason=reason)
 
 
 def from_message(message: msg.Parameter) -> Parameter:

@@ -5,7 +5,6 @@ Decides which message answers which question; what the answer is, is `parameters
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections import deque
 from typing import TYPE_CHECKING, Any
@@ -17,6 +16,7 @@ from rosidl_py_gen.runtime.parameter_messages import (
     event_to_message,
     value_to_message,
 )
+from rosidl_py_gen.runtime.parameter_values import UnreadableParameter
 from rosidl_py_gen.runtime.parameter_wire import SETTING, set_service_type
 from rosidl_py_gen.runtime.parameters import CallbackAnswerError, SetResult
 from rosidl_py_gen.runtime.publisher import Publisher
@@ -24,7 +24,7 @@ from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
 from rosidl_py_gen.runtime.service import ServiceServer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from rosidl_py_gen.runtime.clock import Clock
     from rosidl_py_gen.runtime.parameter_values import Parameter
@@ -62,23 +62,22 @@ class ParameterEventPublisher:
         return [self._publisher]
 
     def publish(self, event: ParameterEvent) -> None:
-        """Tell the world."""
-        if self._closed or not (event.new or event.changed or event.deleted):
+        """Tell the world, unless nobody listens: who comes later does not get it (the topic is volatile)."""
+        if self._closed or not event or not self._publisher.has_subscriptions:
             return
         self._waiting.append((event, self._clock.now_ns()))
         if not self._held:
             self._send()
 
-    @contextlib.contextmanager
-    def after_the_answer(self) -> Iterator[None]:
-        """Let the events of a request wait until the loop comes round; on the loop's thread."""
+    def hold(self) -> None:
+        """Let events wait for `let_go`: the answer comes first. On the loop's thread."""
         self._held += 1
-        try:
-            yield
-        finally:
-            self._held -= 1
-            if self._waiting:
-                self._bridge.call_soon(self._send)
+
+    def let_go(self) -> None:
+        """Send what waited when the loop comes round."""
+        self._held -= 1
+        if self._waiting:
+            self._bridge.call_soon(self._send)
 
     def _send(self) -> None:
         with self._lock:  # from the first to the last, whatever thread comes
@@ -141,15 +140,24 @@ class ParameterServices:
         return srv.ListParameters_Response(result=result)
 
     def _set(self, parameters: Sequence[Parameter]) -> list[SetResult]:
-        with self._events.after_the_answer():
+        self._events.hold()
+        try:
             return [self._answer((item,)) for item in parameters]
+        finally:
+            self._events.let_go()
 
     def _set_atomically(self, parameters: Sequence[Parameter]) -> list[SetResult]:
-        with self._events.after_the_answer():
+        self._events.hold()
+        try:
             return [self._answer(parameters)]
+        finally:
+            self._events.let_go()
 
     def _answer(self, parameters: Sequence[Parameter]) -> SetResult:
         """Always an answer: whoever asks must not wait for a callback's mistake."""
+        for parameter in parameters:
+            if isinstance(parameter, UnreadableParameter):
+                return SetResult(False, parameter.reason)
         try:
             return self._store.set_atomically(parameters)
         except Exception as error:

@@ -58,11 +58,18 @@ class ParameterAlreadyDeclared(ParameterError):
 
 
 class ParameterNotDeclared(ParameterError, LookupError):
-    """The caller used parameters that nobody declared; `names` lists them all."""
+    """The caller used parameters that nobody declared; `names` lists them all.
 
-    def __init__(self, names: Sequence[str]) -> None:
+    Another node (`node`) does not say which of the `names` it was asked for it does not have, nor whether one is only
+    unset.
+    """
+
+    def __init__(self, names: Sequence[str], node: str = "") -> None:
         self.names = tuple(names)
-        super().__init__(f"Invalid access to undeclared parameter(s): {list(names)}")
+        if node:
+            super().__init__(f"at least one of {list(names)} is undeclared or has no value on {node}")
+        else:
+            super().__init__(f"Invalid access to undeclared parameter(s): {list(names)}")
 
 
 class ParameterUninitialized(ParameterError, LookupError):
@@ -104,6 +111,32 @@ class Parameter:
 
 ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
 """Names with values, or `Parameter` objects."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnreadableParameter(Parameter):
+    """A parameter in a peer's request whose value nobody can know; `reason` is the answer to setting it."""
+
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterEvent:
+    """What one set or declaration did. Changed parameters had a value before, even an equal one."""
+
+    new: tuple[Parameter, ...] = ()
+    changed: tuple[Parameter, ...] = ()
+    deleted: tuple[Parameter, ...] = ()
+
+    def __bool__(self) -> bool:
+        """False when nothing has a place in it."""
+        return bool(self.new or self.changed or self.deleted)
+
+    def without(self, names: Iterable[str]) -> ParameterEvent:
+        """The same without these parameters."""
+        gone = frozenset(names)
+        parts = (self.new, self.changed, self.deleted)
+        return ParameterEvent(*(tuple(item for item in part if item.name not in gone) for part in parts))
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,13 +198,14 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
     """Turn a Python value into a parameter value.
 
     Accepts None, bool, int, float, str, bytes, lists, tuples, array.array and numpy scalars and arrays. An empty list
-    is a byte array, as in rclpy, unless `kind` names the array type. Raises `InvalidParameterValue`.
+    is a byte array, as in rclpy, unless `kind` names the array type. Raises `InvalidParameterValue`, for a
+    `ParameterValue` whose type and value do not fit too.
     """
     ready = _READY.get(type(value))
     if ready is not None:
         made = ParameterValue(ready, value)  # type: ignore[arg-type]
     elif isinstance(value, ParameterValue):
-        made = value
+        made = parameter_value(value.value, _checked_type(value))
     else:
         plain = _plain(value)
         if kind is not None and kind.is_array and isinstance(plain, tuple) and not plain:
@@ -184,16 +218,26 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
     return made
 
 
+def _checked_type(value: ParameterValue) -> ParameterType:
+    if not isinstance(value.type, ParameterType):
+        raise InvalidParameterValue(f"the type of a ParameterValue must be a ParameterType, got {value!r}")
+    return value.type
+
+
 def as_parameters(values: ParametersToSet) -> list[Parameter]:
     """Raises `TypeError` for what is neither, `InvalidParameterValue` for a value that is no parameter value."""
     if isinstance(values, Mapping):
         return [Parameter(require_name(name), _named_value(name, value)) for name, value in values.items()]
     if isinstance(values, (str, bytes, Parameter)) or not isinstance(values, Iterable):
         raise TypeError(f"expected a dict of names and values, or a list of Parameter objects, got {values!r}")
-    return [_checked(item) for item in values]
+    return [checked_parameter(item) for item in values]
 
 
-def _checked(item: object) -> Parameter:
+def checked_parameter(item: object) -> Parameter:
+    """A parameter as users make them, once type and value are known to fit.
+
+    Raises `TypeError` for what is none, `InvalidParameterValue`.
+    """
     if not isinstance(item, Parameter):
         raise TypeError(f"expected Parameter objects, found {item!r}; a dict of names and values will do too")
     if not isinstance(item.value, ParameterValue) or not isinstance(item.value.type, ParameterType):

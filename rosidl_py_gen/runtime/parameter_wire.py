@@ -15,7 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
 from rosidl_py_gen.runtime.late_types import late_service_type
-from rosidl_py_gen.runtime.parameter_messages import from_message, result_from_message, result_to_message, to_message
+from rosidl_py_gen.runtime.parameter_messages import (
+    asked_from_message,
+    result_from_message,
+    result_to_message,
+    to_message,
+)
 from rosidl_py_gen.runtime.parameter_values import Parameter, ParameterType, ParameterValue, SetResult
 
 if TYPE_CHECKING:
@@ -41,28 +46,32 @@ def set_service_type(name: str) -> ServiceType[Sequence[Parameter], Sequence[Set
     """One of SETTING, with requests as parameters and responses as results, of which the atomic service has one."""
     known = late_service_type(f"rcl_interfaces/srv/{name}")
     atomic = name == "SetParametersAtomically"
-    request_class: Any = srv.SetParametersAtomically_Request if atomic else srv.SetParameters_Request
     success = _SUCCESS_ALL if atomic else _SUCCESS_EACH
 
     def encode_request(parameters: Sequence[Parameter]) -> bytes:
         simple = simple_request(parameters)
         if simple is not None:
             return simple
+        # Looked up here, where it is needed: importing it takes time that every node would spend at its start.
+        request_class: Any = srv.SetParametersAtomically_Request if atomic else srv.SetParameters_Request
         return known.request.encode(request_class(parameters=[to_message(item) for item in parameters]))
 
     def decode_request(data: Payload) -> Sequence[Parameter]:
         simple = parse_simple_request(data)
-        return [from_message(item) for item in known.request.decode(data).parameters] if simple is None else simple
+        if simple is not None:
+            return simple
+        return [asked_from_message(item) for item in known.request.decode(data).parameters]
 
     def encode_response(results: Sequence[SetResult]) -> bytes:
-        if results == _SUCCESS:
+        if len(results) == 1 and results[0].successful and not results[0].reason:
             return success
         found: list[msg.SetParametersResult] = [result_to_message(item) for item in results]
         response: Any = srv.SetParametersAtomically_Response(found[0]) if atomic else srv.SetParameters_Response(found)
         return known.response.encode(response)
 
     def decode_response(data: Payload) -> Sequence[SetResult]:
-        if data == success:
+        # DDS pads to 4 bytes, and says so in the second half of the header.
+        if data[4 : len(success)] == success[4:] and data[:2] == success[:2] and len(data) <= len(success) + 3:
             return _SUCCESS
         response = known.response.decode(data)
         return [result_from_message(item) for item in ([response.result] if atomic else response.results)]

@@ -13,6 +13,7 @@ import base64
 import binascii
 import math
 import re
+import sys
 from typing import TYPE_CHECKING, NoReturn
 
 import yaml
@@ -70,7 +71,7 @@ def _integer(text: str, found: re.Match[str]) -> int:
 
 
 def _float(text: str) -> float | None:
-    """Like strtod, plus the ``.nan`` and ``.inf`` forms; None when the text is no number or overflows."""
+    """Like strtod, plus the ``.nan`` and ``.inf`` forms; None when the text is no number or out of range."""
     infinite = _INFINITE.match(text)
     if infinite:
         return -math.inf if infinite["sign"] == "-" else math.inf
@@ -80,7 +81,31 @@ def _float(text: str) -> float | None:
         value = float(text) if _FLOAT.match(text) else float.fromhex(text) if _HEX_FLOAT.match(text) else None
     except OverflowError:
         return None
-    return None if value is None or math.isinf(value) else value
+    return None if value is None or math.isinf(value) or _underflows(text, value) else value
+
+
+def _underflows(text: str, value: float) -> bool:
+    """Whether glibc's strtod reports ERANGE for a tiny number, which makes it a text for rcl.
+
+    It does when the number is not exactly the subnormal or zero it becomes, so for ``1e-400`` and ``1e-310``, but not
+    for ``0e-400`` and ``0x1p-1074``.
+    """
+    if abs(value) > sys.float_info.min:
+        return False
+    base, exponent_mark = (16, "p") if "x" in text.lower() else (10, "e")
+    digits, _, exponent = text.lower().lstrip("+-").removeprefix("0x").partition(exponent_mark)
+    if value == 0.0:
+        return digits.strip("0.") != ""
+    from decimal import Decimal
+    from fractions import Fraction
+
+    if base == 10:
+        exact = abs(Fraction(Decimal(text)))
+    else:
+        whole, _, part = digits.partition(".")
+        exact = int(whole + part, 16) * Fraction(2) ** (int(exponent or 0) - 4 * len(part))
+    # Rounded to 53 bits first, what is nearer to the smallest normal number is that.
+    return exact != abs(Fraction(value)) and exact < Fraction(sys.float_info.min) - Fraction(1, 2**1076)
 
 
 # ----------------------------------------------------------------------------------------------------------- reading
@@ -270,6 +295,8 @@ def _scalar_node(value: bool | int | float | str) -> yaml.Node:
         text = "true" if value else "false"
     elif isinstance(value, float) and not math.isfinite(value):
         text = ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
+    elif isinstance(value, float) and _underflows(repr(value), value):
+        text = value.hex()  # a decimal number of that size is a text
     else:
         text = repr(value)
     return yaml.ScalarNode(_STRING, text)

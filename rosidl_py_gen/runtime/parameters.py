@@ -12,12 +12,14 @@ together.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.parameter_callbacks import CallbackAnswerError, Refused, SetCallbacks
+from rosidl_py_gen.runtime.parameter_news import News
 from rosidl_py_gen.runtime.parameter_rules import (
     Listing,
     descriptor_flaw,
@@ -32,6 +34,7 @@ from rosidl_py_gen.runtime.parameter_values import (
     Parameter,
     ParameterAlreadyDeclared,
     ParameterDescriptor,
+    ParameterEvent,
     ParameterImmutable,
     ParameterNotDeclared,
     ParameterType,
@@ -43,7 +46,7 @@ from rosidl_py_gen.runtime.parameter_values import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from rosidl_py_gen.runtime.parameter_callbacks import Commit, Prepare
 
@@ -51,15 +54,6 @@ __all__ = ["CallbackAnswerError", "ParameterEvent", "ParameterStore", "SetResult
 
 NOT_SET = ParameterValue()
 _NESTED_REASON = "parameters cannot be set or declared by a validator"
-
-
-@dataclass(frozen=True, slots=True)
-class ParameterEvent:
-    """What one set or declaration did. Changed parameters had a value before, even an equal one."""
-
-    new: tuple[Parameter, ...] = ()
-    changed: tuple[Parameter, ...] = ()
-    deleted: tuple[Parameter, ...] = ()
 
 
 def _log_failure(doing: str) -> None:
@@ -88,9 +82,9 @@ class ParameterStore:
         self.allow_undeclared = allow_undeclared
         self.lock = threading.RLock()
         """Held while something is set or declared; may be taken to do several such things as one."""
-        self._on_event = on_event
         self._on_failure = on_failure
         self._callbacks = SetCallbacks(on_failure)
+        self._news = News(on_event, self._callbacks.tell, on_failure)
         self._values: dict[str, ParameterValue] = {}
         self._descriptors: dict[str, ParameterDescriptor] = {}
         self._optional: set[str] = set()
@@ -162,9 +156,24 @@ class ParameterStore:
             self._values = {**self._values, name: value}
             for commit in commits:
                 commit()
-            self._announce(ParameterEvent(new=(parameter,) if value.is_set else ()))
-        self._callbacks.tell([parameter])
+            self._news.announce(ParameterEvent(new=(parameter,) if value.is_set else ()))
+        self._news.tell([parameter])
         return value
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[list[str]]:
+        """Several declarations as one, whose names the caller adds to the list; nobody hears before all are made.
+
+        When the block raises they are forgotten, and nobody ever hears of them.
+        """
+        with self._news.held_until(self.lock) as held:
+            try:
+                yield held.withdrawn
+            except BaseException:
+                for name in held.withdrawn:
+                    self.forget(name)
+                raise
+            held.withdrawn = []
 
     def _agreed(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
         """The consent, and what to call once the values are stored; raises `Refused` with `reason` or a callback's."""
@@ -304,12 +313,12 @@ class ParameterStore:
                 event = self._apply(wanted)
                 for commit in commits:
                     commit()
-                self._announce(event)
+                self._news.announce(event)
         except Refused as refusal:
             if refusal.culprit:
                 self._on_failure(refusal.culprit)
             return SetResult(False, str(refusal))
-        self._callbacks.tell(wanted)
+        self._news.tell(wanted)
         return result
 
     def _reason(self, wanted: Sequence[Parameter]) -> str:
@@ -365,12 +374,6 @@ class ParameterStore:
         described = self._descriptor(name)
         if described.dynamic_typing:
             self._descriptors[name] = replace(described, type=value.type)
-
-    def _announce(self, event: ParameterEvent) -> None:
-        try:
-            self._on_event(event)
-        except Exception:
-            self._on_failure("publishing what was set")
 
     def forget(self, name: str) -> None:
         """Remove a parameter without checks and without an event, as if it had never been declared."""

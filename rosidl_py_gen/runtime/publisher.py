@@ -59,7 +59,7 @@ class Publisher(Generic[T]):
 
         Raises:
             EncodeError: the message does not fit its type. TypeError: it is of another type.
-            ClosedError: the publisher or its node is closed.
+            ClosedError: the publisher or its node is closed, also while waiting; the message was not sent then.
         """
         if self._closed:
             self._scope.require_open(True, f"the publisher on {self.topic}")
@@ -97,13 +97,19 @@ class Publisher(Generic[T]):
         if self._scope.bridge.in_loop_thread():
             self._backlog.add(data)
             return
-        while not self._closed and (self._backlog.items or not self._write(data)):
+        while self._backlog.items or not self._write(data):
             time.sleep(_RETRY_S)
+            self._scope.require_open(self._closed, f"the publisher on {self.topic}")
 
     @property
     def subscription_count(self) -> int:
-        """How many subscriptions receive what is published, bare DDS readers included."""
+        """How many subscriptions receive what is published, bare DDS readers included; 0 when it is closed."""
         return 0 if self._closed else len(self._writer.matched_readers())
+
+    @property
+    def has_subscriptions(self) -> bool:
+        """Whether anybody receives what is published; cheaper than `subscription_count`."""
+        return not self._closed and self._writer.has_readers()
 
     @property
     def dropped(self) -> int:
@@ -129,7 +135,10 @@ class Publisher(Generic[T]):
         )
 
     def assert_liveliness(self) -> None:
-        """Say that this publisher is alive; needed with manual liveliness when nothing is published."""
+        """Say that this publisher is alive; needed with manual liveliness when nothing is published.
+
+        It has to come before the lease ends: peers that gave the publisher up take it back when it publishes.
+        """
         self._scope.require_open(self._closed, f"the publisher on {self.topic}")
         self._writer.assert_liveliness()
 

@@ -121,6 +121,8 @@ def _refuse_running_loop(what: str, instead: str) -> None:
 
 def _run_task(loop: asyncio.AbstractEventLoop, signals: _Signals, task: asyncio.Task[T]) -> T | None:
     signals.task = task
+    if signals.stopped:  # while there was no task to cancel
+        task.cancel()
     try:
         return loop.run_until_complete(task)
     except asyncio.CancelledError:

@@ -87,9 +87,16 @@ class Scope:
     # ---------------------------------------------------------------------------------------------------- entities
 
     def own(self, endpoint: Closable) -> None:
-        """Close `endpoint` with the node; it lives until then, or until it closes itself and calls `disown`."""
-        self.require_open(False, "the scope")
+        """Close `endpoint` with the node; it lives until then, or until it closes itself and calls `disown`.
+
+        Raises:
+            ClosedError: the node was closed meanwhile, by another thread; then the endpoint is closed, too.
+        """
         self.owned[id(endpoint)] = endpoint
+        if self.closed:
+            self.owned.pop(id(endpoint), None)
+            endpoint.close()
+            self.require_open(False, "the node")
 
     def disown(self, endpoint: Closable) -> None:
         """Undo `own`."""

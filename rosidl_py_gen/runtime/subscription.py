@@ -14,7 +14,7 @@ import inspect
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.callbacks import is_own_cancel, require_callable
+from rosidl_py_gen.runtime.callbacks import is_own_cancel, require_callable, settle
 from rosidl_py_gen.runtime.ddsnames import endpoint_user_data, topic_name, type_name
 from rosidl_py_gen.runtime.qos import resolve_best_available
 from rosidl_py_gen.runtime.scope import Throttle, WaitTimeoutError, is_async, require_timeout
@@ -174,8 +174,12 @@ class Subscription(Generic[T]):
     def latest(self) -> T | None:
         """The newest message so far, without waiting; older ones that were waiting are skipped. None before the
         first.
+
+        Raises:
+            ClosedError: the subscription or its node is closed.
         """
         self._require_no_callback()
+        self._scope.require_open(self._closed, f"the subscription on {self.topic}")
         self._reader.fetch()
         while self._items:
             data = self._items.pop()[0]
@@ -202,8 +206,7 @@ class Subscription(Generic[T]):
     def _wake(self) -> None:
         waiters, self._waiters = self._waiters, []
         for waiter in waiters:
-            if not waiter.done():
-                waiter.set_result(None)
+            settle(waiter, None)
 
     def _require_no_callback(self) -> None:
         if self._callback is not None:
@@ -280,7 +283,7 @@ class Subscription(Generic[T]):
 
     @property
     def publisher_count(self) -> int:
-        """How many publishers this subscription is connected with."""
+        """How many publishers this subscription is connected with; 0 when it is closed."""
         return 0 if self._closed else len(self._reader.matched_writers())
 
     @property
@@ -293,12 +296,20 @@ class Subscription(Generic[T]):
         return await self._scope.wait_until(lambda: self.publisher_count >= count, timeout_s, lambda: self._closed)
 
     def close(self) -> None:
-        """Stop receiving: iterators end, `receive` raises `ClosedError`. May be called twice."""
+        """Stop receiving: iterators end, `receive` raises `ClosedError`. From any thread; may be called twice."""
         if self._closed:
             return
         self._closed = True
         self._scope.disown(self)
         self._scope.remove(self._reader.guid)
         self._reader.close()
+        bridge = self._scope.bridge
+        if bridge.is_running and not bridge.in_loop_thread():
+            bridge.call_soon(self._end)
+        else:
+            self._end()
+
+    def _end(self) -> None:
+        """What `close` has to do on the loop."""
         self._items.clear()
         self._wake()

@@ -2,22 +2,26 @@
 
 Decides when to wake up; what is due, and what was missed, is `timer_rule.py`. A timer on simulated time does not sleep:
 it looks again whenever its clock jumps. Callbacks run like those of subscriptions; while an async one runs, periods
-that pass are skipped and counted.
+that pass are skipped and counted. Timers may be made, reset and closed in any thread; what touches the event loop is
+handed over to it.
 """
 
 from __future__ import annotations
 
+import asyncio
+import inspect
+import threading
 import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.callbacks import is_own_cancel
 from rosidl_py_gen.runtime.clock import Clock, ClockType
 from rosidl_py_gen.runtime.scope import is_async
 from rosidl_py_gen.runtime.time_values import Duration
-from rosidl_py_gen.runtime.timer_rule import TimerRule, period_to_ns
+from rosidl_py_gen.runtime.timer_rule import TimerCall, TimerRule, period_to_ns
 
 if TYPE_CHECKING:
-    import asyncio
     from collections.abc import Awaitable, Callable
 
     from rosidl_py_gen.runtime.clock import TimeJump
@@ -40,6 +44,7 @@ class Timer:
         self._callback = callback
         self._async_callback = callback is not None and is_async(callback)
         self._rule = TimerRule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
+        self._rule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
         self._closed = False
         self._handle: asyncio.Handle | None = None
         self._worker: asyncio.Task[None] | None = None
@@ -59,7 +64,7 @@ class Timer:
                 min_forward=_ANY_JUMP,
                 min_backward=-_ANY_JUMP,
             )
-        self._forget_start = scope.bridge.on_start(self._arm)
+        self._forget_start = scope.bridge.on_start(self._arm_soon)
 
     # ------------------------------------------------------------------------------------------------------ ticking
 
@@ -99,12 +104,24 @@ class Timer:
         self._scope.require_open(self._closed, "a timer")
 
     def _call(self) -> Duration:
-        call = self._rule.call(self._clock.now_ns())
+        call = self._advance()
         self.missed += call.missed
         self.call_count += 1
         return Duration(nanoseconds=call.since_last_ns)
 
+    def _advance(self) -> TimerCall:
+        now_ns = self._clock.now_ns()
+        with self._rule_lock:
+            return self._rule.call(now_ns)
+
     # ------------------------------------------------------------------------------------------------------ waiting
+
+    def _arm_soon(self) -> None:
+        """`_arm` from any thread: a loop that sleeps has to be woken."""
+        if self._scope.bridge.in_loop_thread():
+            self._arm()
+        else:
+            self._scope.bridge.call_soon(self._arm)
 
     def _arm(self) -> None:
         """Look at the clock and come back when the timer is due; runs on the loop."""
@@ -131,15 +148,12 @@ class Timer:
             self._give_tick()
         elif not self._async_callback:
             self._call()
-            try:
-                self._callback()
-            except Exception:
-                self._scope.report_failure("a timer's callback")
+            self._call_back(self._callback)
         elif self._worker is None or self._worker.done():
             self._call()
             self._worker = self._scope.start(self._await_callback(self._callback))
         else:
-            self.missed += 1 + self._rule.call(self._clock.now_ns()).missed
+            self.missed += 1 + self._advance().missed
         self._arm()
 
     def _give_tick(self) -> None:
@@ -150,10 +164,24 @@ class Timer:
             for waiter in waiters:
                 waiter.set_result(since_last)
 
-    async def _await_callback(self, callback: Callable[[], object]) -> None:
+    def _call_back(self, callback: Callable[[], object]) -> None:
         try:
-            awaitable: Awaitable[object] = callback()  # type: ignore[assignment]  # is_async said so
-            await awaitable
+            answer = callback()
+            if answer is not None and inspect.iscoroutine(answer):  # of a lambda, for example
+                self._async_callback = True
+                self._worker = self._scope.start(self._await_callback(callback, answer))
+        except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
+            self._scope.report_failure("a timer's callback")
+
+    async def _await_callback(self, callback: Callable[[], object], started: Awaitable[object] | None = None) -> None:
+        try:
+            if started is None:
+                started = callback()  # type: ignore[assignment]  # is_async said so
+            await started  # type: ignore[misc]
+        except asyncio.CancelledError:
+            if self._closed or is_own_cancel():
+                raise
+            self._scope.report_failure("a timer's callback")
         except Exception:
             self._scope.report_failure("a timer's callback")
 
@@ -205,8 +233,15 @@ class Timer:
         self._scope.bridge.call_soon(self._arm)
 
     def reset(self) -> None:
-        """Start a period now; ends a cancellation."""
-        self._rule.reset(self._clock.now_ns())
+        """Start a period now; ends a cancellation.
+
+        Raises:
+            ClosedError: the timer or its node is closed.
+        """
+        self._scope.require_open(self._closed, "a timer")
+        now_ns = self._clock.now_ns()
+        with self._rule_lock:
+            self._rule.reset(now_ns)
         self._scope.bridge.call_soon(self._arm)
 
     def close(self) -> None:
@@ -218,6 +253,14 @@ class Timer:
         self._forget_start()
         if self._jumps is not None:
             self._jumps.close()
+        bridge = self._scope.bridge
+        if bridge.is_running and not bridge.in_loop_thread():
+            bridge.call_soon(self._end)
+        else:
+            self._end()
+
+    def _end(self) -> None:
+        """What `close` has to do on the loop."""
         if self._handle is not None:
             self._handle.cancel()
             self._handle = None

@@ -151,6 +151,9 @@ class Writer(Protocol):
     def matched_readers(self) -> list[bytes]:
         """GUIDs of the readers this writer sends to."""
 
+    def has_readers(self) -> bool:
+        """Whether anybody receives what is written; cheaper than listing them."""
+
     def all_acknowledged(self) -> bool:
         """True when every matched reliable reader confirmed everything written so far. Never blocks."""
 

@@ -27,12 +27,15 @@ from rosidl_py_gen.runtime import (
     Outcome,
     QoSProfile,
     State,
+    WaitTimeoutError,
 )
 from rosidl_py_gen.runtime.bridge import LoopMismatchError
 from rosidl_py_gen.runtime.late_types import MESSAGES, SERVICES, late_message_type, late_service_type
 from rosidl_py_gen.runtime.message_types import message_type, service_type
 from rosidl_py_gen.runtime.parameter_values import ParameterError
 from rosidl_py_gen.runtime.qos import ROSOUT, Durability, History, Reliability
+
+from .conftest import domain_id, second_domain_id
 
 if TYPE_CHECKING:
     from .conftest import World
@@ -334,6 +337,30 @@ async def test_two_contexts_of_different_domains_do_not_meet() -> None:
         assert not await publisher.wait_for_subscribers(timeout_s=0.05)
         first.close()
         second.close()
+
+
+async def test_two_contexts_of_different_dds_domains_do_not_meet() -> None:
+    assert domain_id() != second_domain_id()
+    with (
+        Context(domain_id()) as one,
+        Context(domain_id()) as same,
+        Context(second_domain_id()) as two,
+        Node("first", context=one) as first,
+        Node("near", context=same) as near,
+        Node("far", context=two) as far,
+    ):
+        publisher = first.create_publisher(String, "s")
+        heard = near.create_subscription(String, "s")
+        not_heard = far.create_subscription(String, "s")
+        assert await publisher.wait_for_subscribers(timeout_s=5)
+        assert not await publisher.wait_for_subscribers(timeout_s=1, count=2)
+        publisher.publish(String(data="near"))
+        assert await heard.receive(timeout_s=5) == String(data="near")
+        with pytest.raises(WaitTimeoutError):
+            await not_heard.receive(timeout_s=0.2)
+        assert sorted(first.get_node_names()) == ["/first", "/near"]
+        assert far.get_node_names() == ["/far"]
+        assert far.count_publishers("s") == 0
 
 
 async def settled(condition: object, timeout_s: float = 5.0) -> None:

@@ -427,3 +427,154 @@ def test_a_context_that_is_closed_runs_nothing(memory: World) -> None:
     with pytest.raises(ClosedError):
         client.call_sync(SetBool.Request(), timeout_s=1)
     assert Context is type(context)
+
+
+def test_threads_may_take_turns_in_waiting_calls(world: World) -> None:
+    client = world.node("caller").create_client(SetBool, "s")
+    outcomes: list[BaseException | None] = []
+
+    def calls(times: int) -> None:
+        for _ in range(times):
+            try:
+                client.call_sync(SetBool.Request(), timeout_s=0.02)
+            except BaseException as error:
+                outcomes.append(error)
+
+    calls(1)
+    threads = [threading.Thread(target=calls, args=(10,)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    calls(10)
+    for thread in threads:
+        thread.join(10)
+    assert len(outcomes) == 51
+    assert {type(outcome) for outcome in outcomes} == {CallTimeoutError}
+
+
+@pytest.mark.parametrize("style", ["paused", "ended"])
+def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, style: str) -> None:
+    client = world.node("caller").create_client(SetBool, "s")
+    outcomes: list[BaseException] = []
+
+    def call() -> None:
+        try:
+            client.call_sync(SetBool.Request(), timeout_s=0.5)
+        except BaseException as error:
+            outcomes.append(error)
+
+    async def begin() -> threading.Thread:
+        await client.wait_for_service(timeout_s=0.01)  # attaches the loop
+        thread = threading.Thread(target=call)
+        thread.start()
+        await asyncio.sleep(0.1)
+        return thread
+
+    if style == "ended":
+        thread = asyncio.run(begin())
+    else:
+        loop = asyncio.new_event_loop()
+        thread = loop.run_until_complete(begin())
+    thread.join(5)
+    assert not thread.is_alive()
+    assert [type(outcome) for outcome in outcomes] == [ClosedError]
+    with pytest.raises(CallTimeoutError):
+        client.call_sync(SetBool.Request(), timeout_s=0.05)
+    if style == "paused":
+        loop.close()
+
+
+def test_a_loop_may_start_while_threads_wait_for_services(world: World) -> None:
+    node = world.node("caller")
+    client, stop = node.create_client(SetBool, "s"), threading.Event()
+    outcomes: list[object] = []
+
+    def calls() -> None:
+        while not stop.is_set():
+            try:
+                outcomes.append(client.call_sync(SetBool.Request(data=True), timeout_s=0.3).success)
+            except BaseException as error:
+                outcomes.append(type(error))
+
+    threads = [threading.Thread(target=calls) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    time.sleep(0.1)
+
+    async def main() -> None:
+        async with node:
+            node.create_service(SetBool, "s", lambda request: SetBool.Response(success=request.data))
+            await eventually(lambda: True in outcomes)
+            stop.set()
+            await asyncio.to_thread(lambda: [thread.join(5) for thread in threads])
+
+    asyncio.run(main())
+    assert set(outcomes) <= {CallTimeoutError, True}
+
+
+def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world: World) -> None:
+    node = world.node("n")
+    client, ticks = node.create_client(SetBool, "s"), []
+    loop = asyncio.new_event_loop()
+
+    async def begin() -> None:
+        node.create_timer(0.01, lambda: ticks.append(1))
+        await eventually(lambda: ticks)
+
+    async def go_on() -> None:
+        ticks.clear()
+        await eventually(lambda: ticks)
+
+    loop.run_until_complete(begin())
+    with pytest.raises(CallTimeoutError):
+        client.call_sync(SetBool.Request(), timeout_s=0.05)
+    loop.run_until_complete(go_on())
+    node.close()
+    loop.close()
+
+
+def test_what_threads_make_while_a_node_closes_is_closed_too(world: World) -> None:
+    watcher = world.node("watcher")
+    context = world.context()
+    for number in range(10):
+        node = world.node(f"n{number}", context=context)
+
+        def make(node: Node = node, number: int = number) -> None:
+            try:
+                for index in range(1000):
+                    node.create_publisher(String, f"left_{number}_{threading.get_ident()}_{index}")
+            except ClosedError:
+                pass
+
+        threads = [threading.Thread(target=make) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        time.sleep(0.005)
+        node.close()
+        for thread in threads:
+            thread.join(20)
+    deadline = time.monotonic() + 5
+    while left := [name for name, _ in watcher.get_topic_names_and_types() if name.startswith("/left_")]:
+        assert time.monotonic() < deadline, f"{len(left)} topics are left"
+        time.sleep(0.05)
+
+
+async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rosidl_py_gen.runtime import service
+
+    monkeypatch.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+    server, caller = world.pair()
+
+    def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:
+        time.sleep(0.003)
+        return AddTwoInts.Response(sum=request.a)
+
+    server.create_service(AddTwoInts, "add", handler)
+    clients = [caller.create_client(AddTwoInts, "add") for _ in range(3)]
+    assert await clients[0].wait_for_service(timeout_s=5)
+    calls = [client.call(AddTwoInts.Request(a=number), timeout_s=10) for number in range(50) for client in clients]
+    answers = await asyncio.gather(*calls)
+    assert [answer.sum for answer in answers] == [number for number in range(50) for _ in clients]
+    assert clients[0]._line is clients[2]._line
+    assert not clients[0]._line._line

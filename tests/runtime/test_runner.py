@@ -126,6 +126,25 @@ print(run(main))
         assert time.monotonic() - start < 2
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_before_the_first_step_ends_the_program(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    set_event_loop = asyncio.set_event_loop
+    steps: list[int] = []
+
+    def signalled(loop: asyncio.AbstractEventLoop | None) -> None:
+        set_event_loop(loop)
+        if loop is not None:
+            signal.raise_signal(number)  # the handlers are in place, the task is not
+
+    async def main() -> str:
+        steps.append(1)
+        return "ran"
+
+    monkeypatch.setattr(asyncio, "set_event_loop", signalled)
+    assert run(main) is None
+    assert steps == []
+
+
 def test_ctrl_c_during_work_of_a_thread_waits_for_it() -> None:
     text = """
 def work():

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
+import threading
 import time
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,8 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import ClockType, Duration, Time
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
     from .conftest import World
 
 
@@ -120,3 +124,161 @@ async def test_the_period_can_change(memory: World) -> None:
     timer.change_period(0.01)
     timer.reset()
     await asyncio.wait_for(timer.tick(), 1)
+
+
+def cancelled_outcome() -> None:
+    """Ask a future for its result that was cancelled."""
+    future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+    future.cancel()
+    future.result()
+
+
+async def async_cancelled_outcome() -> None:
+    """The same, awaited."""
+    cancelled_outcome()
+
+
+@pytest.mark.parametrize("outcome", [cancelled_outcome, async_cancelled_outcome])
+async def test_the_cancelled_error_of_something_awaited_is_a_failure_like_others(
+    world: World, caplog: pytest.LogCaptureFixture, outcome: Callable[[], Coroutine[None, None, None] | None]
+) -> None:
+    count = 0
+
+    def plain() -> None:
+        nonlocal count
+        count += 1
+        outcome()
+
+    async def awaited() -> None:
+        nonlocal count
+        count += 1
+        await outcome()  # type: ignore[misc]
+
+    timer = world.node("n").create_timer(0.01, plain if outcome is cancelled_outcome else awaited)
+    with caplog.at_level(logging.ERROR):
+        await asyncio.sleep(0.1)
+    assert count >= 3
+    ours = [record for record in caplog.records if "a timer's callback failed" in record.getMessage()]
+    assert len(ours) >= 3 and all(record.exc_info for record in ours)
+    assert len(ours) == len([record for record in caplog.records if record.levelno >= logging.ERROR])
+    timer.close()
+
+
+async def test_closing_the_node_cancels_a_callback_without_a_word(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = memory.node("n")
+    ends: list[str] = []
+
+    async def waits() -> None:
+        try:
+            await asyncio.sleep(60)
+        except asyncio.CancelledError:
+            ends.append("cancelled")
+            raise
+
+    node.create_timer(0.01, waits)
+    await asyncio.sleep(0.05)
+    node.close()
+    await asyncio.sleep(0.01)
+    assert ends == ["cancelled"]
+    assert caplog.text == ""
+
+
+@pytest.mark.filterwarnings("error")
+async def test_a_plain_callback_that_returns_a_coroutine_is_awaited(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    running = most = runs = 0
+
+    async def work() -> None:
+        nonlocal running, most, runs
+        running += 1
+        most = max(most, running)
+        await asyncio.sleep(0.025)
+        running -= 1
+        runs += 1
+        raise ValueError("after the work")
+
+    timer = world.node("n").create_timer(0.01, lambda: work())
+    await asyncio.sleep(0.2)
+    timer.close()
+    gc.collect()
+    assert runs >= 3 and most == 1
+    assert timer.missed >= runs
+    assert "after the work" in caplog.text and "never awaited" not in caplog.text
+
+
+async def test_a_timer_of_another_thread_is_called_in_time_and_on_the_loop(world: World) -> None:
+    node = world.node("n")
+    await node.create_timer(0.001).tick()  # the loop is attached
+    calls: list[tuple[float, int]] = []
+    made: list[float] = []
+    idle = asyncio.get_running_loop().create_future()
+
+    def called() -> None:
+        calls.append((time.monotonic(), threading.get_ident()))
+        if len(calls) == 3:
+            idle.set_result(None)
+
+    def make() -> None:
+        time.sleep(0.1)  # the loop sleeps by now, with nothing to wake it
+        node.create_timer(0.05, called)
+        made.append(time.monotonic())
+
+    thread = threading.Thread(target=make)
+    thread.start()
+    start = time.monotonic()
+    await asyncio.wait({idle}, timeout=2)
+    thread.join()
+    assert time.monotonic() - start < 1
+    assert len(calls) == 3 and {ident for _, ident in calls} == {threading.get_ident()}
+    assert 0.04 <= calls[0][0] - made[0] <= 0.15
+
+
+async def test_closing_in_another_thread_wakes_who_waits(world: World) -> None:
+    node = world.node("n")
+    timer = node.create_timer(100)
+    start = time.monotonic()
+    ticking = asyncio.ensure_future(timer.tick())
+    closing = threading.Thread(target=lambda: (time.sleep(0.1), timer.close()))
+    closing.start()
+    await asyncio.wait({ticking}, timeout=2)
+    closing.join()
+    assert time.monotonic() - start < 1
+    with pytest.raises(ClosedError, match="timer"):
+        ticking.result()
+
+
+async def test_cancel_and_reset_in_another_thread(world: World) -> None:
+    node = world.node("n")
+    done = asyncio.get_running_loop().create_future()
+    timer = node.create_timer(0.05, lambda: done.done() or done.set_result(time.monotonic()))
+    timer.cancel()
+    again: list[float] = []
+
+    def reset() -> None:
+        time.sleep(0.15)
+        again.append(time.monotonic())
+        timer.reset()
+
+    thread = threading.Thread(target=reset)
+    thread.start()
+    await asyncio.wait({done}, timeout=2)
+    thread.join()
+    assert 0.04 <= done.result() - again[0] <= 0.15
+    await asyncio.to_thread(timer.cancel)
+    calls = timer.call_count
+    await asyncio.sleep(0.12)
+    assert timer.call_count == calls
+
+
+async def test_a_closed_timer_cannot_be_reset(memory: World) -> None:
+    node = memory.node("n")
+    timer, other = node.create_timer(1, print), node.create_timer(1)
+    timer.close()
+    with pytest.raises(ClosedError, match="a timer of node /n is closed"):
+        timer.reset()
+    node.close()
+    with pytest.raises(ClosedError, match="/n"):
+        other.reset()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
 import logging
 import threading
 import time
@@ -15,7 +16,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Int32, String
 
 from rosidl_py_gen.errors import ClosedError, EncodeError, InvalidNameError, TypeNotFoundError
-from rosidl_py_gen.runtime import QoSProfile, WaitTimeoutError
+from rosidl_py_gen.runtime import QoSProfile, WaitTimeoutError, cyclone
 from rosidl_py_gen.runtime.subscription import CallbackInUseError
 
 if TYPE_CHECKING:
@@ -242,6 +243,56 @@ async def test_close_wakes_whoever_waits(world: World) -> None:
         await asyncio.wait_for(receiving, 1)
 
 
+@pytest.mark.parametrize("how", ["iterate", "receive"])
+async def test_close_in_another_thread_wakes_whoever_waits(
+    world: World, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    subscription = world.node("bob").create_subscription(String, "s")
+
+    async def iterate() -> int:
+        return len([message async for message in subscription])
+
+    waiting: asyncio.Future[object] = asyncio.ensure_future(iterate() if how == "iterate" else subscription.receive())
+    wake = subscription._wake
+    threads: list[int] = []
+    monkeypatch.setattr(subscription, "_wake", lambda: (threads.append(threading.get_ident()), wake()))
+    closing = threading.Thread(target=lambda: (time.sleep(0.1), subscription.close()))
+    start = time.monotonic()
+    closing.start()
+    await asyncio.wait({waiting}, timeout=2)  # nothing else wakes the loop
+    closing.join()
+    assert threads == [threading.get_ident()]  # futures belong to the loop's thread
+    assert time.monotonic() - start < 1
+    if how == "iterate":
+        assert waiting.result() == 0
+    else:
+        with pytest.raises(ClosedError, match="/s"):
+            waiting.result()
+
+
+@pytest.mark.parametrize("closed", ["publisher", "node"])
+async def test_a_publish_that_waits_in_a_thread_says_when_its_publisher_closes(
+    world: World, monkeypatch: pytest.MonkeyPatch, closed: str
+) -> None:
+    node = world.node("alice")
+    publisher = node.create_publisher(String, "s", QoSProfile().keep_all())
+    await node.create_timer(0.001).tick()  # the loop is attached
+    tries = threading.Event()
+
+    def full(_: bytes) -> bool:
+        tries.set()
+        return False
+
+    monkeypatch.setattr(publisher, "_write", full)
+    waiting = asyncio.ensure_future(asyncio.to_thread(publisher.publish, String()))
+    assert await asyncio.to_thread(tries.wait, 2)
+    await asyncio.sleep(0.02)
+    assert not waiting.done()
+    (publisher if closed == "publisher" else node).close()
+    with pytest.raises(ClosedError, match="publisher on /s"):
+        await waiting
+
+
 async def test_closed_things_say_so(world: World) -> None:
     alice, _ = world.pair()
     publisher = alice.create_publisher(String, "s")
@@ -250,7 +301,14 @@ async def test_closed_things_say_so(world: World) -> None:
     with pytest.raises(ClosedError, match="publisher on /s"):
         publisher.publish(String())
     assert publisher.subscription_count == 0
+    subscription, later = alice.create_subscription(String, "s"), alice.create_subscription(String, "s")
+    subscription.close()
+    with pytest.raises(ClosedError, match="subscription on /s"):
+        subscription.latest()
+    assert subscription.publisher_count == 0
     alice.close()
+    with pytest.raises(ClosedError, match="/s"):
+        later.latest()
     with pytest.raises(ClosedError, match="node"):
         alice.create_publisher(String, "s")
 
@@ -330,3 +388,40 @@ async def test_a_publisher_can_say_that_it_is_alive(world: World) -> None:
     publisher.close()
     with pytest.raises(ClosedError):
         publisher.assert_liveliness()
+
+
+class LivelinessChanged(ctypes.Structure):
+    """dds_liveliness_changed_status_t."""
+
+    _fields_ = (
+        ("alive", ctypes.c_uint32),
+        ("not_alive", ctypes.c_uint32),
+        ("alive_change", ctypes.c_int32),
+        ("not_alive_change", ctypes.c_int32),
+        ("last_publication", ctypes.c_uint64),
+    )
+
+
+async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(dds: World) -> None:
+    alice, bob = dds.pair()
+    manual = QoSProfile().manual_liveliness(lease_s=0.4)
+    publisher = alice.create_publisher(String, "alive", manual)
+    subscription = bob.create_subscription(String, "alive", qos=manual)
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    assert await subscription.wait_for_publishers(timeout_s=5)
+    get_status = cyclone._library.dds_get_liveliness_changed_status
+    get_status.argtypes = (ctypes.c_int32, ctypes.c_void_p)
+
+    def counts() -> tuple[int, int]:
+        status = LivelinessChanged()
+        assert get_status(subscription._reader.entity, ctypes.byref(status)) == 0  # type: ignore[attr-defined]
+        return status.alive, status.not_alive
+
+    publisher.publish(String(data="begins the lease"))
+    for _ in range(30):  # nearly four leases, in which nothing is published
+        publisher.assert_liveliness()
+        await asyncio.sleep(0.05)
+        assert counts() == (1, 0)
+    await until(lambda: counts() == (0, 1), timeout_s=2)
+    publisher.publish(String(data="back"))
+    await until(lambda: counts() == (1, 0), timeout_s=0.35)

@@ -7,12 +7,14 @@ import inspect
 import pkgutil
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from std_msgs.msg import Int32
 
 from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.runtime.environment import EnvironmentSettingError
 from rosidl_py_gen.runtime.qos import DEFAULT, InvalidQoSError, QoSProfile, Reliability
 
 if TYPE_CHECKING:
@@ -62,6 +64,46 @@ def test_endpoints_refuse_unknown_policies(memory: World, create: Callable[[Node
 def test_a_period_is_a_number_of_seconds(memory: World, bad: Any) -> None:
     with pytest.raises((TypeError, RosidlError), match="period_s must be"):
         memory.node("n").create_timer(bad)
+
+
+@pytest.mark.parametrize("bad", [5, 1.5, True, "--ros-args", b"x", object()])
+def test_args_are_a_list_of_texts(bad: Any) -> None:
+    with pytest.raises(TypeError, match=r"args must be a list of arguments such as \['program', '--ros-args'\], got"):
+        Context(args=bad, transport=MemoryTransport())
+    with pytest.raises(TypeError, match="args must be texts, got 5"):
+        Context(args=["p", 5], transport=MemoryTransport())  # type: ignore[list-item]
+
+
+def test_args_may_be_an_iterator() -> None:
+    args: Any = iter(["p", "--ros-args", "-r", "__node:=m"])
+    with Context(args=args, transport=MemoryTransport()) as context:
+        assert Node("n", context=context).fully_qualified_name == "/m"
+
+
+@pytest.mark.parametrize("discovery", ["LOCALHOST", "localhost", "Localhost"])
+def test_discovery_is_taken_in_any_case(monkeypatch: pytest.MonkeyPatch, discovery: str) -> None:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SYSTEM_DEFAULT")  # the argument wins, or the guard fails
+    with Context(discovery=discovery) as context:
+        assert not context.is_closed
+
+
+@pytest.mark.parametrize("bad", ["LOCAL", "", 5, b"off"])
+def test_an_unknown_discovery_is_refused(bad: Any) -> None:
+    with pytest.raises(EnvironmentSettingError, match=r"discovery must be one of .*'localhost'.*, got"):
+        Context(discovery=bad, transport=MemoryTransport())
+
+
+@pytest.mark.parametrize("number", [np.int64(91), np.uint8(91), 91])
+def test_a_domain_id_is_any_integer(number: Any) -> None:
+    with Context(number, transport=MemoryTransport()) as context:
+        assert context.domain_id == 91
+        assert type(context.domain_id) is int
+
+
+@pytest.mark.parametrize("bad", [True, np.bool_(True), -1, np.int64(233), 1.0, np.float64(1), "5", np.arange(3)])
+def test_other_domain_ids_are_refused(bad: Any) -> None:
+    with pytest.raises(EnvironmentSettingError, match="domain_id must be a whole number from 0 to 232"):
+        Context(bad, transport=MemoryTransport())
 
 
 def modules() -> Iterator[Any]:

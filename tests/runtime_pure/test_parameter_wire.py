@@ -97,6 +97,9 @@ def test_answers_are_those_of_the_generated_classes(results: list[SetResult]) ->
     assert whole.encode(results) == srv.SetParametersAtomically_Response(result=messages[0]).encode()
     for kind in (each, whole):
         assert list(kind.decode(kind.encode(results))) == results
+        padded = bytearray(kind.encode(results)) + bytes(3)
+        padded[3] = 3  # as DDS hands it over
+        assert list(kind.decode(bytes(padded))) == results
     several = [*results, SetResult(True)]
     assert list(each.decode(each.encode(several))) == several
     assert list(each.decode(each.encode([]))) == []

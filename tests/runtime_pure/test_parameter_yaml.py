@@ -66,6 +66,14 @@ def test_integers_are_read_like_strtoll(text: str, number: int) -> None:
         (".inf", math.inf),
         ("+.Inf", math.inf),
         ("-.INF", -math.inf),
+        ("0e-400", 0.0),
+        ("-.00e-9999999", -0.0),
+        ("0x0p-9999", 0.0),
+        ("0x1p-1074", 5e-324),
+        ("-0x0.0000000000001P-1022", -5e-324),
+        ("2.2250738585072014e-308", 2.2250738585072014e-308),
+        ("2.22507385850720138e-308", 2.2250738585072014e-308),
+        ("0." + "0" * 5000 + "1e5000", 0.1),
         ("inf", math.inf),
         ("-Infinity", -math.inf),
     ],
@@ -96,6 +104,16 @@ def test_not_a_number(text: str) -> None:
         "12:30",
         "2001-01-01",
         "1e400",
+        # glibc's strtod reports ERANGE for these too (run), and rcl then sees a text.
+        "1e-400",
+        "-1e-400",
+        "1e-310",
+        "5e-324",
+        "2.2250738585072011e-308",
+        "2.2250738585072012e-308",
+        "0x1p-1075",
+        "0x1.8p-1074",
+        "1" + "0" * 5000 + "e-5320",
         "٣",
         ".",
         "0b11",
@@ -313,3 +331,10 @@ def test_any_text_is_read_or_refused_with_our_error(text: str) -> None:
             read(text)
         except ParameterFileError:
             continue
+
+
+@pytest.mark.parametrize("value", [5e-324, -5e-324, 1e-310, 2.225073858507201e-308, 2.2250738585072014e-308, -0.0])
+def test_tiny_numbers_are_written_so_that_they_stay_numbers(value: float) -> None:
+    text = dump_parameters("/n", {"a": parameter_value(value), "b": parameter_value([value])})
+    (entry,) = parse_parameter_file(text)
+    assert entry.values == {"a": parameter_value(value), "b": parameter_value([value])}

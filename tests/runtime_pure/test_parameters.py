@@ -1,14 +1,10 @@
-"""The parameter store: the semantics of rclpy (protocol.md 9.3 to 9.5), and a random walk against a model."""
+"""The parameter store: the semantics of rclpy (protocol.md 9.3 to 9.5)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 
 import pytest
-from hypothesis import settings
-from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from rosidl_py_gen.runtime.parameter_callbacks import Refused
 from rosidl_py_gen.runtime.parameter_values import (
@@ -330,100 +326,3 @@ def test_mirrors_are_asked_last_and_commit_before_the_event() -> None:
     assert world.set(p("a", 2)) == OK and seen == [("asked", 1), ("stored", 2, 1)]
     end()
     assert world.set(p("a", 3)) == OK and len(seen) == 2
-
-
-VALUES = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(-5, 5),
-    st.sampled_from([0.0, 1.5]),
-    st.text(max_size=2),
-    st.lists(st.booleans()),
-)
-NAMES = st.sampled_from(["a", "b", "g.a", "g.b"])
-
-
-class StoreAgainstModel(RuleBasedStateMachine):
-    """The model is a dict of name -> (type, value, dynamic); the store must agree after every step."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.model: dict[str, tuple[ParameterType, ParameterValue, bool]] = {}
-        self.from_events: dict[str, ParameterValue] = {}
-
-    @initialize(allow=st.booleans())
-    def create(self, allow: bool) -> None:
-        self.allow = allow
-        self.store = ParameterStore(allow_undeclared=allow, on_event=self.hear)
-
-    def hear(self, event: ParameterEvent) -> None:
-        for parameter in event.new:
-            assert not self.from_events.get(parameter.name, ParameterValue()).is_set
-        for parameter in event.changed:
-            assert parameter.name in self.from_events
-        for parameter in event.new + event.changed:
-            self.from_events[parameter.name] = parameter.value
-        for parameter in event.deleted:
-            del self.from_events[parameter.name]
-
-    @rule(name=NAMES, value=VALUES, dynamic=st.booleans())
-    def declare(self, name: str, value: object, dynamic: bool) -> None:
-        given = parameter_value(value)
-        possible = name not in self.model and (dynamic or given.is_set)
-        try:
-            self.store.declare(name, given, replace(DYNAMIC, dynamic_typing=dynamic))
-            assert possible
-            self.model[name] = (given.type, given, dynamic)
-        except (ParameterAlreadyDeclared, InvalidParameterValue):
-            assert not possible
-
-    @rule(name=NAMES)
-    def undeclare(self, name: str) -> None:
-        try:
-            self.store.undeclare(name)
-        except ParameterNotDeclared:
-            assert name not in self.model
-            return
-        del self.model[name]
-        self.from_events.pop(name, None)
-
-    @rule(items=st.lists(st.tuples(NAMES, VALUES), min_size=1, max_size=4))
-    def set_atomically(self, items: list[tuple[str, object]]) -> None:
-        wanted = [p(name, value) for name, value in items]
-        possible = all(self.may_set(parameter) for parameter in wanted)
-        assert self.store.set_atomically(wanted).successful == possible
-        if possible:
-            self.apply(wanted)
-
-    @rule(items=st.lists(st.tuples(NAMES, VALUES), max_size=4))
-    def set_each(self, items: list[tuple[str, object]]) -> None:
-        wanted = [p(name, value) for name, value in items]
-        for parameter, result in zip(wanted, self.store.set_each(wanted), strict=True):
-            assert result.successful == self.may_set(parameter)
-            if result.successful:
-                self.apply([parameter])
-
-    def may_set(self, parameter: Parameter) -> bool:
-        known = self.model.get(parameter.name)
-        if known is None:
-            return self.allow
-        return known[2] or parameter.value.type is known[0]
-
-    def apply(self, parameters: list[Parameter]) -> None:
-        for parameter in {parameter.name: parameter for parameter in parameters}.values():
-            dynamic = self.model.get(parameter.name, (None, None, True))[2]
-            if parameter.value.is_set:
-                self.model[parameter.name] = (parameter.value.type, parameter.value, dynamic)
-            else:
-                self.model.pop(parameter.name, None)
-
-    @invariant()
-    def agree(self) -> None:
-        values = {name: value for name, (_, value, _) in self.model.items()}
-        assert self.store.values() == values
-        assert {name: value for name, value in values.items() if value.is_set} == self.from_events
-        assert set(self.store.listing().names) == set(values)
-
-
-TestStoreAgainstModel = StoreAgainstModel.TestCase
-TestStoreAgainstModel.settings = settings(max_examples=60, stateful_step_count=25, deadline=None)

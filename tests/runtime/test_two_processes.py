@@ -1,0 +1,114 @@
+"""What is said about losing nothing, with the subscriber in a process of its own: real sockets lie in between."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from std_msgs.msg import Int32
+
+from rosidl_py_gen.runtime import QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rosidl_py_gen.runtime import Publisher
+
+    from .conftest import World
+
+ROOT = Path(__file__).parents[2]
+COUNT = 5000
+THREADS = 5
+COUNTER = """
+import asyncio, json, sys
+from rosidl_py_gen.runtime import Node, QoSProfile, WaitTimeoutError
+
+async def main(count, pause_s):
+    async with Node("counter") as node:
+        subscription = node.create_subscription("std_msgs/msg/Int32", "numbers", qos=QoSProfile().keep_all())
+        seen = []
+        while len(seen) < count:
+            seen.append((await subscription.receive(timeout_s=20))["data"])
+            if pause_s and len(seen) % 500 == 0:
+                await asyncio.sleep(pause_s)  # what comes meanwhile has to wait somewhere
+        try:
+            seen.append((await subscription.receive(timeout_s=0.2))["data"])
+        except WaitTimeoutError:
+            pass
+        print(json.dumps({"seen": seen, "dropped": subscription.dropped}), flush=True)
+        sys.stdin.readline()
+
+asyncio.run(main(int(sys.argv[1]), float(sys.argv[2])))
+"""
+
+
+@contextlib.contextmanager
+def counter(pause_s: float) -> Iterator[subprocess.Popen[str]]:
+    """A process that subscribes, and prints what it received when it has `COUNT` messages and no more come."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", COUNTER, str(COUNT), str(pause_s)],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+async def result(process: subprocess.Popen[str]) -> dict[str, Any]:
+    """What the process printed."""
+    assert process.stdout is not None and process.stderr is not None
+    line = await asyncio.to_thread(process.stdout.readline)
+    assert line, process.stderr.read()
+    told: dict[str, Any] = json.loads(line)
+    return told
+
+
+@pytest.mark.parametrize("pause_s", [0.0, 0.05], ids=["fast reader", "slow reader"])
+async def test_keep_all_loses_nothing_between_two_processes(dds: World, pause_s: float) -> None:
+    publisher = dds.node("talker").create_publisher(Int32, "numbers", QoSProfile().keep_all())
+    with counter(pause_s) as process:
+        assert await publisher.wait_for_subscribers(timeout_s=10)
+        for number in range(COUNT):
+            publisher.publish(Int32(data=number))
+        assert await publisher.wait_for_acknowledged(timeout_s=10)
+        assert await result(process) == {"seen": list(range(COUNT)), "dropped": 0}
+    assert publisher.dropped == 0
+
+
+async def test_publishing_from_many_threads_loses_nothing_between_two_processes(dds: World) -> None:
+    publisher: Publisher[Int32] = dds.node("talker").create_publisher(Int32, "numbers", QoSProfile().keep_all())
+    each = COUNT // THREADS
+    begin = threading.Barrier(THREADS)
+
+    def publish(first: int) -> None:
+        begin.wait(5)
+        for number in range(first, first + each):
+            publisher.publish(Int32(data=number))
+
+    with counter(0.0) as process:
+        assert await publisher.wait_for_subscribers(timeout_s=10)
+        threads = [threading.Thread(target=publish, args=(number * each,)) for number in range(THREADS)]
+        for thread in threads:
+            thread.start()
+        told = await result(process)
+        for thread in threads:
+            thread.join(5)
+    assert told["dropped"] == 0
+    assert sorted(told["seen"]) == list(range(COUNT))
+    for number in range(THREADS):  # and what one thread sends stays in order
+        own = range(number * each, (number + 1) * each)
+        assert [value for value in told["seen"] if value in own] == list(own)
