@@ -10,6 +10,7 @@ from numbers import Integral, Real
 from typing import Any
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.callbacks import require_callable
 from rosidl_py_gen.runtime.time_values import Time
 
 _ID_BYTES = 16
@@ -60,3 +61,19 @@ def require_stamp(stamp: Any) -> Time:
     if moment.nanoseconds == 0:
         raise ActionArgumentError(f"stamp must not be zero, as ROS time is before the first /clock: {_ALL}")
     return moment
+
+
+_POLICIES = ("parallel", "reject", "preempt", "queue")
+
+
+def require_server_options(action: str, execute: object, accept: object, on_cancel: object, policy: object) -> None:
+    """Raise `TypeError` or `ValueError` for what an action server cannot be made of, before anything is."""
+    for callback, name in ((execute, "execute"), (accept, "accept"), (on_cancel, "on_cancel")):
+        require_callable(callback, f"{name} of action {action}")
+    if accept is not None and execute is None:
+        raise TypeError(
+            f"accept of action {action} needs execute too, else nobody serves the goals it accepts; without execute, "
+            "iterate over the server and answer each request: async for request in server"
+        )
+    if policy not in _POLICIES:
+        raise ValueError(f"policy must be one of {', '.join(_POLICIES)}, got {policy!r}")

@@ -214,12 +214,10 @@ class ActionClient(Generic[ActionT_co]):
     def _ask_result(self, handle: ClientGoal[Any]) -> None:
         request = self._type.cls.GetResult.Request()
         request.goal_id.uuid = handle.goal_id
-        loop = self._scope.bridge.running_loop()
 
         def tell(response: Any) -> None:
-            # Feedback that came in the same batch is delivered first: another reader brings it, perhaps the next time
-            # the loop looks.
-            loop.call_soon(loop.call_soon, self._result_arrived, handle, response)
+            self._take_feedback()
+            self._result_arrived(handle, response)
 
         def fail(error: BaseException) -> None:
             self._goals.pop(handle.goal_id, None)
@@ -300,6 +298,11 @@ class ActionClient(Generic[ActionT_co]):
         handle = self._goals.get(goal_id_of(message))
         if handle is not None:
             handle.feedback_arrived(self._type.feedback.to_value(message.feedback))
+
+    def _take_feedback(self) -> None:
+        """Deliver the feedback that is here already: another reader's, perhaps not looked at before the next wait."""
+        self._feedback._reader.fetch()
+        self._feedback._on_data()
 
     def _on_status(self, data: bytes) -> None:
         for goal_id, handle in self._goals.items():

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_STATUSES = {int(status): status for status in GoalStatus}
+
 
 class ActionError(RosidlError):
     """An action server did not do what the caller asked for."""
@@ -156,8 +158,9 @@ class ClientGoal(Generic[ActionT_co]):
 
     def status_arrived(self, number: int) -> None:
         """The status topic mentions the goal. Never goes back: the topic may lag behind the answers."""
-        if number in tuple(GoalStatus) and number > self._status:
-            self._status = GoalStatus(number)
+        status = _STATUSES.get(number)
+        if status is not None and status > self._status:
+            self._status = status
 
     def feedback_arrived(self, feedback: object) -> None:
         """The feedback topic mentions the goal."""

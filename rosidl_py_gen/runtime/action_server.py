@@ -1,8 +1,8 @@
 """Action servers: three services and two topics around a `GoalBook`.
 
-Decides who is asked about a goal and when it starts; which state may follow which is `goal.py`'s, whether a goal may be
-cancelled is `action_cancel.py`'s, how a handler runs is `action_run.py`'s. Status is published at every transition. A
-result is encoded when its goal ends, once, and kept as bytes.
+Decides when a goal starts; which state may follow which is `goal.py`'s, who accepts it `action_accept.py`'s, whether it
+may be cancelled `action_cancel.py`'s, how a handler runs `action_run.py`'s. Status is published at every transition
+(`action_status.py` says when). A result is encoded when its goal ends, once, and kept as bytes.
 
 Source: protocol.md 8.
 """
@@ -17,33 +17,33 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
+from rosidl_py_gen.runtime.action_accept import AcceptDesk
 from rosidl_py_gen.runtime.action_cancel import CancelDesk
-from rosidl_py_gen.runtime.action_checks import require_seconds
+from rosidl_py_gen.runtime.action_checks import require_seconds, require_server_options
 from rosidl_py_gen.runtime.action_goal import (
     CancelRequest,
     GoalAlreadyAnsweredError,
     GoalDecision,
     GoalRequest,
     ServerGoal,
-    decision_of,
 )
 from rosidl_py_gen.runtime.action_hearing import Hearing
 from rosidl_py_gen.runtime.action_requests import GoalRequests
 from rosidl_py_gen.runtime.action_run import HandlerRunner
+from rosidl_py_gen.runtime.action_status import StatusTopic
 from rosidl_py_gen.runtime.action_types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
-from rosidl_py_gen.runtime.callbacks import is_own_cancel, on_loop, require_callable, result_of
+from rosidl_py_gen.runtime.callbacks import on_loop
 from rosidl_py_gen.runtime.clock import ClockType
 from rosidl_py_gen.runtime.goal import GoalBook, GoalEvent, GoalInfo, GoalStatus, ResultAnswer
 from rosidl_py_gen.runtime.message_types import raw_type
 from rosidl_py_gen.runtime.publisher import Publisher
-from rosidl_py_gen.runtime.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
+from rosidl_py_gen.runtime.qos import DEFAULT, SERVICES_DEFAULT
 from rosidl_py_gen.runtime.service import ServiceServer
-from rosidl_py_gen.runtime.status_rows import StatusRows
 from rosidl_py_gen.runtime.stream import Stream
 from rosidl_py_gen.runtime.time_values import Duration
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Awaitable, Callable, Coroutine
 
     from rosidl_py_gen.runtime.action_types import ActionNames, ActionType
     from rosidl_py_gen.runtime.clock import Clock
@@ -52,7 +52,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 Policy = Literal["parallel", "reject", "preempt", "queue"]
-_POLICIES = ("parallel", "reject", "preempt", "queue")
 _LONGEST_SLEEP_S = 3600.0
 _ENDS = {
     GoalEvent.SUCCEED: GoalStatus.SUCCEEDED,
@@ -77,15 +76,7 @@ class ActionServer(Generic[ActionT_co]):
         result_timeout_s: float,
         policy: Policy,
     ) -> None:
-        for callback, name in ((execute, "execute"), (accept, "accept"), (on_cancel, "on_cancel")):
-            require_callable(callback, f"{name} of action {names.action}")
-        if accept is not None and execute is None:
-            raise TypeError(
-                f"accept of action {names.action} needs execute too, else nobody serves the goals it accepts; without "
-                "execute, iterate over the server and answer each request: async for request in server"
-            )
-        if policy not in _POLICIES:
-            raise ValueError(f"policy must be one of {', '.join(_POLICIES)}, got {policy!r}")
+        require_server_options(names.action, execute, accept, on_cancel, policy)
         kept_s = require_seconds("result_timeout_s", result_timeout_s)
         self.name = names.action
         """Fully qualified name of the action."""
@@ -94,7 +85,7 @@ class ActionServer(Generic[ActionT_co]):
         self._scope = scope
         self._clock = clock
         self._type = action_type
-        self._accept = accept
+        self._accept = AcceptDesk(scope, names.action, accept)
         self._desk: CancelDesk[ActionT_co] = CancelDesk(scope, names.action, execute, on_cancel)
         self._policy = policy
         self._closed = False
@@ -103,7 +94,6 @@ class ActionServer(Generic[ActionT_co]):
         )
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._goals: dict[bytes, ServerGoal[ActionT_co]] = {}
-        self._rows = StatusRows()
         self._running: set[bytes] = set()
         self._line: deque[bytes] = deque()
         self._undecided: set[bytes] = set()
@@ -118,7 +108,8 @@ class ActionServer(Generic[ActionT_co]):
         )
         get_result = replace(action_type.get_result, response=raw_type(action_type.get_result.response))
         self._feedback: Publisher[Any] = Publisher(scope, action_type.feedback_message, names.feedback, DEFAULT)
-        self._status: Publisher[Any] = Publisher(scope, action_type.status, names.status, ACTION_STATUS)
+        self._status = StatusTopic(scope, action_type.status, names.status)
+        self._rows = self._status.rows
         self._services: list[ServiceServer[Any, Any]] = [
             ServiceServer(scope, action_type.send_goal, names.send_goal, self._on_send_goal, SERVICES_DEFAULT),
             ServiceServer(scope, action_type.cancel, names.cancel_goal, self._on_cancel_goal, SERVICES_DEFAULT),
@@ -150,39 +141,52 @@ class ActionServer(Generic[ActionT_co]):
 
     # -------------------------------------------------------------------------------------------------- send_goal
 
-    async def _on_send_goal(self, request: Any) -> Any:
-        response = self._type.cls.SendGoal.Response()
+    def _on_send_goal(self, request: Any) -> Any:
+        """The response, or a coroutine when somebody has to be waited for."""
         goal_id = goal_id_of(request)
         self._expire()
         if goal_id in self._book or goal_id in self._undecided:
-            return response
+            return self._response(None)
         # Requests that a program iterates over may stay undecided for ever; those do not stand in the way.
         if self._policy == "reject" and (self._goals or (self._undecided and self._runner is not None)):
-            return response
+            return self._response(None)
         goal: ServerGoal[ActionT_co] = ServerGoal(self, goal_id, self._type.goal.to_value(request.goal))
+        if self._runner is None:
+            return self._await_answer(goal_id, lambda: self._requests.ask(self, goal))
         self._undecided.add(goal_id)
+        decision = self._accept.ask(goal._request)
+        if not isinstance(decision, GoalDecision):
+            decide = decision
+            return self._await_answer(goal_id, lambda: self._ask_callback(goal, decide))
+        self._undecided.discard(goal_id)
+        return self._response(self._decided(goal, decision))
+
+    def _await_answer(self, goal_id: bytes, ask: Callable[[], Awaitable[GoalInfo | None]]) -> Coroutine[Any, Any, Any]:
+        self._undecided.add(goal_id)  # before the next request is looked at
+        return self._respond_later(goal_id, ask)
+
+    async def _respond_later(self, goal_id: bytes, ask: Callable[[], Awaitable[GoalInfo | None]]) -> Any:
         try:
-            info = await (self._requests.ask(self, goal) if self._runner is None else self._ask_callback(goal))
+            return self._response(await ask())
         finally:
             self._undecided.discard(goal_id)
+
+    async def _ask_callback(
+        self, goal: ServerGoal[ActionT_co], decide: Callable[[], Awaitable[GoalDecision]]
+    ) -> GoalInfo | None:
+        return self._decided(goal, await decide())
+
+    def _decided(self, goal: ServerGoal[ActionT_co], decision: GoalDecision) -> GoalInfo | None:
+        if self._closed or decision is GoalDecision.REJECT:
+            return None
+        return self._enter(goal, start=decision is GoalDecision.ACCEPT)
+
+    def _response(self, info: GoalInfo | None) -> Any:
+        response = self._type.cls.SendGoal.Response()
         if info is not None:
             response.accepted = True
             set_stamp(response, info.stamp_ns)
         return response
-
-    async def _ask_callback(self, goal: ServerGoal[ActionT_co]) -> GoalInfo | None:
-        decision = GoalDecision.ACCEPT
-        if self._accept is not None:
-            try:
-                decision = decision_of(await result_of(self._accept, goal._request))
-            except (Exception, asyncio.CancelledError):
-                if self._closed or is_own_cancel():
-                    raise
-                self._scope.report_failure(f"the accept callback of action {self.name}")
-                decision = GoalDecision.REJECT
-        if self._closed or decision is GoalDecision.REJECT:
-            return None
-        return self._enter(goal, start=decision is GoalDecision.ACCEPT)
 
     def admit(self, goal: ServerGoal[Any], *, start: bool) -> None:
         """See `GoalServer`."""
@@ -206,7 +210,7 @@ class ActionServer(Generic[ActionT_co]):
         if start:
             self._start_in_turn(goal)
         else:
-            self._publish_status()
+            self._status.publish()
         return info
 
     # --------------------------------------------------------------------------------------------------- execution
@@ -228,7 +232,7 @@ class ActionServer(Generic[ActionT_co]):
                 if self._book.status(running).is_cancelable:
                     self._mark_canceling(running)
         self._line.append(goal.goal_id)
-        self._publish_status()
+        self._status.publish()
 
     def _start(self, goal: ServerGoal[Any]) -> None:
         self._running.add(goal.goal_id)
@@ -251,13 +255,14 @@ class ActionServer(Generic[ActionT_co]):
             if not answer.done():
                 answer.set_result(data)
         self._desk.goal_ended(goal_id)
-        self._publish_status()
+        self._status.publish()
         if self._line and not self._running:
             self._start(self._goals[self._line.popleft()])
         self._expire()
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
         """See `GoalServer`."""
+        self._status.flush_here()  # it became EXECUTING before
         message = self._type.cls.FeedbackMessage()
         message.goal_id.uuid = goal_id
         message.feedback = self._type.feedback.to_message(feedback)
@@ -268,8 +273,17 @@ class ActionServer(Generic[ActionT_co]):
         return self._book.status(goal_id)
 
     def on_loop(self, function: Callable[[], T]) -> T:
-        """See `GoalServer`."""
-        return on_loop(self._scope.bridge, function)
+        """See `GoalServer`. To other threads it returns when the status is published."""
+        if self._scope.bridge.in_loop_thread():
+            return function()
+
+        def call() -> T:
+            try:
+                return function()
+            finally:
+                self._status.flush()
+
+        return on_loop(self._scope.bridge, call)
 
     # ------------------------------------------------------------------------------------------------------ cancel
 
@@ -312,14 +326,17 @@ class ActionServer(Generic[ActionT_co]):
 
     # ------------------------------------------------------------------------------------------------------ result
 
-    async def _on_get_result(self, request: Any) -> bytes:
+    def _on_get_result(self, request: Any) -> bytes | Coroutine[Any, Any, bytes]:
         self._expire()
         goal_id = goal_id_of(request)
         answer, data = self._book.request_result(goal_id)
         if answer is not ResultAnswer.WAIT:
             return self._unknown if data is None else data
-        end: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        end: asyncio.Future[bytes] = self._scope.bridge.running_loop().create_future()
         self._book.wait_for_result(goal_id, end)
+        return self._await_result(goal_id, end)
+
+    async def _await_result(self, goal_id: bytes, end: asyncio.Future[bytes]) -> bytes:
         try:
             return await end
         except asyncio.CancelledError:
@@ -330,11 +347,7 @@ class ActionServer(Generic[ActionT_co]):
 
     def _change(self, goal_id: bytes, event: GoalEvent) -> None:
         self._rows.set_status(goal_id, self._book.apply(goal_id, event))
-        self._publish_status()
-
-    def _publish_status(self) -> None:
-        if not self._closed:
-            self._status.publish_raw(self._rows.message())
+        self._status.publish()
 
     def _expire(self) -> None:
         """Forget what is over, and come back when the next one will be."""
@@ -377,6 +390,7 @@ class ActionServer(Generic[ActionT_co]):
         for pending in self._book.waiting():
             if not pending.get_loop().is_closed():
                 pending.cancel()
+        self._accept.close()
         self._requests.close()
         self._desk.close()
         for service in self._services:

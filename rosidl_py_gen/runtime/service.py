@@ -15,7 +15,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.callbacks import is_own_cancel, require_callable
+from rosidl_py_gen.runtime.callbacks import is_own_cancel, require_callable, settle
 from rosidl_py_gen.runtime.ddsnames import endpoint_user_data, reply_name, request_name, type_name
 from rosidl_py_gen.runtime.request import add_header, carrier_qos, foreign_words, is_foreign, split_header
 from rosidl_py_gen.runtime.scope import Throttle, is_async
@@ -187,7 +187,8 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         try:
             response = handler(request.message)
             if inspect.iscoroutine(response):  # of a lambda, for example
-                self._scope.start(self._await_handler(lambda _: response, request))
+                task = self._scope.start(self._await_handler(lambda _: response, request))
+                task.add_done_callback(lambda _: response.close())  # one that was cancelled has not begun it
             else:
                 request.respond(response)  # type: ignore[arg-type]  # not awaitable
         except (Exception, asyncio.CancelledError):  # of a future that was cancelled
@@ -262,8 +263,7 @@ class ServiceServer(Generic[RequestT, ResponseT]):
     def _wake(self) -> None:
         waiters, self._waiters = self._waiters, []
         for waiter in waiters:
-            if not waiter.done():
-                waiter.set_result(None)
+            settle(waiter, None)
 
     def close(self) -> None:
         """Stop serving; an iterator ends, running handlers are not interrupted but cannot answer. May be called
