@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import concurrent.futures
+import contextlib
 import threading
 import time
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -41,6 +42,7 @@ class SyncCalls:
         self._turn = threading.Condition()
         self._driving = False
         self._under_way = 0
+        self._paused: asyncio.AbstractEventLoop | None = None
         self._claims = 0
         bridge.polite = self
 
@@ -59,6 +61,8 @@ class SyncCalls:
                 own = self.loop
                 if own is None or own.is_closed():
                     own = self.loop = asyncio.new_event_loop()
+                if self._under_way == 0:
+                    self._paused = before if before is not own else None
                 self._under_way += 1
         if own is None:
             assert before is not None
@@ -68,9 +72,16 @@ class SyncCalls:
         finally:
             with self._turn:
                 self._under_way -= 1
-                if self._under_way == 0 and before is not None and before is not own and not before.is_closed():
-                    self._bridge.attach(before)  # it will run again, and nothing there would notice that it lost us
+                if self._under_way == 0:
+                    self._give_back()
                 self._turn.notify_all()
+
+    def _give_back(self) -> None:
+        """Attach the loop that was attached before: when it runs again, nothing there would notice that it lost us."""
+        paused, self._paused = self._paused, None
+        if paused is not None and not paused.is_closed():
+            with contextlib.suppress(ClosedError):  # the context was closed meanwhile
+                self._bridge.attach(paused)
 
     def give_way(self) -> bool:
         """See `bridge.PoliteLoop`."""

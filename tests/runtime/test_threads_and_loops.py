@@ -233,11 +233,28 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
         ticks.clear()
         await eventually(lambda: ticks)
 
+    def call(timeout_s: float) -> None:
+        with pytest.raises((CallTimeoutError, ClosedError)):
+            client.call_sync(SetBool.Request(), timeout_s)
+
     loop.run_until_complete(begin())
-    with pytest.raises(CallTimeoutError):
-        client.call_sync(SetBool.Request(), timeout_s=0.05)
+    call(0.05)
     loop.run_until_complete(go_on())
-    node.close()
+    # The thread that took the context from the loop is not the last one that needs it.
+    threads = [threading.Thread(target=call, args=(timeout_s,)) for timeout_s in (0.2, 0.5)]
+    for thread in threads:
+        thread.start()
+        time.sleep(0.05)
+    for thread in threads:
+        thread.join(5)
+    loop.run_until_complete(go_on())
+    # Nothing can be given back once the context is closed.
+    last = threading.Thread(target=call, args=(5,))
+    last.start()
+    time.sleep(0.05)
+    node.context.close()
+    last.join(5)
+    assert not last.is_alive()
     loop.close()
 
 
