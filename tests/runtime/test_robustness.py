@@ -103,6 +103,34 @@ def test_the_garbage_collector_may_close_a_node_during_a_take(dds: World, monkey
     assert [String.decode(subscription._items.popleft()[0]).data for _ in range(3)] == ["a", "b", "c"]
 
 
+def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
+    """What the garbage collector may cause in any line."""
+    from rosidl_py_gen.runtime import cyclone_endpoints
+
+    node = dds.node("n")
+    first, other = node.create_subscription(String, "first"), node.create_subscription(String, "other")
+    publishers = [node.create_publisher(String, topic) for topic in ("first", "other")]
+    known = dict(cyclone_endpoints._local_readers)
+    cyclone_endpoints._local_readers.clear()  # so that several samples wait in DDS
+    for number in range(5):
+        for publisher in publishers:
+            publisher.publish(String(data=f"{publisher.topic} {number} {'x' * number}"))
+    cyclone_endpoints._local_readers.update(known)
+    reader: Any = first._reader
+    push = reader._push
+
+    def interrupted(sample: Any) -> None:
+        assert not reader.fetch()  # newer samples must not overtake
+        other._reader.fetch()
+        push(sample)
+
+    reader._push = interrupted
+    assert reader.fetch()
+    for subscription, topic in ((first, "/first"), (other, "/other")):
+        texts = [String.decode(sample[0]).data for sample in subscription._items]
+        assert texts == [f"{topic} {number} {'x' * number}" for number in range(5)]
+
+
 def test_a_node_forgotten_while_its_loop_runs_is_closed_by_the_loop(world: World) -> None:
     context = world.context()
 

@@ -126,6 +126,48 @@ def test_raw_services_answer_as_rclpy_does(world: World) -> None:
     run(main)
 
 
+def test_the_answer_comes_before_the_events_it_caused(world: World) -> None:
+    async def main() -> None:
+        node, other = world.node("n"), world.node("other")
+        node.declare_parameter("a", 1)
+        events, client = other.parameter_events("/n"), other.create_parameter_client("/n")
+        assert await events.wait_for_publishers(5) and await client.wait_for_services(5)
+        await until(lambda: _event_publisher(node).has_subscriptions)
+        written: list[str] = []
+        for writer, name in ((_event_publisher(node)._writer, "event"), (_set_service(node)._writer, "answer")):
+            _note_writes(writer, name, written)
+        _event_publisher(node)._write = _event_publisher(node)._writer.write
+        assert (await client.set({"a": 2}, 5))[0].successful
+        await until(lambda: len(written) == 2)
+        assert written == ["answer", "event"]
+        written.clear()
+        node.set_parameter("a", 3)
+        assert written == ["event"]  # at once, where nobody waits for an answer
+
+    run(main)
+
+
+def _event_publisher(node: Any) -> Any:
+    return next(
+        item for item in node.scope.owned.values() if type(item).__name__ == "ParameterEventPublisher"
+    )._publisher
+
+
+def _set_service(node: Any) -> Any:
+    services = next(item for item in node.scope.owned.values() if type(item).__name__ == "ParameterServices")
+    return next(service for service in services.endpoints if service.name.endswith("/set_parameters"))
+
+
+def _note_writes(writer: Any, name: str, written: list[str]) -> None:
+    write = writer.write
+
+    def noted(data: bytes) -> bool:
+        written.append(name)
+        return bool(write(data))
+
+    writer.write = noted
+
+
 def test_events_say_who_when_and_what(world: World) -> None:
     async def main() -> None:
         listener = world.node("listener")
