@@ -21,6 +21,9 @@ _LONGEST_WAIT_NS = 1_000_000_000
 long.
 """
 
+_orphans: list[socket.socket] = []
+"""Pairs that signals still write to: given up in another thread than the main one, which alone can change that."""
+
 
 # ---------------------------------------------------------------------------------------------------------- direct mode
 
@@ -78,7 +81,10 @@ class DirectSelector(selectors.BaseSelector):
         if threading.current_thread() is not threading.main_thread():
             return False
         previous = signal.set_wakeup_fd(self._sender.fileno(), warn_on_full_buffer=False)
-        if previous != -1:
+        ours = any(previous == orphan.fileno() for orphan in _orphans)
+        while _orphans:
+            _orphans.pop().close()
+        if previous != -1 and not ours:
             signal.set_wakeup_fd(previous)
             return False
         return True
@@ -158,8 +164,11 @@ class DirectSelector(selectors.BaseSelector):
         self._sender.send(b"\0")
         self._armed.release()
         self._helper.join()
-        self._receiver.close()
-        self._sender.close()
+        if self._own_wakeup and threading.current_thread() is not threading.main_thread():
+            _orphans.extend((self._sender, self._receiver))
+        else:
+            self._receiver.close()
+            self._sender.close()
         if self._loop is not None and self._loop._selector is self:
             self._loop._selector = self._inner
             if self._loop.is_closed():

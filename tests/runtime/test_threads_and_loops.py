@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import threading
 import time
 from pathlib import Path
@@ -278,3 +280,36 @@ async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     assert [answer.sum for answer in answers] == [number for number in range(50) for _ in clients]
     assert clients[0]._line is clients[2]._line
     assert not clients[0]._line._line
+
+
+def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(dds: World) -> None:
+    """Only the main thread may change where signals write to; the place must not vanish meanwhile."""
+    client = dds.node("n").create_client(SetBool, "s")
+
+    def call() -> None:
+        with pytest.raises(CallTimeoutError):
+            client.call_sync(SetBool.Request(), timeout_s=0.05)
+
+    async def attach() -> None:
+        await client.wait_for_service(timeout_s=0.01)
+
+    def where() -> int:
+        place = signal.set_wakeup_fd(-1)
+        signal.set_wakeup_fd(place)
+        return os.fstat(place).st_ino
+
+    loop = asyncio.new_event_loop()
+    loop.run_until_complete(attach())
+    before = where()
+    thread = threading.Thread(target=call)
+    thread.start()
+    thread.join(5)
+    assert where() == before
+    dds.contexts[0].close()
+    loop.close()
+    other = dds.node("other")
+
+    async def again() -> None:
+        other.create_publisher(String, "t")
+
+    asyncio.run(again())
