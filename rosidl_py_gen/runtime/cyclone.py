@@ -1,6 +1,6 @@
 """The DDS transport: Cyclone DDS through the `cyclonedds` wheel. The only file that imports it.
 
-Decides how entities are made, waited for, read and deleted. Which type description is announced, and why, is written in
+Decides how entities are made, waited for, read and deleted. What stands for the types is in `cyclone_topics.py` and
 `cyclone_types.py`; the C functions are in `cyclone_abi.py`, QoS in `cyclone_qos.py`.
 
 Rules a newcomer would otherwise break:
@@ -27,8 +27,7 @@ from rosidl_py_gen.runtime.cyclone_discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.cyclone_domain import Domain
 from rosidl_py_gen.runtime.cyclone_endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.cyclone_qos import endpoint_qos, participant_qos
-from rosidl_py_gen.runtime.cyclone_types import member_name, type_blobs
-from rosidl_py_gen.runtime.transport import BackendMissingError, ReceiveQueue, TransportError, effective
+from rosidl_py_gen.runtime.transport import BackendMissingError, ReceiveQueue, effective
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,8 +40,6 @@ _MAX_WOKEN = 256
 _WOKEN_SIZE = ct.c_size_t(_MAX_WOKEN)
 _int64 = ct.c_int64
 _MAX_IDLE_TOPICS = 256
-_LONGEST_TYPE = 255
-"""Longer ones crash the library."""
 _GUARD = 0
 
 
@@ -83,35 +80,6 @@ class CycloneTransport:
     def open(self, domain_id: int, user_data: bytes, *, cyclone_xml: str) -> CycloneParticipant:
         """Join `domain_id`, which all participants of a process configure alike; see `cyclone_domain.py`."""
         return CycloneParticipant(domain_id, user_data, cyclone_xml)
-
-
-# -------------------------------------------------------------------------------------------------------------- topics
-
-
-class _Idl:
-    """What `ddspy_topic_create` asks a data type's `__idl__` for (protocol.md 11.1)."""
-
-    def __init__(self, dds_type: str) -> None:
-        self.idl_transformed_typename = dds_type
-        self.data_type_props = 0
-        self.supported_versions = 1
-        self._xt_bytedata = type_blobs(member_name(dds_type))
-
-
-class _DataType:
-    def __init__(self, dds_type: str) -> None:
-        self.__idl__ = _Idl(dds_type)
-
-
-_data_types: dict[str, _DataType] = {}
-
-
-def _data_type(dds_type: str) -> _DataType:
-    """One object per type, for ever: Cyclone compares types by identity, and drops references in its own threads."""
-    found = _data_types.get(dds_type)
-    if found is None:
-        found = _data_types[dds_type] = _DataType(dds_type)
-    return found
 
 
 # --------------------------------------------------------------------------------------------------------- participant
@@ -193,12 +161,8 @@ class CycloneParticipant:
             held = self._topics.get((topic, type))
             self._idle_topics.pop((topic, type), None)
             if held is None:
-                if len(type) > _LONGEST_TYPE:
-                    raise TransportError(
-                        f"the DDS name of a type may have {_LONGEST_TYPE} characters, found {len(type)}: {type[:60]}..."
-                    )
-                code = _clayer.ddspy_topic_create(self.entity, topic, _data_type(type), None, None)
-                held = self._topics[topic, type] = [_api.check(code, f"create topic {topic} ({type})"), 0]
+                handle = self._domain.types.create_topic(_clayer.ddspy_topic_create, self.entity, topic, type)
+                held = self._topics[topic, type] = [handle, 0]
             held[1] += 1
             return held[0]
 

@@ -108,6 +108,10 @@ _PROTOTYPES: dict[str, tuple[Any, ...]] = {
     "dds_get_matched_publication_data": (_ptr, _i32, ct.c_uint64),
     "dds_builtintopic_free_endpoint": (None, _ptr),
     "dds_strretcode": (_text, _int),
+    "dds_get_entity_sertype": (_int, _i32, _ptr),
+    "dds_create_topic_sertype": (_i32, _i32, _text, _ptr, _ptr, _ptr, _ptr),
+    "ddsi_sertype_ref": (_ptr, _ptr),
+    "ddsi_sertype_unref": (None, _ptr),
     "dds_create_qos": (_ptr,),
     "dds_delete_qos": (None, _ptr),
     "dds_qset_userdata": (None, _ptr, _text, _size),
@@ -132,7 +136,7 @@ _PROTOTYPES: dict[str, tuple[Any, ...]] = {
 
 
 class Api:
-    """The functions of `_PROTOTYPES` as attributes, without their ``dds_`` prefix."""
+    """The functions of `_PROTOTYPES` as attributes, without their ``dds_`` or ``ddsi_`` prefix."""
 
     def __init__(self, library: ct.CDLL) -> None:
         # The calls of every message, without argument converters, which would be half of what a call costs.
@@ -143,7 +147,9 @@ class Api:
         self.bare_wait: Callable[[int, Any, ct.c_size_t, ct.c_int64], int] = library["dds_waitset_wait"]
         for name, (result, *arguments) in _PROTOTYPES.items():
             function = ct.CFUNCTYPE(result, *arguments)((name, library))
-            setattr(self, name.removeprefix("dds_"), function)
+            setattr(self, name.removeprefix("dds_").removeprefix("ddsi_"), function)
+        self.sertype_version = ct.cast(library["ddsi_sertype_v0"], ct.c_void_p).value
+        """What stands first in the function table of a type object."""
 
     if TYPE_CHECKING:
 

@@ -16,6 +16,7 @@ import threading
 from typing import ClassVar
 
 from rosidl_py_gen.runtime import cyclone_abi as abi
+from rosidl_py_gen.runtime.cyclone_topics import TypeObjects
 from rosidl_py_gen.runtime.environment import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.logging import get_root_logger
 from rosidl_py_gen.runtime.transport import TransportError
@@ -35,6 +36,7 @@ class Domain:
         self._domain_id = domain_id
         self._xml = xml
         self._users = 0
+        self.types = TypeObjects(api)
         code = api.create_domain(domain_id, xml.encode())
         self._handle = 0 if code == abi.PRECONDITION_NOT_MET else code
         if self._handle == 0:
@@ -81,6 +83,7 @@ class Domain:
             self._users -= 1
             if self._users == 0:
                 del self._open[self._domain_id]
+                self.types.close()
                 if self._handle:
                     self._api.delete(self._handle)
 

@@ -35,6 +35,12 @@ _container_fields = struct.Struct("=QQ").unpack_from
 _info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
 """valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
 
+
+def _padded(data: Payload) -> bytes:
+    """Bytes in fours: Cyclone sends them so, and would add what happens to lie behind ours in memory."""
+    return b"".join((data, bytes(-len(data) & 3)))
+
+
 _local_lock = threading.Lock()
 _local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 """Readers of this process by domain and topic, for `CycloneWriter.write`."""
@@ -61,8 +67,8 @@ class CycloneWriter:
 
     def write(self, data: Payload) -> bool:
         """See `transport.Writer`. Raises `ClosedError` or `TransportError`."""
-        if data.__class__ is not bytes:
-            data = bytes(data)
+        if data.__class__ is not bytes or len(data) & 3:
+            data = _padded(data)
         if len(data) > LARGE_BYTES:
             warn_about_socket_buffers(len(data))
         code = self._dds_write(self._entity, _by_reference(_Container(data, len(data))))

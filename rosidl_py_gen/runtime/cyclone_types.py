@@ -11,15 +11,15 @@ Cyclone's Python layer wants a complete XTypes description of each topic type. T
 | wstring fields | no such type in cyclonedds.idl | irrelevant |
 | a sample the C normalizer dislikes (bool 2, missing NUL) | dropped silently in C | arrives; we count and log it |
 | big-endian writer | swapped by C | must be known from discovery, see below |
-| `cyclonedds` tools (ls, typeof, subscribe) | show the fields | show a struct `opaque` with one octet |
+| `cyclonedds` tools (ls, typeof, subscribe) | show the fields | know the names only, as of other ROS endpoints |
 
-Decision: opaque. ROS endpoints of rmw_cyclonedds and rmw_fastrtps announce no type information at all, so nothing in
-ROS looks at ours; types are compared by name there. The price is the last two rows. The one about byte order is paid in
-`discovery.py`: a ROS participant's graph message tells its byte order, and samples of big-endian participants get a
-header that says so, because Cyclone rewrites the header as if it had swapped the data.
+Decision: opaque, and told to nobody (`cyclone_topics.py`): peers compare names, as they do with ROS endpoints of
+rmw_cyclonedds. The price is the row about byte order. It is paid in `discovery.py`: a ROS participant's graph message
+tells its byte order, and samples of big-endian participants get a header that says so, because Cyclone rewrites the
+header as if it had swapped the data.
 
-Two endpoints that both carry type information are compared by it and their names are ignored; so the member's name is
-derived from the type's name. It must stay as it is for ever: programs with another scheme would not match ours.
+Versions of this library up to 0.1.0 announced it, and were compared by it among themselves. They match ours by name.
+The member's name, derived from the type's name, keeps types apart inside Cyclone.
 
 Source: protocol.md 11.1, 11.2. The bytes are XCDR2 little endian, as in DDS-XTypes 1.3, annex B.
 """
