@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.runtime.action_handle import ActionServerLost
 from rosidl_py_gen.runtime.client import Client
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
-from rosidl_py_gen.runtime.request import ForeignServiceError, add_header, is_foreign, split_header
+from rosidl_py_gen.runtime.request import ForeignServiceError, message_begin, split_header
 from rosidl_py_gen.runtime.scope import request_numbers
 
 if TYPE_CHECKING:
@@ -31,8 +31,6 @@ _LOOK_S = 0.5
 """How often the presence of the server is looked at while a result is awaited."""
 _RETRY_S = 0.001
 _BURST_PAUSE_S = 0.01
-_STATUS_AT = 20
-"""Offset of the status in a reply: 4 bytes of encapsulation, 16 of service header."""
 
 
 class Question:
@@ -118,7 +116,7 @@ class ResultClient(Client[Any, Any]):
                 return set()
         except ForeignServiceError:
             return set()
-        return {guid for guid in self._reader.matched_writers() if not is_foreign(guid)}
+        return set(self._reader.matched_writers())
 
     # ----------------------------------------------------------------------------------------------------- sending
 
@@ -130,7 +128,7 @@ class ResultClient(Client[Any, Any]):
             if not question.is_done and question.sequence in self._pending:
                 pause_s = self._turn_s()
                 if pause_s <= 0:
-                    if self._writer.write(add_header(question.request, self._writer.handle, question.sequence)):
+                    if self._send(question.request, question.sequence):
                         self._sent_in_window += 1
                     else:
                         pause_s = _RETRY_S
@@ -155,15 +153,17 @@ class ResultClient(Client[Any, Any]):
         items = self._reader.queue.items
         for _ in range(len(items)):
             item = items.popleft()
-            if len(item[0]) <= _STATUS_AT or item[0][_STATUS_AT] != 0 or not self._means_nothing(item):
+            status_at = message_begin(item[0])
+            if len(item[0]) <= status_at or item[0][status_at] != 0 or not self._means_nothing(item):
                 items.append(item)
         super()._on_replies()
 
     def _means_nothing(self, item: Sample) -> bool:
         """Whether an answer UNKNOWN comes from one server while another one may know the goal."""
         client, sequence, _ = split_header(item[0])
-        question = self._pending.get(sequence)
-        if client != self._writer.handle or not isinstance(question, Question):
+        number = self._own_number(client, sequence, item[2])
+        question = None if number is None else self._pending.get(number)
+        if not isinstance(question, Question):
             return False
         question.servers.discard(self._reader.writer_guid(item[2]) or b"")
         return not question.servers.isdisjoint(self._present())

@@ -2,12 +2,18 @@
 
 Decides how calls are matched (own id plus sequence number, protocol.md 5.1), when a server counts as available (5.2),
 and that a pending call never outlives its caller: timeout, cancellation and `close` all remove it.
+
+A request goes to all servers of its service, in the way one kind of them understands. As soon as one of them is on Fast
+DDS it is theirs: Cyclone's have to refuse most requests of that kind as too short, ours understand them, whereas Fast
+DDS would take the header of the other kind for the message. In that way requests are numbered by the middleware, 1, 2,
+3 ... for each writer, so they are counted here.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import threading
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
@@ -16,10 +22,10 @@ from rosidl_py_gen.runtime.qos import History
 from rosidl_py_gen.runtime.request import (
     CallTimeoutError,
     ForeignServiceError,
-    add_header,
     carrier_qos,
     foreign_words,
     is_foreign,
+    send,
     split_header,
 )
 from rosidl_py_gen.runtime.scope import Throttle, request_numbers, require_timeout
@@ -31,7 +37,13 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.introspection import IntrospectionState
     from rosidl_py_gen.runtime.message_types import ServiceType
     from rosidl_py_gen.runtime.qos import QoSLike, QoSProfile
+    from rosidl_py_gen.runtime.request import ClientId
     from rosidl_py_gen.runtime.scope import Scope
+
+_PREFIX_BYTES = 12
+"""The part of a GUID that all endpoints of a participant share."""
+_FORGOTTEN_CALLS = 64
+"""So many numbers of calls that were given up are kept before they are cleared away."""
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
@@ -67,6 +79,11 @@ class Client(Generic[RequestT, ResponseT]):
         self._burst = 0
         self._throttle = Throttle()
         self._available = False
+        self._serves_fast_dds = False
+        self._sending = threading.Lock()
+        self._sent = 0
+        self._sent_as: dict[int, int] = {}
+        """Our numbers of requests to Fast DDS servers, by the middleware's."""
         client_id = scope.new_entity_id()
         prefix = not qos.avoid_ros_namespace_conventions
         self._request_topic, self._reply_topic = request_name(name, prefix=prefix), reply_name(name, prefix=prefix)
@@ -93,7 +110,7 @@ class Client(Generic[RequestT, ResponseT]):
         """Whether a server is connected, both ways.
 
         Raises:
-            ForeignServiceError: the only servers are Fast DDS ones.
+            ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
             ClosedError: the client is closed.
         """
         self._scope.require_open(self._closed, f"the client of {self.name}")
@@ -107,7 +124,7 @@ class Client(Generic[RequestT, ResponseT]):
             False when the time passed. Never raises for absence.
 
         Raises:
-            ForeignServiceError: the only servers are Fast DDS ones.
+            ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
         """
         return await self._scope.wait_until(self._is_available, timeout_s, lambda: self._closed)
 
@@ -119,22 +136,31 @@ class Client(Generic[RequestT, ResponseT]):
         return self._available
 
     def _find_server(self) -> bool:
-        """Source: protocol.md 5.2."""
+        """Source: protocol.md 5.2; servers of Fast DDS have no ids, but both endpoints in one participant."""
         graph = self._scope.graph
+        refusal = self._scope.participant.fast_dds_refusal
         # Matched but not reported yet: what the server keeps, and its id, are known a moment later.
-        known = graph.endpoints.keys()
-        readers = {guid for guid in self._writer.matched_readers() if guid in known and not is_foreign(guid)}
-        writers = {guid for guid in self._reader.matched_writers() if guid in known and not is_foreign(guid)}
-        if not readers or not writers:
+        readers = [guid for guid in self._writer.matched_readers() if guid in graph.endpoints]
+        writers = [guid for guid in self._reader.matched_writers() if guid in graph.endpoints]
+        foreign = {guid[:_PREFIX_BYTES] for guid in readers if is_foreign(guid)}
+        foreign &= {guid[:_PREFIX_BYTES] for guid in writers if is_foreign(guid)}
+        readers = [guid for guid in readers if not is_foreign(guid)]
+        ids = {graph.endpoints[guid].user_data.get("serviceid") for guid in readers} - {None}
+        replying = {graph.endpoints[guid].user_data.get("serviceid") for guid in writers if not is_foreign(guid)}
+        is_served = bool(readers and replying) and (not ids or not ids.isdisjoint(replying))
+        if refusal is not None and not is_served:
             servers = graph.on_topic(self._request_topic, writers=False)
             if servers and all(is_foreign(server.info.guid) for server in servers):
-                raise ForeignServiceError(foreign_words(graph, servers[0], self.name, "the server"))
-            return False
-        servers_qos = [graph.endpoints[guid].info.qos for guid in readers]
-        self._burst = min((qos.depth for qos in servers_qos if qos.history is History.KEEP_LAST), default=0)
-        ids = {graph.endpoints[guid].user_data.get("serviceid") for guid in readers}
-        ids.discard(None)
-        return not ids or any(graph.endpoints[guid].user_data.get("serviceid") in ids for guid in writers)
+                raise ForeignServiceError(foreign_words(graph, servers[0], self.name, "the server", refusal))
+        self._serves_fast_dds = bool(foreign) and refusal is None
+        self._burst = self._kept_by_servers()
+        return is_served or self._serves_fast_dds
+
+    def _kept_by_servers(self) -> int:
+        """How many requests the server that keeps fewest keeps; 0 when all keep all."""
+        endpoints = self._scope.graph.endpoints
+        servers = (endpoints[guid].info.qos for guid in self._writer.matched_readers() if guid in endpoints)
+        return min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
 
     # ------------------------------------------------------------------------------------------------------- calls
 
@@ -145,7 +171,7 @@ class Client(Generic[RequestT, ResponseT]):
 
         Raises:
             CallTimeoutError: a `TimeoutError`.
-            ForeignServiceError: the only servers are Fast DDS ones.
+            ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
             EncodeError: the request does not fit its type. DecodeError: the response does not.
             ClosedError: the client was closed, also while waiting.
         """
@@ -168,8 +194,7 @@ class Client(Generic[RequestT, ResponseT]):
         try:
             if self._burst:
                 in_burst = await self._line.take_turn(future, self._burst)
-            data = add_header(encoded, self._writer.handle, sequence)
-            while not future.done() and not self._writer.write(data):
+            while not future.done() and not self._send(encoded, sequence):
                 await asyncio.sleep(0.001)  # the server is far behind; calls wait their turn
             return await future
         finally:
@@ -194,6 +219,22 @@ class Client(Generic[RequestT, ResponseT]):
             )
         return self._run(self.call(request, timeout_s))
 
+    def _send(self, encoded: bytes, sequence: int) -> bool:
+        """Write a request; False when the servers are so far behind that it has to wait."""
+        if not self._serves_fast_dds:
+            with self._sending:
+                sent = send(self._writer, encoded, self._writer.handle, sequence)
+                self._sent += sent
+                return sent
+        if len(self._sent_as) > 2 * len(self._pending) + _FORGOTTEN_CALLS:
+            self._sent_as = {sent: number for sent, number in self._sent_as.items() if number in self._pending}
+        with self._sending:
+            number = self._sent + 1
+            self._sent_as[number] = sequence
+            sent = send(self._writer, encoded, self._reader.guid, number)
+            self._sent += sent
+        return sent
+
     def _expire(self, sequence: int, timeout_s: float) -> None:
         future = self._pending.pop(sequence, None)
         if future is not None and not future.done():
@@ -204,20 +245,18 @@ class Client(Generic[RequestT, ResponseT]):
     def _on_replies(self) -> None:
         """The sink of the reply reader. All clients of a service see all replies."""
         items = self._reader.queue.items
-        own = self._writer.handle
         while items:
             data, _, handle, _ = items.popleft()
             try:
-                guid, sequence, message = split_header(data)
+                client, sequence, message = split_header(data)
             except DecodeError as err:
                 if self._throttle.passes():
                     self._scope.logger.warning(f"dropped a reply on {self.name}: {err}")
                 continue
-            if guid != own:
+            own = self._own_number(client, sequence, handle)
+            if own is None:
                 continue
-            writer = self._reader.writer_guid(handle)
-            if writer is not None and is_foreign(writer):
-                continue
+            sequence = own
             future = self._pending.pop(sequence, None)
             if future is None or future.done():
                 continue
@@ -227,6 +266,15 @@ class Client(Generic[RequestT, ResponseT]):
                 future.set_exception(err)
             except RuntimeError:
                 continue  # the loop it was awaited on is closed
+
+    def _own_number(self, client: ClientId, sequence: int, writer_handle: int) -> int | None:
+        """Which of our requests a reply is for; None when it is for another client."""
+        if isinstance(client, bytes):
+            return self._sent_as.get(sequence) if client in (self._reader.guid, self._writer.guid) else None
+        if client != self._writer.handle:
+            return None
+        writer = self._reader.writer_guid(writer_handle)
+        return None if writer is not None and is_foreign(writer) else sequence
 
     # ------------------------------------------------------------------------------------------------------- state
 

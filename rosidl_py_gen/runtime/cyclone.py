@@ -1,7 +1,8 @@
 """The DDS transport: Cyclone DDS through the `cyclonedds` wheel. The only file that imports it.
 
 Decides how entities are made, waited for, read and deleted. What stands for the types is in `cyclone_topics.py` and
-`cyclone_types.py`; the C functions are in `cyclone_abi.py`, QoS in `cyclone_qos.py`.
+`cyclone_types.py`; the C functions are in `cyclone_abi.py`, QoS in `cyclone_qos.py`, services
+of Fast DDS in `cyclone_fastdds.py`.
 
 Rules a newcomer would otherwise break:
 
@@ -26,11 +27,12 @@ from rosidl_py_gen.runtime import cyclone_abi as abi
 from rosidl_py_gen.runtime.cyclone_discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.cyclone_domain import Domain
 from rosidl_py_gen.runtime.cyclone_endpoints import CycloneReader, CycloneWriter, TakeBuffers
+from rosidl_py_gen.runtime.cyclone_fastdds import FastDds, greet
 from rosidl_py_gen.runtime.cyclone_qos import endpoint_qos, participant_qos
 from rosidl_py_gen.runtime.transport import BackendMissingError, ReceiveQueue, effective
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from types import ModuleType
 
     from rosidl_py_gen.runtime.qos import QoSProfile
@@ -72,6 +74,7 @@ except ImportError as err:
     ) from err
 _api = abi.Api(_library)
 _wait = _api.bare_wait
+_fast_dds = FastDds(_library)
 
 
 class CycloneTransport:
@@ -92,8 +95,9 @@ class CycloneParticipant:
 
     def __init__(self, domain_id: int, user_data: bytes, xml: str) -> None:
         self.api = _api
+        self.fast_dds = _fast_dds
         self.domain_id = domain_id
-        self._domain = Domain.join(_api, domain_id, xml)
+        self._domain = Domain.join(_api, _fast_dds, domain_id, xml)
         self._closed = False
         self._lock = threading.Lock()
         self._topics: dict[tuple[str, str], list[int]] = {}
@@ -120,7 +124,12 @@ class CycloneParticipant:
             self._domain.leave()
             raise
         self.guid = self.guid_of(self.entity)
-        self.discovery = DiscoveryReaders(_api, self.entity)
+        self.discovery = DiscoveryReaders(_api, self.entity, self._greet)
+
+    @property
+    def fast_dds_refusal(self) -> str | None:
+        """See `transport.Participant`."""
+        return self.fast_dds.refusal
 
     # ------------------------------------------------------------------------------------------------ endpoints
 
@@ -165,6 +174,14 @@ class CycloneParticipant:
                 held = self._topics[topic, type] = [handle, 0]
             held[1] += 1
             return held[0]
+
+    def _greet(self, writer_guids: Iterable[bytes]) -> None:
+        if self.fast_dds.refusal is None:
+            greet(self.domain_id, writer_guids)
+
+    def type_object(self, type: str) -> int:
+        """What stands for a type that has endpoints."""
+        return self._domain.types[type]
 
     def release_topic(self, topic: str, type: str) -> None:
         """Give back what `_hold_topic` took.

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime import cyclone_abi as abi
 from rosidl_py_gen.runtime.cyclone_qos import read_profile, read_user_data
-from rosidl_py_gen.runtime.transport import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport import FAST_DDS_VENDOR, EndpointFound, Lost, ParticipantFound
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from rosidl_py_gen.runtime.transport import DiscoveryEvent
 
@@ -30,14 +30,18 @@ _REMEMBERED = 4096
 _ALIVE = 16
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """instance_state, valid_data and instance_handle of dds_sample_info_t (64 bytes)."""
+_SERVICE_TOPICS = (b"rq/", b"rr/")
 _TOPICS = (abi.DCPS_PARTICIPANT, abi.DCPS_PUBLICATION, abi.DCPS_SUBSCRIPTION)
 
 
 class DiscoveryReaders:
     """The three builtin readers of a participant. `fetch` in the waiting thread, `report` in the loop's."""
 
-    def __init__(self, api: abi.Api, participant: int) -> None:
+    def __init__(self, api: abi.Api, participant: int, greet: Callable[[Iterable[bytes]], None]) -> None:
+        """`greet` is called, from any thread, with writers of requests and replies on Fast DDS; more than once."""
         self._api = api
+        self._greet = greet
+        self._strangers: list[bytes] = []
         self._readers: dict[int, int] = {}
         for topic in _TOPICS:
             code = api.create_reader(participant, topic, None, None)
@@ -62,10 +66,16 @@ class DiscoveryReaders:
             for topic in _TOPICS:
                 while self._fetch_batch(topic, self._readers[topic]) == _BATCH:
                     pass
+            if self._strangers:
+                self._greet(self._strangers)
 
     def report(self) -> None:
         """Pass all news to the sink."""
         self.fetch()
+        if self._strangers:
+            # Again: Cyclone tells of a writer a moment before it connects it with our readers.
+            strangers, self._strangers = self._strangers, []
+            self._greet(strangers)
         events = [self._events.popleft() for _ in range(len(self._events))]
         if events and self.sink is not None:
             self.sink(events)
@@ -100,6 +110,8 @@ class DiscoveryReaders:
             return Lost(guid)
         self._guids[handle] = guid
         is_writer = topic == abi.DCPS_PUBLICATION
+        if is_writer and guid.startswith(FAST_DDS_VENDOR) and endpoint.topic_name.startswith(_SERVICE_TOPICS):
+            self._strangers.append(guid)
         return EndpointFound(
             guid,
             bytes(endpoint.participant_key),

@@ -13,13 +13,16 @@ from __future__ import annotations
 import os
 import socket
 import threading
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.runtime import cyclone_abi as abi
 from rosidl_py_gen.runtime.cyclone_topics import TypeObjects
 from rosidl_py_gen.runtime.environment import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.logging import get_root_logger
 from rosidl_py_gen.runtime.transport import TransportError
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.cyclone_fastdds import FastDds
 
 _FIRST_PORT, _PORTS_PER_DOMAIN, _FIRST_UNICAST, _PORTS_PER_INDEX = 7400, 250, 10, 2
 
@@ -31,12 +34,12 @@ class Domain:
     _lock: ClassVar[threading.Lock] = threading.Lock()
     _forked: ClassVar[bool] = False
 
-    def __init__(self, api: abi.Api, domain_id: int, xml: str) -> None:
+    def __init__(self, api: abi.Api, fast_dds: FastDds, domain_id: int, xml: str) -> None:
         self._api = api
         self._domain_id = domain_id
         self._xml = xml
         self._users = 0
-        self.types = TypeObjects(api)
+        self.types = TypeObjects(api, fast_dds.prepare)
         code = api.create_domain(domain_id, xml.encode())
         self._handle = 0 if code == abi.PRECONDITION_NOT_MET else code
         if self._handle == 0:
@@ -52,7 +55,7 @@ class Domain:
             )
 
     @classmethod
-    def join(cls, api: abi.Api, domain_id: int, xml: str) -> Domain:
+    def join(cls, api: abi.Api, fast_dds: FastDds, domain_id: int, xml: str) -> Domain:
         """The domain with that configuration. Every `join` needs a `leave`.
 
         Raises:
@@ -67,7 +70,7 @@ class Domain:
                 )
             domain = cls._open.get(domain_id)
             if domain is None:
-                domain = cls._open[domain_id] = cls(api, domain_id, xml)
+                domain = cls._open[domain_id] = cls(api, fast_dds, domain_id, xml)
             elif domain._xml != xml:
                 raise TransportError(
                     f"domain {domain_id} is open in this process with another configuration, and DDS has one for each "

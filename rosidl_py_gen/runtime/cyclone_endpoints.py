@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import cyclone_abi as abi
 from rosidl_py_gen.runtime.cyclone_sockets import LARGE_BYTES, warn_about_socket_buffers
+from rosidl_py_gen.runtime.transport import in_fours
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.cyclone import CycloneParticipant
-    from rosidl_py_gen.runtime.transport import Payload, ReceiveQueue, Sink
+    from rosidl_py_gen.runtime.transport import Identity, Payload, ReceiveQueue, Sink
 
 _BATCH = 32
 """Samples per take. More only helps when the queue is deeper; the arrays cost 80 bytes a piece."""
@@ -34,13 +35,6 @@ _time_ns = time.time_ns
 _container_fields = struct.Struct("=QQ").unpack_from
 _info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
 """valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
-
-
-def _padded(data: Payload) -> bytes:
-    """Bytes in fours: Cyclone sends them so, and would add what happens to lie behind ours in memory."""
-    return b"".join((data, bytes(-len(data) & 3)))
-
-
 _local_lock = threading.Lock()
 _local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 """Readers of this process by domain and topic, for `CycloneWriter.write`."""
@@ -65,13 +59,17 @@ class CycloneWriter:
         api.check(api.get_instance_handle(entity, ct.byref(handle)), "read an instance handle")
         self.handle = handle.value
 
-    def write(self, data: Payload) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None) -> bool:
         """See `transport.Writer`. Raises `ClosedError` or `TransportError`."""
         if data.__class__ is not bytes or len(data) & 3:
-            data = _padded(data)
+            data = in_fours(data)
         if len(data) > LARGE_BYTES:
             warn_about_socket_buffers(len(data))
-        code = self._dds_write(self._entity, _by_reference(_Container(data, len(data))))
+        if identity is None:
+            code = self._dds_write(self._entity, _by_reference(_Container(data, len(data))))
+        else:
+            type_object = self._owner.type_object(self._type)
+            code = self._owner.fast_dds.write(self._entity, self.guid, type_object, data, identity)
         if code == 0:
             if self._key in _local_readers:
                 for reader in _local_readers.get(self._key, ()):

@@ -57,8 +57,10 @@ class TypeObjects:
     _silent: ClassVar[dict[int, ct.Array[ct.c_void_p]]] = {}
     """Tables of functions without those that tell, by the address of the table they were copied from. For ever."""
 
-    def __init__(self, api: Api) -> None:
+    def __init__(self, api: Api, prepare: Callable[[int, str], None]) -> None:
+        """`prepare` is called with each new type object and its type's name."""
         self._api = api
+        self._prepare = prepare
         self._lock = threading.Lock()
         self._known: dict[str, int] = {}
 
@@ -88,7 +90,12 @@ class TypeObjects:
             assert found.value is not None
             self._known[dds_type] = api.sertype_ref(found.value)
             self._silence(found.value)
+            self._prepare(found.value, dds_type)
             return entity
+
+    def __getitem__(self, dds_type: str) -> int:
+        """The address of the type object of a type that has topics."""
+        return self._known[dds_type]
 
     def _silence(self, sertype: int) -> None:
         """Take away what tells others about the type. A layout that is not the known one is left alone."""

@@ -16,14 +16,16 @@ from rosidl_py_gen.runtime.message_types import class_of, message_type
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import SYSTEM_DEFAULT, as_profile
 from rosidl_py_gen.runtime.request import split_header
+from rosidl_py_gen.runtime.transport import identified
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime.client import Client
     from rosidl_py_gen.runtime.qos import QoSLike, QoSProfile
+    from rosidl_py_gen.runtime.request import ClientId
     from rosidl_py_gen.runtime.scope import Scope
     from rosidl_py_gen.runtime.service import ServiceServer
-    from rosidl_py_gen.runtime.transport import Payload, Sink, Writer
+    from rosidl_py_gen.runtime.transport import Identity, Payload, Sink, Writer
 
 _MASK = 2**64 - 1
 
@@ -101,7 +103,7 @@ class _Tap:
         self._reader, self._writer = endpoint._reader, endpoint._writer
         self._sink: Sink = getattr(endpoint, "_on_replies" if self._is_client else "_on_requests")
         self._client_gid = self._own_gid() if self._is_client else b""
-        self._handles: dict[tuple[int, int], int] = {}
+        self._handles: dict[tuple[ClientId, int], int] = {}
         endpoint._writer = _TappedWriter(self._writer, self)
         self._reader.set_sink(self._arrived)
 
@@ -124,7 +126,7 @@ class _Tap:
                 self._handles[client, sequence] = handle
                 gid = self._server_gid(client, handle)
                 self._publish(ServiceEventType.REQUEST_RECEIVED, gid, sequence, message, self._request)
-            elif client == self._writer.handle:
+            elif client in (self._writer.handle, self._reader.guid, self._writer.guid):
                 self._publish(ServiceEventType.RESPONSE_RECEIVED, self._client_gid, sequence, message, self._response)
         except DecodeError:
             return  # The endpoint itself will count and log it.
@@ -139,8 +141,10 @@ class _Tap:
             self._publish(ServiceEventType.RESPONSE_SENT, gid, sequence, message, self._response)
 
     @staticmethod
-    def _server_gid(client: int, handle: int) -> bytes:
-        """The request id's writer guid: the client's number and the handle of its request writer."""
+    def _server_gid(client: ClientId, handle: int) -> bytes:
+        """The request id's writer guid: of a client on Cyclone its number and the handle of its request writer."""
+        if isinstance(client, bytes):
+            return client
         return (client & _MASK).to_bytes(8, "little") + (handle & _MASK).to_bytes(8, "little")
 
     def _publish(self, kind: ServiceEventType, gid: bytes, sequence: int, data: bytes, cls: type[Message]) -> None:
@@ -179,11 +183,11 @@ class _TappedWriter:
         """See `transport.Writer`."""
         return self._writer.handle
 
-    def write(self, data: Payload) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None) -> bool:
         """See `transport.Writer`."""
-        written = self._writer.write(data)
+        written = self._writer.write(data, identity)
         if written:
-            self._tap.sent(data)
+            self._tap.sent(data if identity is None else identified(data, identity))
         return written
 
     def matched_readers(self) -> list[bytes]:

@@ -23,13 +23,15 @@ from rosidl_py_gen.runtime.transport import (
     ReceiveQueue,
     TransportError,
     effective,
+    identified,
+    in_fours,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.qos import QoSProfile
-    from rosidl_py_gen.runtime.transport import DiscoveryEvent, Payload, Sample, Sink
+    from rosidl_py_gen.runtime.transport import DiscoveryEvent, Identity, Payload, Sample, Sink
 
 _VENDOR = b"\x01\x10"
 """Cyclone's vendor id, so that nothing treats our endpoints as foreign ones."""
@@ -68,6 +70,7 @@ class MemoryParticipant:
     """A member of a `MemoryTransport`; see `transport.Participant`."""
 
     must_wait = False
+    fast_dds_refusal: str | None = None
 
     def __init__(
         self,
@@ -237,12 +240,12 @@ class MemoryWriter(_Endpoint):
         depth = (None if qos.history is History.KEEP_ALL else max(1, qos.depth)) if keeps else 0
         self._history: deque[Sample] = deque(maxlen=depth)
 
-    def write(self, data: Payload) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None) -> bool:
         """See `transport.Writer`."""
         if self.closed:
             raise ClosedError("this writer is closed")
         now = time.time_ns()
-        sample = (bytes(data), now, self.handle, now)
+        sample = (in_fours(data if identity is None else identified(data, identity)), now, self.handle, now)
         with self.owner.lock:
             self._history.append(sample)
             for peer in self.owner.peers:

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.callbacks import is_own_cancel, require_callable, settle
 from rosidl_py_gen.runtime.ddsnames import endpoint_user_data, reply_name, request_name, type_name
-from rosidl_py_gen.runtime.request import add_header, carrier_qos, foreign_words, is_foreign, split_header
+from rosidl_py_gen.runtime.request import carrier_qos, foreign_words, is_foreign, send, split_header
 from rosidl_py_gen.runtime.scope import Throttle, is_async
+from rosidl_py_gen.runtime.transport import identity_of
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.introspection import IntrospectionState
     from rosidl_py_gen.runtime.message_types import ServiceType
     from rosidl_py_gen.runtime.qos import QoSLike, QoSProfile
+    from rosidl_py_gen.runtime.request import ClientId
     from rosidl_py_gen.runtime.scope import Scope
     from rosidl_py_gen.runtime.transport import Sample
 
@@ -35,6 +37,8 @@ ResponseT = TypeVar("ResponseT")
 
 _MATCH_TRIES = 10
 _MATCH_PAUSE_S = 0.01
+_READER_BIT = 0x04
+"""In the last byte of a GUID: it is a reader's."""
 
 
 class AlreadyRespondedError(RosidlError, RuntimeError):
@@ -50,14 +54,14 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
         self,
         server: ServiceServer[RequestT, ResponseT],
         message: RequestT,
-        client_id: int,
+        client_id: ClientId,
         sequence: int,
         writer_guid: bytes | None,
     ) -> None:
         self._server = server
         self.message = message
         self.client_id = client_id
-        """The number by which the client knows its replies; the same for all its requests."""
+        """By which the client knows its replies: the number of one on Cyclone DDS, the GUID of one on Fast DDS."""
         self._sequence = sequence
         self._writer_guid = writer_guid
         self._responded = False
@@ -161,11 +165,10 @@ class ServiceServer(Generic[RequestT, ResponseT]):
     def _read(self, sample: Sample) -> ServiceRequest[RequestT, ResponseT] | None:
         data, _, handle, _ = sample
         writer_guid = self._reader.writer_guid(handle)
-        if writer_guid is not None and is_foreign(writer_guid):
+        if writer_guid is not None and is_foreign(writer_guid) and identity_of(data) is None:
             endpoint = self._scope.graph.endpoints.get(writer_guid)
-            words = f"a client of service {self.name} is on Fast DDS"
-            if endpoint is not None:
-                words = foreign_words(self._scope.graph, endpoint, self.name, "a client")
+            refusal = self._scope.participant.fast_dds_refusal
+            words = foreign_words(self._scope.graph, endpoint, self.name, "a client", refusal)
             if self._throttle.passes():
                 self._scope.logger.error(f"refused a request: {words}")
             return None
@@ -214,36 +217,47 @@ class ServiceServer(Generic[RequestT, ResponseT]):
     def _respond(self, request: ServiceRequest[RequestT, ResponseT], response: ResponseT) -> None:
         if self._closed:
             raise ClosedError(f"service {self.name} of node {self._scope.node_name} is closed")
-        data = add_header(self._type.response.encode(response), request.client_id, request._sequence)
-        if not self._reply_reader_is_missing(request._writer_guid) and self._writer.write(data):
-            return
-        self._scope.start(self._send_later(request._writer_guid, data))
+        data = self._type.response.encode(response)
+        if self._reply_reader_is_missing(request) or not self._send(request, data):
+            self._scope.start(self._send_later(request, data))
 
-    def _reply_reader_is_missing(self, writer_guid: bytes | None) -> bool:
-        """Whether the client announced an id, and no connected reply reader carries it yet."""
-        graph = self._scope.graph
-        if writer_guid is None or (writer_guid in self._connected and graph.version == self._connected_at):
+    def _send(self, request: ServiceRequest[RequestT, ResponseT], data: bytes) -> bool:
+        return send(self._writer, data, request.client_id, request._sequence)
+
+    def _reply_reader_is_missing(self, request: ServiceRequest[RequestT, ResponseT]) -> bool:
+        """Whether the client said which reader it listens with, and that one is not connected yet."""
+        graph, client_id = self._scope.graph, request.client_id
+        key = client_id if isinstance(client_id, bytes) else request._writer_guid
+        if key is None or (key in self._connected and graph.version == self._connected_at):
             return False
-        client = graph.endpoints.get(writer_guid)
-        client_id = client.user_data.get("clientid") if client is not None else None
-        if client_id is not None:
-            matched = (graph.endpoints.get(guid) for guid in self._writer.matched_readers())
-            if not any(reader is not None and reader.user_data.get("clientid") == client_id for reader in matched):
-                return True
+        if not self._listens(client_id, key):
+            return True
         if graph.version != self._connected_at:
             self._connected, self._connected_at = set(), graph.version
-        self._connected.add(writer_guid)
+        self._connected.add(key)
         return False
 
-    async def _send_later(self, writer_guid: bytes | None, data: bytes) -> None:
+    def _listens(self, client_id: ClientId, key: bytes) -> bool:
+        """Source: protocol.md 5.2 and 5.3."""
+        if isinstance(client_id, bytes):
+            return not client_id[15] & _READER_BIT or client_id in self._writer.matched_readers()
+        endpoints = self._scope.graph.endpoints
+        client = endpoints.get(key)
+        announced = client.user_data.get("clientid") if client is not None else None
+        if announced is None:
+            return True
+        matched = (endpoints.get(guid) for guid in self._writer.matched_readers())
+        return any(reader is not None and reader.user_data.get("clientid") == announced for reader in matched)
+
+    async def _send_later(self, request: ServiceRequest[RequestT, ResponseT], data: bytes) -> None:
         for _ in range(_MATCH_TRIES):
-            if not self._reply_reader_is_missing(writer_guid):
+            if not self._reply_reader_is_missing(request):
                 break
             await asyncio.sleep(_MATCH_PAUSE_S)
         else:
             self._scope.logger.warning(f"a response of {self.name} was lost: its client's reader never appeared")
             return
-        while not self._closed and not self._writer.write(data):
+        while not self._closed and not self._send(request, data):
             await asyncio.sleep(0.001)
 
     # ------------------------------------------------------------------------------------------------------- state

@@ -9,6 +9,7 @@ called by the bridge on the event loop's thread, and takes what it wants from th
 
 from __future__ import annotations
 
+import struct
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, TypeAlias
@@ -32,6 +33,33 @@ Sink: TypeAlias = "Callable[[], None]"
 
 FAST_DDS_VENDOR = b"\x01\x0f"
 """First bytes of every GUID that Fast DDS makes (RTPS vendor id)."""
+
+
+Identity: TypeAlias = "tuple[bytes, int]"
+"""Which request a sample of a Fast DDS service is or answers: a GUID of the client, its request's sequence number."""
+
+IDENTITY_BYTES = 24
+_IDENTIFIED = b"\xfd\x5d"
+"""Stands in the two option bytes of the encapsulation header, which are zero otherwise."""
+_identity = struct.Struct("<16sq")
+
+
+def in_fours(data: Payload) -> bytes:
+    """The sample as it is on the wire, in multiples of four bytes: DDS would add what lies behind it in memory."""
+    return b"".join((data, bytes(-len(data) & 3)))
+
+
+def identified(data: Payload, identity: Identity) -> bytes:
+    """A sample with the identity behind its encapsulation header. 24 is a multiple of 8, so all stays aligned."""
+    return b"".join((data[:2], _IDENTIFIED, _identity.pack(*identity), data[4:]))
+
+
+def identity_of(data: Payload) -> Identity | None:
+    """What `identified` put in; None when it is a sample as others send it."""
+    if data[2:4] != _IDENTIFIED or len(data) < 4 + IDENTITY_BYTES:
+        return None
+    guid, sequence = _identity.unpack_from(data, 4)
+    return guid, sequence
 
 
 class TransportError(RosidlError):
@@ -141,8 +169,11 @@ class Writer(Protocol):
     def handle(self) -> int:
         """Unsigned 64-bit number that is unique among the writers of this machine's process (protocol.md 5.1)."""
 
-    def write(self, data: Payload) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None) -> bool:
         """Send a sample. Never blocks and never holds the GIL inside the middleware.
+
+        Args:
+            identity: for services of Fast DDS peers; only where `Participant.fast_dds_refusal` is None.
 
         Returns:
             False when a reliable reader is so far behind that the middleware wants us to wait; nothing was sent.
@@ -201,6 +232,10 @@ class Participant(Protocol):
     @property
     def must_wait(self) -> bool:
         """True: somebody has to sit in `wait`. False: every arrival calls the function given to `set_notify`."""
+
+    @property
+    def fast_dds_refusal(self) -> str | None:
+        """Why services of Fast DDS peers cannot be used; None when they can. Samples of them then have an identity."""
 
     def create_writer(self, topic: str, type: str, qos: QoSProfile, user_data: bytes) -> Writer:
         """Raises `TransportError` when the middleware refuses."""

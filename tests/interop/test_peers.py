@@ -104,8 +104,11 @@ async def test_fast_dds_latched_samples_reach_late_joiners(
         assert await latched.receive(timeout_s=10) == String(data="kept")
 
 
-async def test_fast_dds_servers_are_refused(dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any]) -> None:
+async def test_fast_dds_servers_are_refused_by_unknown_builds_of_cyclone(
+    dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     context = dds.context()
+    monkeypatch.setattr(context.participant.fast_dds, "refusal", "this build is not known")
     with run_peer(fastdds_peer, "service", str(context.domain_id)):
         client = dds.node("tester", context=context).create_client(AddTwoInts, "/fast_add")
         with pytest.raises(ForeignServiceError, match="Fast DDS"):

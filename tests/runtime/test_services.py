@@ -247,8 +247,9 @@ async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None
     assert len(own) == 1
 
 
-async def test_fast_dds_servers_are_refused_instead_of_hanging(memory: World) -> None:
+async def test_fast_dds_servers_are_refused_instead_of_hanging_where_they_cannot_be_called(memory: World) -> None:
     bob = memory.node("bob")
+    bob.context.participant.fast_dds_refusal = "this build is not known"  # type: ignore[misc]
     client = bob.create_client(AddTwoInts, "add")
     prefix = b"\x01\x0f" + bytes(10)
     for number, (topic, kind) in enumerate((("rq/addRequest", "Request"), ("rr/addReply", "Response")), 1):

@@ -88,8 +88,8 @@ async def test_topics_of_one_type_share_it_and_come_and_go(dds: World) -> None:
     assert (await subscription.receive(timeout_s=5)).data == "still here"
 
 
-async def test_the_end_of_a_sample_is_zeros_not_memory(dds: World) -> None:
-    participant, names = dds.context().participant, ("rt/odd", "pkg::msg::dds_::Odd_")
+async def test_the_end_of_a_sample_is_zeros_not_memory(world: World) -> None:
+    participant, names = world.context().participant, ("rt/odd", "pkg::msg::dds_::Odd_")
     reader = participant.create_reader(*names, DEFAULT, b"")
     writer = participant.create_writer(*names, DEFAULT, b"")
     for length in range(5, 9):

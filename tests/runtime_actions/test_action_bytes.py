@@ -33,7 +33,9 @@ class Tap:
 
 
 def wire(*parts: str) -> str:
-    return "".join((HEADER, *parts)).replace(" ", "")
+    """A sample, up to a multiple of four bytes."""
+    text = "".join((HEADER, *parts)).replace(" ", "")
+    return text + "0" * (-len(text) % 8)
 
 
 def tap_service(node: NodeActions, name: str, dds_type: str) -> tuple[Tap, Tap]:

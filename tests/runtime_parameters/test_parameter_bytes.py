@@ -42,8 +42,8 @@ def test_setting_one_integer_and_the_event_it_causes(world: World) -> None:
         expected = wire("01 00 00 00", name, *value).format("000000")
         assert (request[:4] + request[20:]).hex() == expected
         (reply,) = [bytes(item[0]) for item in replies.queue.items]
-        # One result: successful, 3 pad bytes, empty reason.
-        assert (reply[:4] + reply[20:]).hex() == wire("01 00 00 00", "01 00 00 00", "01 00 00 00  00")
+        # One result: successful, 3 pad bytes, empty reason; and up to a multiple of four.
+        assert (reply[:4] + reply[20:]).hex() == wire("01 00 00 00", "01 00 00 00", "01 00 00 00  00", "000000")
         (event,) = [bytes(item[0]) for item in events.queue.items]
         stamp = "0a 00 00 00  05 00 00 00"
         fqn = "03 00 00 00  2f 6e 00"  # "/n"

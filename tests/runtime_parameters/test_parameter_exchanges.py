@@ -57,7 +57,9 @@ class Wiretap:
 
 
 def wire(*parts: str) -> str:
-    return "".join(parts).replace(" ", "")
+    """What follows the header, up to a multiple of four bytes."""
+    text = "".join(parts).replace(" ", "")
+    return text + "0" * (-len(text) % 8)
 
 
 def test_describe_parameters(world: World) -> None:
