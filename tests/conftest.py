@@ -1,8 +1,9 @@
-"""Settings all tests share: hypothesis without deadlines, and how long the fuzzers run."""
+"""Settings all tests share: hypothesis without deadlines, how long the fuzzers run, and Ctrl-C as in a terminal."""
 
 from __future__ import annotations
 
 import os
+import signal
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -26,6 +27,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.parent.name in _REAL_TIME:
             item.add_marker(pytest.mark.flaky(reruns=2))
+
+
+def pytest_configure() -> None:
+    """Let SIGINT interrupt. A shell starts background jobs with SIGINT ignored, and every child inherits that."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -68,8 +68,8 @@ try:
     _clayer, _library = _load()
 except ImportError as err:
     raise BackendMissingError(
-        "the node runtime needs Cyclone DDS: pip install 'rosidl-py-gen[node]'. Wheels of cyclonedds exist for Linux "
-        "(x86_64, aarch64), macOS and Windows, CPython 3.10 to 3.13; MemoryTransport works without it. "
+        "the node runtime needs Cyclone DDS: pip install 'rosidl-py-gen[node]'. Wheels of cyclonedds exist for CPython "
+        "3.10 to 3.13 on Linux (x86-64, glibc), macOS and Windows (x86-64); MemoryTransport works without it. "
         f"The import failed with: {err}"
     ) from err
 _api = abi.Api(_library)

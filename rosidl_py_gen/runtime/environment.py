@@ -18,10 +18,10 @@ CYCLONEDDS_URI chooses interfaces.
 
 from __future__ import annotations
 
-import operator
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, SupportsIndex
+from numbers import Integral
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import RosidlError
 
@@ -66,7 +66,7 @@ class DomainSettings:
 
 
 def read_environment(
-    environ: Mapping[str, str], *, domain_id: SupportsIndex | None = None, discovery: str | None = None
+    environ: Mapping[str, str], *, domain_id: int | None = None, discovery: str | None = None
 ) -> DomainSettings:
     """Combine variables and arguments; an argument that is not None wins over its variables.
 
@@ -95,17 +95,14 @@ def _domain_variable(text: str) -> int:
     return _domain_id("ROS_DOMAIN_ID", _parse_unsigned(text), text)
 
 
-def _domain_id(where: str, number: SupportsIndex | None, found: object = None) -> int:
-    try:  # NumPy's integers are as good as Python's
-        index = None if number is None or isinstance(number, bool) else operator.index(number)
-    except TypeError:
-        index = None
-    if index is None or not 0 <= index <= MAX_DOMAIN_ID:
+def _domain_id(where: str, number: int | None, found: object = None) -> int:
+    # NumPy's integers are as good as Python's. What else has an __index__ is not: up to NumPy 2.2 its bools have one.
+    if not isinstance(number, Integral) or isinstance(number, bool) or not 0 <= number <= MAX_DOMAIN_ID:
         raise EnvironmentSettingError(
             f"{where} must be a whole number from 0 to {MAX_DOMAIN_ID} (higher ids need UDP ports above 65535), "
             f"got {number if found is None else found!r}"
         )
-    return index
+    return int(number)
 
 
 def _parse_unsigned(text: str) -> int | None:

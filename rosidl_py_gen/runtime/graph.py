@@ -214,6 +214,15 @@ class Graph:
         """Whether such a node is known."""
         return any((node.name, node.namespace) == (name, namespace) for node in self.nodes())
 
+    def announced_hashes(self, name: str, namespace: str, type_name: str) -> dict[str, set[str]]:
+        """DDS topics by the hash that a node's endpoints of a type announce for it; "" for those that announce none."""
+        found: defaultdict[str, set[str]] = defaultdict(set)
+        for writers in (True, False):
+            for endpoint in self._endpoints_of(name, namespace, writers):
+                if demangle_type(endpoint.info.type) == type_name:
+                    found[endpoint.user_data.get("typehash", "")].add(endpoint.info.topic)
+        return dict(found)
+
     def _endpoints_of(self, name: str, namespace: str, writers: bool) -> Iterator[Endpoint]:
         for participant in self._participants.values():
             for node in participant.nodes:

@@ -28,7 +28,7 @@ from rosidl_py_gen.runtime.parameters import ParameterStore, SetResult
 from rosidl_py_gen.runtime.stream import Stream
 from rosidl_py_gen.runtime.time_source import SimTimePublisher, TimeSource
 from rosidl_py_gen.runtime.time_values import ClockType, Time
-from rosidl_py_gen.runtime.type_description_service import TypeDescriptionService, ask_type_description
+from rosidl_py_gen.runtime.type_description_service import TypeDescriptionService, announced_hash, ask_type_description
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -325,17 +325,27 @@ class NodeParameters:
         self,
         remote_node: str,
         type_name: str,
-        type_hash: str,
+        type_hash: str | None = None,
         *,
         include_type_sources: bool = True,
         timeout_s: float | None = None,
     ) -> GetTypeDescription_Response:
         """Ask another node how one of its types is defined.
 
+        Args:
+            type_name: of an endpoint: ``pkg/msg/Name``, ``pkg/srv/Name_Request``, ``pkg/action/Name_FeedbackMessage``.
+                With a hash, which alone decides then, anything.
+            type_hash: None takes the one that the node announces for its endpoints of that type. Whole services and
+                actions are not announced; they need theirs.
+
         Raises:
-            TypeDescriptionError: the node's own reason. CallTimeoutError.
+            TypeDescriptionError: the node's own reason; or it announces no hash for that type, or several.
+            CallTimeoutError. InvalidNameError.
         """
-        service = self._names.resolve_service(f"{self._names.resolve_topic(remote_node)}/get_type_description")
+        node = self._names.resolve_topic(remote_node)
+        service = self._names.resolve_service(f"{node}/get_type_description")
+        if type_hash is None:
+            type_hash, timeout_s = await announced_hash(self.scope, node, type_name, timeout_s)
         run = self.context.run_until_complete
         return await ask_type_description(
             self.scope, run, service, type_name, type_hash, include_type_sources, timeout_s

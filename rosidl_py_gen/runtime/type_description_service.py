@@ -3,7 +3,7 @@
 Decides which types count (those of the node's endpoints, the services and actions these are parts of) and the failure
 texts of protocol.md 9.8; whatever goes wrong is such a failure, never silence. Sources are looked for in the bundled
 interfaces and below AMENT_PREFIX_PATH; a type whose file is not there, or says something else, is answered with empty
-contents.
+contents. Whoever asks without a hash takes the one that the node itself announces, never one of a definition here.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.codec import encode
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
+from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.runtime.client import Client
-from rosidl_py_gen.runtime.ddsnames import demangle_type
+from rosidl_py_gen.runtime.ddsnames import demangle_service, demangle_topic, demangle_type
 from rosidl_py_gen.runtime.late_types import SERVICES, late_service_type
 from rosidl_py_gen.runtime.message_types import class_of
 from rosidl_py_gen.runtime.parameter_values import ParameterDescriptor, ParameterType, parameter_value
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
+from rosidl_py_gen.runtime.request import CallTimeoutError
 from rosidl_py_gen.runtime.service import ServiceServer
 from rosidl_py_gen.typesupport import referenced_classes, type_description, type_hash, type_name
 
@@ -37,6 +39,13 @@ if TYPE_CHECKING:
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 PARAMETER = "start_type_description_service"
 _HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
+_ENDPOINTS_PATIENCE_S = 1.0
+"""A node's endpoints are usually known some milliseconds after its name, or before it."""
+_PARTS = {
+    "srv": "; a service is announced as its messages: ask for its _Request or _Response, or give the type_hash",
+    "action": "; an action is announced as its messages: ask for its _SendGoal_Request, _GetResult_Response or "
+    "_FeedbackMessage, or give the type_hash",
+}
 _BUNDLED = "rosidl_py_gen.msgs"
 _MEMORY = "rosidl_py_gen_memory."
 """Where `dynamic.py` puts classes that it compiles."""
@@ -44,7 +53,7 @@ _GETTERS = {"msg": "get_message", "srv": "get_service", "action": "get_action"}
 
 
 class TypeDescriptionError(RosidlError, LookupError):
-    """The remote node cannot describe the type; the text is its reason."""
+    """The remote node cannot describe the type; the text is its reason, or why it could not be asked."""
 
 
 class TypeDescriptionService:
@@ -190,6 +199,58 @@ def _is_of_file(name: str, cls: type[Any] | None) -> bool:
 
     get: Callable[[str], type[Any]] = getattr(rosidl_py_gen, _GETTERS[name.split("/")[1]])
     return type_hash(get(name)) == type_hash(cls)
+
+
+async def announced_hash(scope: Scope, node: str, type_name: str, timeout_s: float | None) -> tuple[str, float | None]:
+    """The one hash that ``/ns/node`` announces for its endpoints of a type, and what is left of `timeout_s`.
+
+    Raises:
+        TypeDescriptionError: there is none, or more than one.
+        CallTimeoutError: no such node. InvalidNameError: the type has no ROS name.
+    """
+    split_ros_name(type_name)
+    namespace, _, name = node.rpartition("/")
+    namespace = namespace or "/"
+    graph, loop = scope.graph, scope.bridge.running_loop()
+    started = loop.time()
+    if not await scope.wait_until(lambda: graph.has_node(name, namespace), timeout_s, lambda: scope.closed):
+        raise CallTimeoutError(f"no node {node} appeared in {timeout_s} s")
+
+    def left_s(limit_s: float) -> float:
+        return max(0.0, limit_s if timeout_s is None else min(limit_s, timeout_s - (loop.time() - started)))
+
+    def known() -> bool:
+        return bool(graph.announced_hashes(name, namespace, type_name))
+
+    await scope.wait_until(known, left_s(_ENDPOINTS_PATIENCE_S), lambda: scope.closed)
+    found = _only_hash(node, type_name, graph.announced_hashes(name, namespace, type_name))
+    return found, None if timeout_s is None else left_s(timeout_s)
+
+
+def _only_hash(node: str, type_name: str, found: dict[str, set[str]]) -> str:
+    told = {text: topics for text, topics in found.items() if _HASH.match(text)}
+    if len(told) == 1:
+        return next(iter(told))
+    if told:
+        listed = [f"{text} ({_topics(topics)})" for text, topics in sorted(told.items())]
+        raise TypeDescriptionError(
+            f"{node} announces {len(told)} type hashes for {type_name}: {_some(listed)}; say which by type_hash"
+        )
+    if found:
+        where = _topics(set().union(*found.values()))
+        raise TypeDescriptionError(
+            f"{node} announces no type hash for {type_name} ({where}), as nodes of ROS 2 Humble do; give the type_hash"
+        )
+    raise TypeDescriptionError(f"{node} announces no endpoint of {type_name}{_PARTS.get(type_name.split('/')[1], '')}")
+
+
+def _topics(dds_names: set[str]) -> str:
+    return _some(sorted({demangle_topic(name) or demangle_service(name) or name for name in dds_names}))
+
+
+def _some(texts: list[str], most: int = 5) -> str:
+    """Not all of them when they are many: a peer decides how many there are."""
+    return ", ".join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")
 
 
 async def ask_type_description(

@@ -71,6 +71,16 @@ def fastdds_peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "peer"
 
 
+@pytest.fixture(scope="session")
+def fastdds_service_peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The C++ program on Fast DDS 2.9 that has a service server and a client, as rmw_fastrtps of Humble makes them."""
+    _require("fastddsgen", "g++")  # the generator stands for the Debian packages of Fast DDS
+    program = tmp_path_factory.mktemp("fastdds_service_peer") / "peer"
+    source = str(SOURCES / "fastdds_service_peer.cpp")
+    subprocess.run(["g++", "-std=c++17", source, "-lfastrtps", "-lfastcdr", "-o", str(program)], check=True)
+    return program
+
+
 @contextmanager
 def running(program: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Start a peer, wait until it is ready, and kill it at the end."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -104,12 +105,47 @@ async def test_fast_dds_latched_samples_reach_late_joiners(
         assert await latched.receive(timeout_s=10) == String(data="kept")
 
 
+@pytest.mark.parametrize(("late", "numbers"), [(False, [(1, 2), (-5, 3), (2**62, 1)]), (True, [(20, 22)])])
+def test_fast_dds_services_as_humble_has_them(
+    fastdds_service_peer: Path, run_peer: Callable[..., Any], late: bool, numbers: list[tuple[int, int]]
+) -> None:
+    where = os.environ["ROS_DOMAIN_ID"], "humble_add"
+    call = (fastdds_service_peer, "call", *where, *(str(number) for pair in numbers for number in pair))
+    serve = (fastdds_service_peer, "serve", *where)
+    with run_peer(*(call if late else serve)) as first, run_peer(*(serve if late else call)) as second:
+        client = first if late else second
+        assert client.stdout.read().split() == [word for a, b in numbers for word in ("SUM", str(a + b))]
+        assert client.wait() == 0
+
+
+async def test_fast_dds_servers_as_humble_has_them_are_called(
+    dds: Any, fastdds_service_peer: Path, run_peer: Callable[..., Any]
+) -> None:
+    context = dds.context()
+    with run_peer(fastdds_service_peer, "serve", str(context.domain_id), "fast_add"):
+        client = dds.node("tester", context=context).create_client(AddTwoInts, "/fast_add")
+        for number in range(20):
+            assert (await client.call(AddTwoInts.Request(a=number, b=2), timeout_s=10)).sum == number + 2
+
+
+async def test_fast_dds_clients_as_humble_has_them_are_served(
+    dds: Any, fastdds_service_peer: Path, run_peer: Callable[..., Any]
+) -> None:
+    context = dds.context()
+    node = dds.node("tester", context=context)
+    node.create_service(AddTwoInts, "/our_add", lambda request: AddTwoInts.Response(sum=request.a + request.b))
+    numbers = ("1", "2", "-5", "3", str(2**62), "1")
+    with run_peer(fastdds_service_peer, "call", str(context.domain_id), "our_add", *numbers) as client:
+        sums = (await asyncio.to_thread(client.stdout.read)).split()
+    assert sums == ["SUM", "3", "SUM", "-2", "SUM", str(2**62 + 1)]
+
+
 async def test_fast_dds_servers_are_refused_by_unknown_builds_of_cyclone(
-    dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    dds: Any, fastdds_service_peer: Path, run_peer: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     context = dds.context()
     monkeypatch.setattr(context.participant.fast_dds, "refusal", "this build is not known")
-    with run_peer(fastdds_peer, "service", str(context.domain_id)):
+    with run_peer(fastdds_service_peer, "serve", str(context.domain_id), "fast_add"):
         client = dds.node("tester", context=context).create_client(AddTwoInts, "/fast_add")
         with pytest.raises(ForeignServiceError, match="Fast DDS"):
             await client.call(AddTwoInts.Request(), timeout_s=10)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import re
 import sys
 from typing import Any
 
@@ -10,11 +12,12 @@ import pytest
 from parameter_worlds import World, run, until
 
 from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
-from rosidl_py_gen.runtime import type_description_service
-from rosidl_py_gen.runtime.ddsnames import reply_name
+from rosidl_py_gen.runtime import CallTimeoutError, type_description_service
+from rosidl_py_gen.runtime.ddsnames import endpoint_user_data, reply_name
 from rosidl_py_gen.runtime.qos import QoSProfile
 from rosidl_py_gen.runtime.type_description_service import TypeDescriptionError
 
@@ -86,6 +89,98 @@ def test_two_types_of_one_name_are_told_apart(world: World) -> None:
             await asker.get_type_description("/n", "", type_hash(string), timeout_s=5)
 
     run(main)
+
+
+def fields_of(got: Any) -> list[tuple[str, int]]:
+    return [(field.name, field.type.type_id) for field in got.type_description.type_description.fields]
+
+
+def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> None:
+    async def main() -> None:
+        node, asker, string = world.node("n", "/ns"), world.node("asker", "/ns"), get_message("std_msgs/msg/String")
+        asker.create_publisher(string, "elsewhere")  # neither the asker's nor a neighbour's type of that name counts
+        world.node("neighbour", "/ns").create_publisher(string, "elsewhere")
+        node.create_subscription(OddString, "odd", lambda message: None)
+        got = await asker.get_type_description("n", "std_msgs/msg/String", timeout_s=5)
+        assert fields_of(got) == [("not_a_string", 6)]
+        node.create_client(Ask, "ask")
+        got = await asker.get_type_description("/ns/n", "my_pkg/srv/Ask_Request", include_type_sources=False)
+        assert (fields_of(got), got.type_sources) == ([("question", 17)], [])
+        node.create_action_server(Walk, "walk", lambda goal: None)
+        got = await asker.get_type_description("/ns/n", "my_pkg/action/Walk_FeedbackMessage", None, timeout_s=5)
+        assert [name for name, _ in fields_of(got)] == ["goal_id", "feedback"]
+
+    run(main)
+
+
+def test_a_node_that_comes_later_is_waited_for(world: World) -> None:
+    async def main() -> None:
+        asker = world.node("asker")
+        asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
+        await asyncio.sleep(0.1)
+        world.node("n").create_publisher(Foo, "foo")
+        assert fields_of(await asking) == [("x", 6)]
+        with pytest.raises(CallTimeoutError, match=r"no node /nobody appeared in 0\.1 s"):
+            await asker.get_type_description("/nobody", "my_pkg/msg/Foo", timeout_s=0.1)
+
+    run(main)
+
+
+def test_several_announced_hashes_are_an_error_that_lists_them(world: World) -> None:
+    async def main() -> None:
+        node, string = world.node("n"), get_message("std_msgs/msg/String")
+        node.create_publisher(string, "plain")
+        announce_writer(node, "std_msgs::msg::dds_::String_", "odd", type_hash(OddString))
+        asker = world.node("asker")
+        await until(lambda: asker.count_publishers("odd") == asker.count_publishers("plain") == 1)
+        listed = sorted([f"{type_hash(string)} (/plain)", f"{type_hash(OddString)} (/odd)"])
+        words = f"/n announces 2 type hashes for std_msgs/msg/String: {', '.join(listed)}; say which by type_hash"
+        await until(lambda: len(asker.get_publisher_names_and_types_by_node("n")) == 4)
+        with pytest.raises(TypeDescriptionError, match=f"^{re.escape(words)}$"):
+            await asker.get_type_description("/n", "std_msgs/msg/String", timeout_s=5)
+        got = await asker.get_type_description("/n", "std_msgs/msg/String", type_hash(string), timeout_s=5)
+        assert fields_of(got) == [("data", 17)]
+
+    run(main)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "words"),
+    [
+        ("my_pkg/msg/Bar", "/n announces no endpoint of my_pkg/msg/Bar"),
+        ("my_pkg/srv/Ask", "/n announces no endpoint of my_pkg/srv/Ask; a service is announced as its messages: .*_Re"),
+        ("my_pkg/action/Walk", "/n announces no endpoint of my_pkg/action/Walk; an action is .* _SendGoal_Request"),
+        ("my_pkg/msg/Old", r"/n announces no type hash for my_pkg/msg/Old \(/old\), as nodes of ROS 2 Humble do; give"),
+        ("my_pkg/msg/Bad", r"/n announces no type hash for my_pkg/msg/Bad \(/bad\)"),
+    ],
+)
+def test_no_announced_hash_is_an_error_that_says_what_to_ask_for(world: World, wanted: str, words: str) -> None:
+    async def main() -> None:
+        node = world.node("n")
+        node.create_client(Ask, "ask")
+        announce_writer(node, "my_pkg::msg::dds_::Old_", "old", "")
+        announce_writer(node, "my_pkg::msg::dds_::Bad_", "bad", "RIHS01_nonsense")
+        with pytest.raises(TypeDescriptionError, match=f"^{words}"):
+            await world.node("asker").get_type_description("/n", wanted, timeout_s=5)
+
+    run(main)
+
+
+def test_without_a_hash_the_type_needs_a_name(world: World) -> None:
+    async def main() -> None:
+        world.node("n")
+        with pytest.raises(InvalidNameError, match='"String" is not an interface name'):
+            await world.node("asker").get_type_description("/n", "String", timeout_s=5)
+
+    run(main)
+
+
+def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> None:
+    """A writer of the node's that announces any hash, or none."""
+    user_data = endpoint_user_data(announced)
+    writer = node.scope.participant.create_writer(f"rt/{topic}", dds_type, QoSProfile(), user_data)
+    node.scope.add(writer.guid)
+    node.scope.own(writer)
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,17 @@ def test_arguments_win_over_variables() -> None:
     assert (settings.domain_id, settings.discovery, settings.warnings) == (3, DiscoveryRange.SUBNET, ())
 
 
-@pytest.mark.parametrize("bad", [-1, 233, True, "5", 1.0])
+class BoolOfNumpy22:
+    """NumPy's bool up to version 2.2: it can be an index, with a DeprecationWarning."""
+
+    def __index__(self) -> int:
+        return 1
+
+    def __repr__(self) -> str:
+        return "np.True_"
+
+
+@pytest.mark.parametrize("bad", [-1, 233, True, "5", 1.0, BoolOfNumpy22()])
 def test_bad_domain_id_argument(bad: Any) -> None:
     with pytest.raises(EnvironmentSettingError, match=f"^domain_id must be .*got {bad!r}$"):
         read_environment({}, domain_id=bad)

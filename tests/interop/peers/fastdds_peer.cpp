@@ -1,8 +1,8 @@
 // A foreign peer on Fast DDS 2.9, close to the 2.14 of ROS 2 Jazzy.
 //
 // "echo": echoes every sample of rt/ask_<type> on rt/answer_<type>, reliable or best effort, and keeps a transient-local
-// sample on rt/latched. "service": endpoints of a service server, as rmw_fastrtps would have them. "big": a ROS node
-// /bigendian that writes rt/big in big-endian CDR. Prints READY when everything exists. Loopback only; domain from argv.
+// sample on rt/latched. "big": a ROS node /bigendian that writes rt/big in big-endian CDR. Prints READY when everything
+// exists. Loopback only; domain from argv.
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
@@ -15,78 +15,9 @@
 
 #include <fastcdr/Cdr.h>
 #include <fastcdr/FastBuffer.h>
-#include <fastdds/dds/domain/DomainParticipant.hpp>
-#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
-#include <fastdds/dds/publisher/DataWriter.hpp>
-#include <fastdds/dds/publisher/Publisher.hpp>
-#include <fastdds/dds/subscriber/DataReader.hpp>
-#include <fastdds/dds/subscriber/DataReaderListener.hpp>
-#include <fastdds/dds/subscriber/SampleInfo.hpp>
-#include <fastdds/dds/subscriber/Subscriber.hpp>
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
-#include <fastrtps/utils/IPLocator.h>
 
+#include "fastdds_loopback.hpp"
 #include "typesPubSubTypes.h"
-
-using namespace eprosima::fastdds::dds;
-namespace rtps = eprosima::fastrtps::rtps;
-using eprosima::fastrtps::c_TimeInfinite;
-
-static DomainParticipant *participant;
-static Publisher *publisher;
-static Subscriber *subscriber;
-
-static void open_participant(int domain) {
-  DomainParticipantQos qos = PARTICIPANT_QOS_DEFAULT;
-  auto loopback = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-  loopback->interfaceWhiteList.emplace_back("127.0.0.1");
-  loopback->maxMessageSize = 65000;
-  loopback->sendBufferSize = loopback->receiveBufferSize = 4 << 20;
-  qos.transport().use_builtin_transports = false;
-  qos.transport().user_transports.push_back(loopback);
-  rtps::Locator_t peer;
-  rtps::IPLocator::setIPv4(peer, "127.0.0.1");
-  peer.port = 0;
-  qos.wire_protocol().builtin.initialPeersList.push_back(peer);
-  rtps::Locator_t own;
-  rtps::IPLocator::setIPv4(own, "127.0.0.1");
-  own.port = 0;
-  qos.wire_protocol().builtin.metatrafficUnicastLocatorList.push_back(own);  // instead of the multicast default
-  const std::string enclave = "enclave=/;";
-  qos.user_data().setValue(std::vector<rtps::octet>(enclave.begin(), enclave.end()));
-  participant = DomainParticipantFactory::get_instance()->create_participant(domain, qos);
-  if (participant == nullptr) { std::fprintf(stderr, "no participant\n"); std::exit(1); }
-  publisher = participant->create_publisher(PUBLISHER_QOS_DEFAULT);
-  subscriber = participant->create_subscriber(SUBSCRIBER_QOS_DEFAULT);
-}
-
-static Topic *topic(const std::string &name, TopicDataType *made) {
-  TypeSupport type(made);
-  type->auto_fill_type_object(false);  // as rmw_fastrtps does
-  type->auto_fill_type_information(false);
-  type.register_type(participant);
-  return participant->create_topic(name, type.get_type_name(), TOPIC_QOS_DEFAULT);
-}
-
-static DataWriterQos writer_qos(bool best_effort, bool latched = false) {
-  DataWriterQos qos = DATAWRITER_QOS_DEFAULT;
-  qos.reliability().kind = best_effort ? BEST_EFFORT_RELIABILITY_QOS : RELIABLE_RELIABILITY_QOS;
-  qos.history().kind = KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = 10;
-  qos.durability().kind = latched ? TRANSIENT_LOCAL_DURABILITY_QOS : VOLATILE_DURABILITY_QOS;
-  qos.endpoint().history_memory_policy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
-  qos.publish_mode().kind = ASYNCHRONOUS_PUBLISH_MODE;  // more than 64 kB must be sent in fragments
-  return qos;
-}
-
-static DataReaderQos reader_qos(bool best_effort) {
-  DataReaderQos qos = DATAREADER_QOS_DEFAULT;
-  qos.reliability().kind = best_effort ? BEST_EFFORT_RELIABILITY_QOS : RELIABLE_RELIABILITY_QOS;
-  qos.history().kind = KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = 10;
-  qos.endpoint().history_memory_policy = rtps::PREALLOCATED_WITH_REALLOC_MEMORY_MODE;
-  return qos;
-}
 
 template <class PubSub, class Data>
 class Echo : public DataReaderListener {
@@ -172,15 +103,6 @@ int main(int argc, char **argv) {
   open_participant(std::atoi(argv[2]));
   const std::string mode = argv[1];
   if (mode == "big") big_endian_node();
-  if (mode == "service") {
-    using RequestType = example_interfaces::srv::dds_::AddTwoInts_Request_PubSubType;
-    using ResponseType = example_interfaces::srv::dds_::AddTwoInts_Response_PubSubType;
-    subscriber->create_datareader(topic("rq/fast_addRequest", new RequestType()), reader_qos(false));
-    publisher->create_datawriter(topic("rr/fast_addReply", new ResponseType()), writer_qos(false));
-    std::printf("READY\n");
-    std::fflush(stdout);
-    for (;;) std::this_thread::sleep_for(std::chrono::seconds(1));
-  }
   using namespace std_msgs::msg::dds_;
   Echo<String_PubSubType, String_> string("string", false);
   Echo<String_PubSubType, String_> sensor("sensor", true);
