@@ -27,12 +27,12 @@ from rosidl_py_gen.runtime import cyclone_abi as abi
 from rosidl_py_gen.runtime.cyclone_discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.cyclone_domain import Domain
 from rosidl_py_gen.runtime.cyclone_endpoints import CycloneReader, CycloneWriter, TakeBuffers
-from rosidl_py_gen.runtime.cyclone_fastdds import FastDds, greet
+from rosidl_py_gen.runtime.cyclone_fastdds import FastDds
 from rosidl_py_gen.runtime.cyclone_qos import endpoint_qos, participant_qos
 from rosidl_py_gen.runtime.transport import BackendMissingError, ReceiveQueue, effective
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
     from types import ModuleType
 
     from rosidl_py_gen.runtime.qos import QoSProfile
@@ -124,7 +124,7 @@ class CycloneParticipant:
             self._domain.leave()
             raise
         self.guid = self.guid_of(self.entity)
-        self.discovery = DiscoveryReaders(_api, self.entity, self._greet)
+        self.discovery = DiscoveryReaders(_api, _fast_dds, domain_id, self.entity)
 
     @property
     def fast_dds_refusal(self) -> str | None:
@@ -174,10 +174,6 @@ class CycloneParticipant:
                 held = self._topics[topic, type] = [handle, 0]
             held[1] += 1
             return held[0]
-
-    def _greet(self, writer_guids: Iterable[bytes]) -> None:
-        if self.fast_dds.refusal is None:
-            greet(self.domain_id, writer_guids)
 
     def type_object(self, type: str) -> int:
         """What stands for a type that has endpoints."""
@@ -294,4 +290,5 @@ class CycloneParticipant:
             reader.close()
         self._ready.clear()
         _api.delete(self.entity)
+        self.discovery.close()
         self._domain.leave()

@@ -20,8 +20,9 @@ from rosidl_py_gen.runtime.cyclone_qos import read_profile, read_user_data
 from rosidl_py_gen.runtime.transport import FAST_DDS_VENDOR, EndpointFound, Lost, ParticipantFound
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator
 
+    from rosidl_py_gen.runtime.cyclone_fastdds import FastDds
     from rosidl_py_gen.runtime.transport import DiscoveryEvent
 
 _BATCH = 64
@@ -37,15 +38,20 @@ _TOPICS = (abi.DCPS_PARTICIPANT, abi.DCPS_PUBLICATION, abi.DCPS_SUBSCRIPTION)
 class DiscoveryReaders:
     """The three builtin readers of a participant. `fetch` in the waiting thread, `report` in the loop's."""
 
-    def __init__(self, api: abi.Api, participant: int, greet: Callable[[Iterable[bytes]], None]) -> None:
-        """`greet` is called, from any thread, with writers of requests and replies on Fast DDS; more than once."""
+    def __init__(self, api: abi.Api, fast_dds: FastDds, domain_id: int, participant: int) -> None:
         self._api = api
-        self._greet = greet
+        self._fast_dds = fast_dds
+        self._domain_id = domain_id
         self._strangers: list[bytes] = []
+        """Writers of requests and replies on Fast DDS that are new."""
         self._readers: dict[int, int] = {}
         for topic in _TOPICS:
-            code = api.create_reader(participant, topic, None, None)
+            listener = fast_dds.listener(api) if topic == abi.DCPS_PARTICIPANT else None
+            code = api.create_reader(participant, topic, None, listener)
+            if listener is not None:
+                api.delete_listener(listener)
             self._readers[topic] = api.check(code, "create a discovery reader")
+        fast_dds.notice(self._readers[abi.DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self._lock = threading.Lock()
         self._pointers = (ct.c_void_p * _BATCH)()
@@ -63,11 +69,17 @@ class DiscoveryReaders:
     def fetch(self) -> None:
         """Move all news into the list of events."""
         with self._lock:
-            for topic in _TOPICS:
-                while self._fetch_batch(topic, self._readers[topic]) == _BATCH:
+            participants = self._readers[abi.DCPS_PARTICIPANT]
+            self._fast_dds.look(participants)
+            for topic, reader in self._readers.items():
+                news: list[DiscoveryEvent] = []
+                while self._fetch_batch(topic, reader, news) == _BATCH:
                     pass
+                if reader == participants:
+                    self._fast_dds.settle(participants, news)
+                self._events.extend(news)
             if self._strangers:
-                self._greet(self._strangers)
+                self._fast_dds.greet(self._domain_id, self._strangers)
 
     def report(self) -> None:
         """Pass all news to the sink."""
@@ -75,12 +87,12 @@ class DiscoveryReaders:
         if self._strangers:
             # Again: Cyclone tells of a writer a moment before it connects it with our readers.
             strangers, self._strangers = self._strangers, []
-            self._greet(strangers)
+            self._fast_dds.greet(self._domain_id, strangers)
         events = [self._events.popleft() for _ in range(len(self._events))]
         if events and self.sink is not None:
             self.sink(events)
 
-    def _fetch_batch(self, topic: int, reader: int) -> int:
+    def _fetch_batch(self, topic: int, reader: int, news: list[DiscoveryEvent]) -> int:
         pointers = self._pointers
         pointers[0] = None  # ask for loans
         count: int = self._api.take(reader, pointers, self._infos, _BATCH, _BATCH)
@@ -90,10 +102,10 @@ class DiscoveryReaders:
             for index in range(count):
                 state, valid, handle = _info(self._infos, 64 * index)
                 event = self._event(topic, pointers[index] or 0, handle, valid)
-                self._events.append(event)
+                news.append(event)
                 if valid and state != _ALIVE:  # came and went since the last look; nothing else will tell
                     self._forget_later(handle)
-                    self._events.append(Lost(event.guid))
+                    news.append(Lost(event.guid))
         finally:
             self._api.return_loan(reader, pointers, count)
         return count
@@ -126,6 +138,10 @@ class DiscoveryReaders:
         self._lost.append(handle)
         if len(self._lost) > _REMEMBERED:
             self._guids.pop(self._lost.popleft(), None)
+
+    def close(self) -> None:
+        """The participant and its readers are deleted."""
+        self._fast_dds.forget(self._readers[abi.DCPS_PARTICIPANT])
 
     # --------------------------------------------------------------------------------------------------- handles
 

@@ -15,6 +15,9 @@ All knowledge of layouts of Cyclone's structures is in this file. Rules, each wi
   does not look as expected, services of Fast DDS peers are refused; nothing is guessed.
 - Replaced functions run in Cyclone's threads, under locks of Cyclone's. They take no lock, call nothing of Cyclone but
   what allocates and copies, log nothing, and never raise.
+- They stand in the tables only while a Fast DDS participant may be there, because they add half to the time of a call.
+  Cyclone tells of a new participant in its own thread before it takes anything else from it, and that puts them in
+  (`notice`); whoever reads discovery takes them out again when it was none of Fast DDS (`settle`).
 - They must not run when the interpreter is gone: contexts are closed at exit, which ends all threads of Cyclone.
 
 Source: fastdds.md 3 to 6; protocol.md 5.3.
@@ -28,15 +31,17 @@ import os
 import platform
 import socket
 import struct
+import threading
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
-from rosidl_py_gen.runtime.transport import FAST_DDS_VENDOR, IDENTITY_BYTES, identified
+from rosidl_py_gen.runtime.transport import FAST_DDS_VENDOR, IDENTITY_BYTES, Lost, identified
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from rosidl_py_gen.runtime.transport import Identity
+    from rosidl_py_gen.runtime.cyclone_abi import Api
+    from rosidl_py_gen.runtime.transport import DiscoveryEvent, Identity
 
 
 class _Layout(NamedTuple):
@@ -163,14 +168,6 @@ def greeting(writer_guid: bytes) -> bytes:
     )
 
 
-def greet(domain_id: int, writer_guids: Iterable[bytes]) -> None:
-    """Send greetings to the socket of this process on which the domain's samples arrive."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-        for port in _data_ports(domain_id):
-            for guid in writer_guids:
-                out.sendto(greeting(guid), ("127.0.0.1", port))
-
-
 def _data_ports(domain_id: int) -> list[int]:
     """Source: protocol.md 10.6."""
     first = 7400 + 250 * domain_id + 11
@@ -201,6 +198,15 @@ class FastDds:
         self._send_tables: dict[int, _Table] = {}
         """Tables for single samples with an identity, by the address of the topic's table."""
         self._callbacks: list[object] = []
+        self._receivers: list[tuple[_Table, int | None, int | None]] = []
+        """Tables with their own function for received samples, and ours."""
+        self._lock = threading.Lock()
+        """Held while these are exchanged; never during a call into Cyclone."""
+        self._unread: set[int] = set()
+        """Readers of participants that have something."""
+        self._peers: set[tuple[int, bytes]] = set()
+        """Participants on Fast DDS, each with the reader that told of it."""
+        self._listener_function = ct.CFUNCTYPE(None, ct.c_int32, _Ptr)(self.notice)
         self._outgoing: dict[int, tuple[bytes, int, bytes, Identity]] = {}
         """By address of the sample: parameters and message, where these lie, id of the writer, identity."""
         if self.refusal is None:
@@ -230,7 +236,10 @@ class FastDds:
         if table is None:
             table = self._tables[original, is_reply] = self._copy(original)
             receive = self._receiving(table, is_reply=is_reply)
-            table[self._layout.from_ser] = self._pointer(ct.CFUNCTYPE(*_FromSer)(receive))
+            with self._lock:
+                own, ours = table[self._layout.from_ser], self._pointer(ct.CFUNCTYPE(*_FromSer)(receive))
+                self._receivers.append((table, own, ours))
+                table[self._layout.from_ser] = ours
             self._send_tables[ct.addressof(table)] = self._sending_table(original)
         place.value = ct.addressof(table)
 
@@ -241,6 +250,57 @@ class FastDds:
     def _pointer(self, callback: Any) -> int | None:
         self._callbacks.append(callback)
         return ct.cast(callback, _Ptr).value
+
+    # -------------------------------------------------------------------------------------------- participants
+
+    def listener(self, api: Api) -> int | None:
+        """A listener for a reader of participants; to be deleted once the reader has it. None where there is no use."""
+        if self.refusal is not None:
+            return None
+        listener: int = api.create_listener(None)
+        api.lset_data_available_arg(listener, self._listener_function, None, False)
+        return listener
+
+    def notice(self, reader: int, _argument: int | None = None) -> None:
+        """That reader of participants has something that nobody has looked at yet; maybe one of Fast DDS."""
+        with self._lock:
+            self._unread.add(reader)
+            self._exchange(on=True)
+
+    def look(self, reader: int) -> None:
+        """Somebody is going to take all that reader has, and to call `settle` then."""
+        with self._lock:
+            self._unread.discard(reader)
+
+    def settle(self, reader: int, events: Iterable[DiscoveryEvent]) -> None:
+        """Take in what that reader had."""
+        with self._lock:
+            for event in events:
+                if isinstance(event, Lost):
+                    self._peers.discard((reader, event.guid))
+                elif event.guid.startswith(FAST_DDS_VENDOR):
+                    self._peers.add((reader, event.guid))
+            if not self._peers and not self._unread:
+                self._exchange(on=False)
+
+    def forget(self, reader: int) -> None:
+        """That reader is gone."""
+        with self._lock:
+            self._unread.discard(reader)
+            self._peers = {peer for peer in self._peers if peer[0] != reader}
+
+    def _exchange(self, *, on: bool) -> None:
+        for table, own, ours in self._receivers:
+            table[self._layout.from_ser] = ours if on else own
+
+    def greet(self, domain_id: int, writer_guids: Iterable[bytes]) -> None:
+        """Send greetings of these writers to the socket of this process on which the domain's samples arrive."""
+        if self.refusal is not None:
+            return
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
+            for port in _data_ports(domain_id):
+                for guid in writer_guids:
+                    out.sendto(greeting(guid), ("127.0.0.1", port))
 
     # ------------------------------------------------------------------------------------------------ receiving
 
