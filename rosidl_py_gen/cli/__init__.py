@@ -75,6 +75,8 @@ class _Group(click.Group):
 def _cli(context: click.Context, /, **arguments: Any) -> None:
     """Generate typed Python packages from ROS 2 interface definitions.
 
+    At least one of --filter, --path and --out says what is wanted; --out . generates everything into this folder.
+
     \b
     rosidl-py-gen --filter std_msgs:geometry_msgs
     rosidl-py-gen --path ~/robot_ws/src --filter my_msgs --out generated
@@ -82,6 +84,9 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
     if os.environ.get("NO_COLOR"):
         context.color = False
     if context.invoked_subcommand is None:
+        if not _says_what_is_wanted(context, arguments):
+            click.echo(context.get_help(), err=True)
+            raise _Failure(2)  # as click does for commands that take no_args_is_help
         if arguments["selection"] and not arguments["selection"].strip(":;, "):
             context.fail(f"--filter {arguments['selection']!r} names nothing")
         _run("generate", **arguments)
@@ -93,6 +98,14 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
         option = {"listing": "--list", "selection": "--filter"}.get(given[0], "--" + given[0].replace("_", "-"))
         context.fail(f"{option} has no meaning for the command {context.invoked_subcommand}")
     context.obj = arguments
+
+
+def _says_what_is_wanted(context: click.Context, arguments: dict[str, Any]) -> bool:
+    """Whether the main job shall run: nobody wants all packages in the current folder by accident."""
+    writes_nothing = arguments["check"] or arguments["listing"]
+    return bool(writes_nothing or arguments["paths"] or arguments["selection"]) or any(
+        _is_typed(context, name) for name in ("selection", "out")
+    )
 
 
 def _is_typed(context: click.Context, name: str) -> bool:
