@@ -6,6 +6,7 @@ This file imports nothing of ours, so that generated code, the compiler and the 
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -58,11 +59,30 @@ def printable(text: str) -> str:
     return text if text.isprintable() else "".join(char if char.isprintable() else "\ufffd" for char in text)
 
 
-class DefinitionError(RosidlError):
-    """The author of an interface file has to change it; `problems` holds every finding with its location."""
+def shown_path(path: str | os.PathLike[str]) -> str:
+    """A path as errors show it: relative when it is below the current folder."""
+    try:
+        relative = os.path.relpath(path)
+    except (OSError, ValueError):  # the current folder is gone, or on another drive
+        return os.fspath(path)
+    return os.fspath(path) if relative.startswith("..") else relative
 
-    def __init__(self, problems: Sequence[Problem] | Problem) -> None:
+
+class DefinitionError(RosidlError):
+    """The author of an interface file has to change it; `problems` holds every finding with its location.
+
+    Attributes:
+        problems: what is wrong.
+        notes: what was assumed where a CMakeLists.txt does not tell.
+        partial: other interfaces of the run are right and could be generated without the wrong ones.
+    """
+
+    def __init__(
+        self, problems: Sequence[Problem] | Problem, notes: Sequence[Problem] = (), partial: bool = False
+    ) -> None:
         self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        self.notes = tuple(notes)
+        self.partial = partial
         super().__init__("\n".join(problem.with_caret() for problem in self.problems))
 
 

@@ -13,12 +13,13 @@ from pathlib import Path
 
 from rosidl_py_gen.codegen import Target, module_name, module_path, package_sources
 from rosidl_py_gen.codegen.write import Changes, apply_changes, our_packages, ours_below, plan_changes
-from rosidl_py_gen.errors import Problem
+from rosidl_py_gen.errors import DefinitionError, Problem, shown_path
 from rosidl_py_gen.names import RosName, py_name
 from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.spec.find import SearchPath, search_path
 from rosidl_py_gen.spec.model import Interface, MessageDef, messages_of
-from rosidl_py_gen.spec.resolve import Library, check, raise_findings, select
+from rosidl_py_gen.spec.resolve import Library, check, in_order, select, selected
+from rosidl_py_gen.spec.sift import sift
 
 # The packages the runtime itself needs; their classes are committed in rosidl_py_gen/msgs.
 RUNTIME_PACKAGES = (
@@ -38,10 +39,19 @@ _RESERVED = frozenset({"numpy", "rosidl_py_gen", "cyclonedds", "lark", "jinja2",
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """The outcome: what was generated from where, and which files changed or would change."""
+    """The outcome: what was generated, and which files changed or would change.
+
+    Attributes:
+        names: the interfaces generated.
+        changes: to files in the folder.
+        problems: what was left out and why; only with `keep_going`.
+        notes: what was assumed where a CMakeLists.txt does not tell.
+    """
 
     names: tuple[RosName, ...]
     changes: Changes
+    problems: tuple[Problem, ...] = ()
+    notes: tuple[Problem, ...] = ()
 
 
 def load(search: SearchPath, wanted: list[str], keep: Iterable[RosName] = ()) -> tuple[Library, list[RosName]]:
@@ -55,22 +65,37 @@ def load(search: SearchPath, wanted: list[str], keep: Iterable[RosName] = ()) ->
     Raises:
         DefinitionError: every problem found, over all files.
     """
+    library, names = _read(search, wanted, keep)
+    if library.findings.problems:
+        raise DefinitionError(in_order(library.findings.problems), notes_of(search, names))
+    return library, names
+
+
+def _read(search: SearchPath, wanted: list[str], keep: Iterable[RosName]) -> tuple[Library, list[RosName]]:
+    """A selection, read and checked; the library's findings say what is wrong."""
     library = Library(search)
-    names = select(library, wanted)
+    names, problems = selected(library, wanted)
+    library.findings.problems += problems
     more = [str(name) for name in keep if name not in names and search.file(name)]
     if more:
         names = sorted({*names, *select(library, more)})
     check(library, names)
     _check_modules(library, names)
-    raise_findings(library)
     return library, names
+
+
+def notes_of(search: SearchPath, names: Iterable[RosName]) -> list[Problem]:
+    """What was assumed about the packages of the names."""
+    listings = (search.packages[package].listing for package in sorted({name.package for name in names}))
+    return [note for listing in listings if listing for note in listing.notes]
 
 
 def _check_modules(library: Library, names: list[RosName]) -> None:
     """Refuse what Python cannot import: names that hide modules, and two interfaces in one file."""
     files: dict[str, RosName] = {}
     for name in names:
-        shown = str(library.search.file(name) or name)
+        file = library.search.file(name)
+        shown = shown_path(file) if file else str(name)
         if (
             name.package in sys.stdlib_module_names
             or name.package in _RESERVED
@@ -90,6 +115,7 @@ def generate(
     folder: Path,
     *,
     dry: bool = False,
+    keep_going: bool = False,
     root: str = "",
     progress: Callable[[RosName, int, int], object] = lambda name, done, total: None,
 ) -> Run:
@@ -100,15 +126,21 @@ def generate(
         wanted: package and interface names, empty for everything found.
         folder: receives the packages.
         dry: find out what would change, and change nothing.
+        keep_going: generate what is right when other interfaces are wrong; `Run.problems` says what is missing.
         root: import prefix when the folder is itself a package; ends in a dot.
         progress: called before each interface with its name, its number and how many there are.
 
     Raises:
-        DefinitionError: problems in definitions; nothing is written then.
+        DefinitionError: problems in definitions; nothing is written then. With `keep_going`: nothing is right.
         OutputError: files of others are in the way, or writing failed.
     """
     already = _already_generated(search, wanted, folder)
-    library, names = load(search, wanted, already)
+    library, every = _read(search, wanted, already)
+    names, left_out = sift(library, every)
+    notes = notes_of(search, every)
+    problems = in_order([*library.findings.problems, *(left_out if keep_going else ())])
+    if problems and not (keep_going and names):
+        raise DefinitionError(problems, notes, partial=bool(names))
     known = own_classes(library) if not root else lambda name: None
     done = iter(range(len(names)))
     files = package_sources(
@@ -118,13 +150,13 @@ def generate(
         lambda name: progress(name, next(done), len(names)),
     )
     # Whoever asks for a package, or for everything, wants nothing of it left that no definition stands for.
-    asked = our_packages(folder) if not wanted else [text for text in wanted if "/" not in text]
+    asked = our_packages(folder) if not wanted else [text for text in wanted if text in search.packages]
     packages = sorted({*asked, *(name.package for name in names)})
     vanished = [path for path in ours_below(folder, packages) if path not in files]
     changes = plan_changes(folder, files, vanished)
     if not dry:
         apply_changes(folder, files, changes)
-    return Run(tuple(names), changes)
+    return Run(tuple(names), changes, tuple(problems), tuple(notes))
 
 
 def _already_generated(search: SearchPath, wanted: list[str], folder: Path) -> list[RosName]:

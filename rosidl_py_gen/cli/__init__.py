@@ -14,7 +14,8 @@ from typing import Any
 import click
 
 from rosidl_py_gen import __version__
-from rosidl_py_gen.errors import DefinitionError, RosidlError, printable
+from rosidl_py_gen.cli import reports
+from rosidl_py_gen.errors import DefinitionError, RosidlError
 
 _PATH = click.option(
     "--path",
@@ -67,11 +68,14 @@ class _Group(click.Group):
 )
 @click.option("--out", default=".", metavar="DIR", show_default=True, help="Receives the generated packages.")
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if anything would change.")
+@click.option("--keep-going", is_flag=True, help="Generate what is right even if some definitions are wrong.")
 @click.option("--list", "listing", is_flag=True, help="Print the packages found, and from where.")
 @_JSON
 @click.pass_context
 def _cli(context: click.Context, /, **arguments: Any) -> None:
     """Generate typed Python packages from ROS 2 interface definitions.
+
+    At least one of --filter, --path and --out says what is wanted; --out . generates everything into this folder.
 
     \b
     rosidl-py-gen --filter std_msgs:geometry_msgs
@@ -80,17 +84,28 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
     if os.environ.get("NO_COLOR"):
         context.color = False
     if context.invoked_subcommand is None:
+        if not _says_what_is_wanted(context, arguments):
+            click.echo(context.get_help(), err=True)
+            raise _Failure(2)  # as click does for commands that take no_args_is_help
         if arguments["selection"] and not arguments["selection"].strip(":;, "):
             context.fail(f"--filter {arguments['selection']!r} names nothing")
         _run("generate", **arguments)
         return
-    given = [name for name in ("out", "check", "listing") if _is_typed(context, name)]
+    given = [name for name in ("out", "check", "listing", "keep_going") if _is_typed(context, name)]
     if _is_typed(context, "selection") and context.invoked_subcommand != "check":
         given.append("selection")
     if given:
-        option = {"out": "--out", "check": "--check", "listing": "--list", "selection": "--filter"}[given[0]]
+        option = {"listing": "--list", "selection": "--filter"}.get(given[0], "--" + given[0].replace("_", "-"))
         context.fail(f"{option} has no meaning for the command {context.invoked_subcommand}")
     context.obj = arguments
+
+
+def _says_what_is_wanted(context: click.Context, arguments: dict[str, Any]) -> bool:
+    """Whether the main job shall run: nobody wants all packages in the current folder by accident."""
+    writes_nothing = arguments["check"] or arguments["listing"]
+    return bool(writes_nothing or arguments["paths"] or arguments["selection"]) or any(
+        _is_typed(context, name) for name in ("selection", "out")
+    )
 
 
 def _is_typed(context: click.Context, name: str) -> bool:
@@ -161,21 +176,17 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _report(error: RosidlError, as_json: bool) -> None:
-    problems = error.problems if isinstance(error, DefinitionError) else ()
-    if as_json:
-        import json
-
-        rows = [{"path": p.path, "line": p.line, "column": p.column, "text": p.text} for p in problems]
-        click.echo(json.dumps({"errors": rows or [{"path": "", "line": 0, "column": 0, "text": str(error)}]}, indent=2))
+    if not isinstance(error, DefinitionError):
+        if as_json:
+            reports.print_json({"errors": [{"path": "", "line": 0, "column": 0, "text": str(error)}]})
+        else:
+            reports.print_line(f"error: {error}", "red")
         return
-    color = False if os.environ.get("NO_COLOR") else None
-    for problem in problems:
-        first, *rest = problem.with_caret().split("\n")
-        where = first.removesuffix(printable(problem.text))
-        click.echo(click.style(where, bold=True) + click.style(first[len(where) :], fg="red"), err=True, color=color)
-        for line in rest:
-            click.echo(line, err=True)
-    if len(problems) > 1:
-        click.echo(f"{len(problems)} problems; nothing was written", err=True)
-    elif not problems:
-        click.echo(click.style(f"error: {error}", fg="red"), err=True, color=color)
+    if as_json:
+        reports.print_json({"errors": reports.rows(error.problems), "notes": reports.rows(error.notes)})
+        return
+    reports.print_notes(error.notes)
+    reports.print_problems(error.problems)
+    if len(error.problems) > 1 or error.partial:
+        option = " (--keep-going generates what is right)" if error.partial else ""
+        reports.print_line(f"{reports.count(error.problems)}; nothing was written{option}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from rosidl_py_gen.cli import reports
 from rosidl_py_gen.generate import generate
 from rosidl_py_gen.spec.find import search_path
 from rosidl_py_gen.spec.resolve import split_filter
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 _SILENT_S = 1.0  # a progress bar appears when a run takes longer than this
 
 
-def run(paths: tuple[str, ...], selection: str, out: str, check: bool, listing: bool, as_json: bool) -> int:
+def run(
+    paths: tuple[str, ...], selection: str, out: str, check: bool, keep_going: bool, listing: bool, as_json: bool
+) -> int:
     """Returns the exit code."""
     search = search_path(paths)
     if listing:
@@ -30,12 +32,13 @@ def run(paths: tuple[str, ...], selection: str, out: str, check: bool, listing: 
         return 0
     progress = _Progress()
     try:
-        result = generate(search, split_filter(selection), Path(out), dry=check, progress=progress)
+        wanted = split_filter(selection)
+        result = generate(search, wanted, Path(out), dry=check, keep_going=keep_going, progress=progress)
     finally:
         progress.close()
     changed = bool(result.changes.written or result.changes.removed)
     _print(result, out, check, as_json)
-    return 1 if check and changed else 0
+    return 1 if result.problems or (check and changed) else 0
 
 
 class _Progress:
@@ -63,19 +66,20 @@ class _Progress:
 def _print(result: Run, out: str, check: bool, as_json: bool) -> None:
     changes = result.changes
     if as_json:
-        click.echo(
-            json.dumps(
-                {
-                    "out": out,
-                    "interfaces": [str(name) for name in result.names],
-                    "written": list(changes.written),
-                    "removed": list(changes.removed),
-                    "unchanged": changes.unchanged,
-                },
-                indent=2,
-            )
+        reports.print_json(
+            {
+                "out": out,
+                "interfaces": [str(name) for name in result.names],
+                "written": list(changes.written),
+                "removed": list(changes.removed),
+                "unchanged": changes.unchanged,
+                "errors": reports.rows(result.problems),
+                "notes": reports.rows(result.notes),
+            }
         )
         return
+    reports.print_notes(result.notes)
+    reports.print_problems(result.problems)
     if check:
         for name in changes.written:
             click.echo(f"would write {Path(out) / name}")
@@ -87,6 +91,8 @@ def _print(result: Run, out: str, check: bool, as_json: bool) -> None:
         f"{len(result.names)} interfaces in {packages} packages: {len(changes.written)} files {verb}, "
         f"{len(changes.removed)} removed, {changes.unchanged} unchanged"
     )
+    if result.problems:
+        reports.print_line(f"{reports.count(result.problems)}; what has them was left out")
 
 
 def _list(search: SearchPath, wanted: list[str], as_json: bool) -> None:
@@ -95,20 +101,17 @@ def _list(search: SearchPath, wanted: list[str], as_json: bool) -> None:
     rows = [row for row in every if row[0].name in chosen]
     rows.sort(key=lambda row: (row[0].name, not row[1]))
     if as_json:
-        click.echo(
-            json.dumps(
-                [
-                    {
-                        "package": package.name,
-                        "folder": str(package.folder),
-                        "origin": package.origin,
-                        "used": used,
-                        "interfaces": [str(name) for name in package.files],
-                    }
-                    for package, used in rows
-                ],
-                indent=2,
-            )
+        reports.print_json(
+            [
+                {
+                    "package": package.name,
+                    "folder": str(package.folder),
+                    "origin": package.origin,
+                    "used": used,
+                    "interfaces": [str(name) for name in package.files],
+                }
+                for package, used in rows
+            ]
         )
         return
     width = max((len(package.name) for package, _ in rows), default=0)

@@ -1,7 +1,8 @@
 """Which interface packages there are, and which files belong to them.
 
 First hit wins: the folders the caller names, then every prefix of AMENT_PREFIX_PATH, then the bundled interfaces.
-Reads directory entries and package.xml names; interface files themselves are opened later, and only when needed.
+Reads directory entries and package.xml names; interface files themselves, and the CMakeLists.txt that says which files
+a source package consists of, are opened later, and only when needed.
 """
 
 from __future__ import annotations
@@ -16,9 +17,12 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import DefinitionError, Problem
 from rosidl_py_gen.names import KINDS, PACKAGE_RULE, RosName, is_package_name
 from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.spec.listed import mentions_interfaces, read_listing
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from rosidl_py_gen.spec.listed import Listing
 
 _NAME_TAG = re.compile(r"<name>\s*([^<>]*?)\s*</name>")
 _IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
@@ -34,15 +38,35 @@ class Package:
         name: the package name.
         folder: holds ``msg``, ``srv``, ``action``.
         origin: the search path entry it was found through, as shown to the user.
+        from_source: the folder has a package.xml and may have a CMakeLists.txt that lists the files.
     """
 
     name: str
     folder: Path
     origin: str
+    from_source: bool = False
+
+    @cached_property
+    def listing(self) -> Listing | None:
+        """What the package's CMakeLists.txt lists; None for packages that are installed or have no such list."""
+        return read_listing(self.name, self.folder) if self.from_source else None
 
     @cached_property
     def files(self) -> dict[RosName, Path]:
-        """Every interface file, by name and in name order; a .msg/.srv/.action hides an .idl of the same stem."""
+        """Every interface file, by name and in name order."""
+        listing = self.listing
+        if listing is None:
+            return self._in_folders()
+        found = listing.files if listing.complete else {**self._in_folders(), **listing.files}
+        return dict(sorted(found.items()))
+
+    def unlisted(self, name: RosName) -> str:
+        """A note for who misses a name whose file is there, but not listed; empty when that is not so."""
+        file = None if name in self.files else self._in_folders().get(name)
+        return f"; {name.kind}/{file.name} is there, but CMakeLists.txt does not list it" if file else ""
+
+    def _in_folders(self) -> dict[RosName, Path]:
+        """The files in msg, srv and action; a .msg/.srv/.action hides an .idl of the same stem."""
         found: dict[RosName, Path] = {}
         for kind in KINDS:
             for entry in _entries(self.folder / kind):
@@ -160,10 +184,14 @@ def _descend(
     manifest = folder / "package.xml"
     is_package = os.path.isfile(manifest)
     if is_package or (_holds_interfaces(folder) and not _groups_packages(folder)):
-        if _holds_interfaces(folder):
+        holds = _holds_interfaces(folder)
+        if holds or mentions_interfaces(folder):
             name = _package_name(manifest, folder)
+            package = Package(name, folder, origin, is_package)
+            if not holds and not (package.listing and package.listing.files):
+                return
             if is_package_name(name):
-                found.append(Package(name, folder, origin))
+                found.append(package)
             else:
                 shown = str(manifest if is_package else folder)
                 refused[name] = Problem(shown, 0, 0, f'"{name[:80]}" is not a legal package name; {PACKAGE_RULE}')

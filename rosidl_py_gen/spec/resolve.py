@@ -6,14 +6,13 @@ dependency closure; `check` finds references to types that do not exist and type
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.descriptions import Description, FieldRow, action_rows, default_text, describe, rihs01, service_rows
-from rosidl_py_gen.errors import DefinitionError, Problem, TypeNotFoundError
+from rosidl_py_gen.errors import DefinitionError, Problem, TypeNotFoundError, shown_path
 from rosidl_py_gen.names import INTERFACE_RULE, RosName, did_you_mean, is_interface_name, split_ros_name
 from rosidl_py_gen.spec.derive import IMPLIED
 from rosidl_py_gen.spec.interface import parse_interface, read_source
@@ -58,7 +57,7 @@ class Library:
         """The interface of this name; None when there is no file, or it has problems (see `findings`)."""
         if name not in self._interfaces:
             path = self.search.file(name)
-            source = read_source(path, _shown(os.fspath(path)), self.findings) if path else None
+            source = read_source(path, shown_path(path), self.findings) if path else None
             if source is not None and not is_interface_name(name.name):
                 text = f'"{name.name}" is not an interface name; expected {INTERFACE_RULE}'
                 self.findings.add(Location(source, 1, 1), text)
@@ -139,14 +138,6 @@ class Library:
         return interface
 
 
-def _shown(path: str) -> str:
-    try:
-        relative = os.path.relpath(path)
-    except OSError:  # the current directory is gone
-        return path
-    return path if relative.startswith("..") else relative
-
-
 def split_filter(text: str) -> list[str]:
     """``a:b;c`` -> the names in it; both separators count, blanks and empty parts do not."""
     return [part.strip() for part in re.split("[:;,]", text) if part.strip()]
@@ -161,6 +152,14 @@ def select(library: Library, wanted: list[str]) -> list[RosName]:
     Raises:
         DefinitionError: a name in the filter stands for nothing.
     """
+    names, problems = selected(library, wanted)
+    if problems:
+        raise DefinitionError(problems)
+    return names
+
+
+def selected(library: Library, wanted: list[str]) -> tuple[list[RosName], list[Problem]]:
+    """As `select`, with the problems of the filter beside what the rest of it stands for."""
     search = library.search
     whole: dict[str, None] = {}
     single: dict[RosName, None] = {}
@@ -171,9 +170,11 @@ def select(library: Library, wanted: list[str]) -> list[RosName]:
             if search.file(name) is None:
                 known = [str(other) for package in search.packages.values() for other in package.files]
                 where = ", ".join(search.searched)
-                hint = did_you_mean(text, known)
+                package = search.packages.get(name.package)
+                hint = (package.unlisted(name) if package else "") or did_you_mean(text, known)
                 problems.append(Problem(text, 0, 0, f"no interface of this name{hint} (searched: {where})"))
-            single[name] = None
+            else:
+                single[name] = None
         elif text in search.packages:
             whole[text] = None
         else:
@@ -182,13 +183,11 @@ def select(library: Library, wanted: list[str]) -> list[RosName]:
             problems.append(search.refused.get(text) or Problem(text, 0, 0, f"no package{hint} (searched: {where})"))
     if not wanted:
         problems += search.refused.values()
-    if problems:
-        raise DefinitionError(problems)
-    return _closure(library, list(whole), list(single))
+    return _closure(library, list(whole), list(single)), problems
 
 
 def _closure(library: Library, packages: list[str], names: list[RosName]) -> list[RosName]:
-    selected: dict[RosName, None] = {}
+    taken: dict[RosName, None] = {}
     done: set[str] = set()
     while packages or names:
         if packages:
@@ -196,16 +195,18 @@ def _closure(library: Library, packages: list[str], names: list[RosName]) -> lis
             if package in done:
                 continue
             done.add(package)
-            for name in library.search.packages[package].files:
-                selected[name] = None
+            found = library.search.packages[package]
+            library.findings.problems += found.listing.problems if found.listing else ()
+            for name in found.files:
+                taken[name] = None
                 needed = {need.package for need in _needs(library, name)} | set(IMPLIED[name.kind])
                 packages += sorted(need for need in needed - done if need in library.search.packages)
             continue
         name = names.pop()
-        if name not in selected and library.search.file(name) is not None:
-            selected[name] = None
+        if name not in taken and library.search.file(name) is not None:
+            taken[name] = None
             names += _needs(library, name)
-    return sorted(selected)
+    return sorted(taken)
 
 
 def _needs(library: Library, name: RosName) -> list[RosName]:
@@ -261,8 +262,7 @@ def _visit(library: Library, top: MessageDef, state: dict[str, int]) -> None:
 def _report_unknown(library: Library, item: FieldDef) -> None:
     name = split_ros_name(item.type.base)
     short = f"{name.package}/{name.name}"
-    # In a .msg the type stands in column 1; an .idl member is located by its name.
-    at = item.location if item.location.source.format == "idl" else replace(item.location, column=1)
+    at = type_location(item)
     if library.exists(name):
         return  # the file is there and has problems of its own, reported there
     package = library.search.packages.get(name.package)
@@ -276,7 +276,13 @@ def _report_unknown(library: Library, item: FieldDef) -> None:
         library.findings.add(at, f'unknown package "{name.package}" for {short}{hint} (searched: {where})')
         return
     known = [f"{other.package}/{other.name}" for other in package.files if other.kind == "msg"]
-    library.findings.add(at, f'unknown type "{short}"{did_you_mean(short, known)}')
+    hint = package.unlisted(name) or did_you_mean(short, known)
+    library.findings.add(at, f'unknown type "{short}"{hint}')
+
+
+def type_location(item: FieldDef) -> Location:
+    """Where a field names its type: in a .msg in column 1; an .idl member is located by its name."""
+    return item.location if item.location.source.format == "idl" else replace(item.location, column=1)
 
 
 def raise_findings(library: Library) -> None:
@@ -286,5 +292,9 @@ def raise_findings(library: Library) -> None:
         DefinitionError: when there is anything.
     """
     if library.findings.problems:
-        unique = dict.fromkeys(library.findings.problems)
-        raise DefinitionError(sorted(unique, key=lambda problem: (problem.path, problem.line, problem.column)))
+        raise DefinitionError(in_order(library.findings.problems))
+
+
+def in_order(problems: Iterable[Problem]) -> list[Problem]:
+    """Each problem once, in file and line order."""
+    return sorted(dict.fromkeys(problems), key=lambda problem: (problem.path, problem.line, problem.column))
