@@ -19,16 +19,6 @@ settings.register_profile(
 settings.load_profile("project")
 
 
-_REAL_TIME = ("runtime", "runtime_actions", "runtime_parameters", "interop")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Processes and DDS on a shared machine: a race lost to the load is run again, a bug fails every time."""
-    for item in items:
-        if item.path.parent.name in _REAL_TIME:
-            item.add_marker(pytest.mark.flaky(reruns=2))
-
-
 def pytest_configure() -> None:
     """Let SIGINT interrupt. A shell starts background jobs with SIGINT ignored, and every child inherits that."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -130,7 +130,8 @@ class Client(Generic[RequestT, ResponseT]):
 
     def _is_available(self) -> bool:
         version = self._scope.graph.version
-        if not self._available or version != self._checked_version:
+        refused = self._serves_fast_dds and self._scope.participant.fast_dds_refusal is not None
+        if not self._available or refused or version != self._checked_version:
             self._available = self._find_server()
             self._checked_version = version
         return self._available

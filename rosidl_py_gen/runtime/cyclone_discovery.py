@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime import cyclone_abi as abi
 from rosidl_py_gen.runtime.cyclone_qos import read_profile, read_user_data
+from rosidl_py_gen.runtime.logging import get_root_logger
 from rosidl_py_gen.runtime.transport import FAST_DDS_VENDOR, EndpointFound, Lost, ParticipantFound
 
 if TYPE_CHECKING:
@@ -88,6 +89,9 @@ class DiscoveryReaders:
             # Again: Cyclone tells of a writer a moment before it connects it with our readers.
             strangers, self._strangers = self._strangers, []
             self._fast_dds.greet(self._domain_id, strangers)
+        complaint = self._fast_dds.complaint()
+        if complaint is not None:
+            get_root_logger().warning(complaint)
         events = [self._events.popleft() for _ in range(len(self._events))]
         if events and self.sink is not None:
             self.sink(events)

@@ -35,6 +35,7 @@ import threading
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
+from rosidl_py_gen.runtime import rtps
 from rosidl_py_gen.runtime.transport import FAST_DDS_VENDOR, IDENTITY_BYTES, Lost, identified
 
 if TYPE_CHECKING:
@@ -67,21 +68,8 @@ class _Layout(NamedTuple):
 _LAYOUTS = {("Linux", "x86_64", "libddsc-ad12c33a.so.11.0.1"): _Layout()}
 """By system, machine and the name of the library, which in wheels holds a hash of its content: cyclonedds 11.0.1."""
 
-_DATA, _DATA_FRAG, _INFO_SRC, _INFO_DST = 0x15, 0x16, 0x0C, 0x0E
-_DATA_BYTES, _DATA_FRAG_BYTES = 24, 36
-_LITTLE, _HAS_PARAMETERS = 1, 2
-_HEARTBEAT, _FINAL, _HEARTBEAT_BYTES = 7, 2, 28
-_PID_END, _PID_IDENTITY, _PID_IDENTITY_EARLIER = 1, 0x0083, 0x800F
-"""Fast DDS up to 2.6 knows the last only, later ones send both."""
-_VENDORS_OF_EARLIER = (FAST_DDS_VENDOR, b"\x01\x01")
-"""Whose parameters above 0x8000 mean what they mean to Fast DDS (itself and RTI)."""
 _SAMPLE_WITH_DATA = 2
 _BAD_PARAMETER = -3
-_END = b"\1\0\0\0"
-_PARAMETERS_BYTES = 2 * (4 + IDENTITY_BYTES) + 4
-_parameter = struct.Struct("<HH16siI").pack
-_numbers = (struct.Struct(">HH").unpack_from, struct.Struct("<HH").unpack_from)
-_sequence_numbers = (struct.Struct(">iI").unpack_from, struct.Struct("<iI").unpack_from)
 _two_words = struct.Struct("=QQ")
 
 _Table: TypeAlias = "ct.Array[ct.c_void_p]"
@@ -95,77 +83,6 @@ _ToUntyped = (_Ptr, _Ptr)
 _Free = (None, _Ptr)
 
 _bytes_at = ct.PYFUNCTYPE(ct.py_object, _Ptr, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
-
-
-def parameter_list(identity: Identity) -> bytes:
-    """Both forms of the identity, and the end of the list; little-endian as all we send."""
-    guid, sequence = identity
-    high, low = sequence >> 32, sequence & 0xFFFFFFFF
-    both = (_parameter(pid, IDENTITY_BYTES, guid, high, low) for pid in (_PID_IDENTITY, _PID_IDENTITY_EARLIER))
-    return b"".join((*both, _END))
-
-
-def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> Identity | None:
-    """The identity of a sample: the request it is, or the request it answers.
-
-    Args:
-        packet: the first 20 bytes, the RTPS header.
-        submessage: DATA or DATA_FRAG with its parameters, up to the payload.
-
-    Returns:
-        None when there is none: a sample of another middleware, or a reply nobody asked for that way.
-
-    Raises:
-        ValueError: these are no such bytes.
-    """
-    if packet[:4] != b"RTPS" or len(submessage) < _DATA_BYTES or submessage[0] not in (_DATA, _DATA_FRAG):
-        raise ValueError(f"no RTPS data: {packet.hex()} {submessage[:_DATA_BYTES].hex()}")
-    flags, vendor = submessage[1], packet[6:8]
-    order = flags & _LITTLE
-    found = None
-    if flags & _HAS_PARAMETERS:
-        after_header = 8 + int.from_bytes(submessage[6:8], "little" if order else "big")
-        found = _find_identity(submessage, after_header, order, vendor in _VENDORS_OF_EARLIER)
-    if is_reply:
-        return found
-    high, low = _sequence_numbers[order](submessage, 16)
-    if found is not None and any(found[0]):
-        return found[0], high << 32 | low
-    if vendor != FAST_DDS_VENDOR:
-        return None
-    return packet[8:20] + submessage[12:16], high << 32 | low
-
-
-def _find_identity(submessage: bytes, offset: int, order: int, knows_earlier: bool) -> Identity | None:
-    unpack = _numbers[order]
-    while offset + 4 <= len(submessage):
-        pid, length = unpack(submessage, offset)
-        offset += 4
-        if pid == _PID_END:
-            break
-        is_identity = pid == _PID_IDENTITY or (pid == _PID_IDENTITY_EARLIER and knows_earlier)
-        if is_identity and length >= IDENTITY_BYTES and offset + length <= len(submessage):
-            high, low = _sequence_numbers[order](submessage, offset + 16)
-            return submessage[offset : offset + 16], high << 32 | low
-        offset += length
-    return None
-
-
-def greeting(writer_guid: bytes) -> bytes:
-    """An RTPS packet of that writer's participant: a heartbeat that says nothing was written yet.
-
-    Cyclone takes what the first heartbeat of a writer tells of for history that a new reader does not want, and drops
-    it, half-received samples too. Cyclone's own writers say so at once; those of Fast DDS when they have connected,
-    which may be a second before we have, and then only behind the first sample. So that one would be lost: a request
-    sent early, or a reply of many fragments. With this packet, sent to our own socket, it is asked for.
-    """
-    return b"".join(
-        (
-            b"RTPS\2\1" + FAST_DDS_VENDOR + writer_guid[:12],
-            struct.pack("<BBH4x4s", _HEARTBEAT, _LITTLE | _FINAL, _HEARTBEAT_BYTES, writer_guid[12:]),
-            struct.pack("<iIiII", 0, 1, 0, 0, 0),  # first 1, last 0, the zeroth
-        )
-    )
 
 
 def _data_ports(domain_id: int) -> list[int]:
@@ -186,6 +103,7 @@ class FastDds:
         name = PurePath(library._name).name
         system, machine = platform.system(), platform.machine()
         layout = _LAYOUTS.get((system, machine, name))
+        self._complained = False
         self.refusal: str | None = None
         """Why services of Fast DDS peers cannot be used; None when they can."""
         if layout is None:
@@ -218,6 +136,13 @@ class FastDds:
     def _function(self, name: str, *prototype: Any) -> Callable[..., Any]:
         # Short functions that take no lock: they keep the GIL, which is dearer to get back than what they do.
         return ct.PYFUNCTYPE(*prototype)((name, self._library))
+
+    def complaint(self) -> str | None:
+        """What to tell the user about Fast DDS peers, once, when there are some whose services cannot be used."""
+        if self.refusal is None or self._complained or not self._peers:
+            return None
+        self._complained = True
+        return f"services of Fast DDS nodes cannot be used here, topics can: {self.refusal}"
 
     def _distrust(self, what: object) -> None:
         self.refusal = f"Cyclone DDS does not behave as known: {what}"
@@ -300,7 +225,7 @@ class FastDds:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
             for port in _data_ports(domain_id):
                 for guid in writer_guids:
-                    out.sendto(greeting(guid), ("127.0.0.1", port))
+                    out.sendto(rtps.greeting(guid), ("127.0.0.1", port))
 
     # ------------------------------------------------------------------------------------------------ receiving
 
@@ -320,7 +245,7 @@ class FastDds:
                 begin = int.from_bytes(part[message_at : message_at + 2], "little")
                 payload = int.from_bytes(part[message_at + 2 : message_at + 4], "little")
                 submessage = _bytes_at(packet + begin, max(0, payload - begin))
-                identity = read_submessage(_bytes_at(packet, 20), submessage, is_reply=is_reply)
+                identity = rtps.read_submessage(_bytes_at(packet, 20), submessage, is_reply=is_reply)
             except Exception as err:  # not to be raised into Cyclone
                 self._distrust(f"a received sample, {err!r}")
                 identity = None
@@ -351,9 +276,9 @@ class FastDds:
         Args:
             data: header and message; the length is a multiple of four.
         """
-        packed = parameter_list(identity) + data
+        packed = rtps.parameter_list(identity) + data
         address = ct.cast(ct.c_char_p(packed), _Ptr).value or 0
-        iov = (ct.c_uint64 * 2)(address + _PARAMETERS_BYTES, len(data))
+        iov = (ct.c_uint64 * 2)(address + rtps.PARAMETERS_BYTES, len(data))
         sample = self._new_sample(type_object, _SAMPLE_WITH_DATA, 1, ct.addressof(iov), len(data))
         if not sample:
             return _BAD_PARAMETER
@@ -382,7 +307,7 @@ class FastDds:
                 if not offset:
                     _, address, writer_id, _identity = outgoing[sample]
                     if self._announce_parameters(iov, writer_id):
-                        ct.memmove(iov, _two_words.pack(address, _PARAMETERS_BYTES + size), 16)
+                        ct.memmove(iov, _two_words.pack(address, rtps.PARAMETERS_BYTES + size), 16)
             except Exception as err:  # not to be raised into Cyclone
                 self._distrust(f"a sample to send, {err!r}")
             return result
@@ -390,7 +315,7 @@ class FastDds:
         def to_sample(sample: int, container: int, _buffer: int, _limit: int) -> bool:
             """Give the sample to a reader of this process, with its identity."""
             packed, _address, _writer_id, identity = outgoing[sample]
-            local = identified(memoryview(packed)[_PARAMETERS_BYTES:], identity)
+            local = identified(memoryview(packed)[rtps.PARAMETERS_BYTES :], identity)
             copy = self._allocate(len(local))
             ct.memmove(copy, local, len(local))
             ct.memmove(container, _two_words.pack(copy, len(local)), 16)
@@ -420,14 +345,18 @@ class FastDds:
         out = _bytes_at(iov - layout.out_iov, layout.out_data + 8)
         size = int.from_bytes(out[layout.out_size : layout.out_size + 8], "little")
         data = int.from_bytes(out[layout.out_data :], "little")
-        if data and _DATA_FRAG_BYTES <= size < 65536:
+        if data and rtps.DATA_FRAG_BYTES <= size < 65536:
             head = _bytes_at(data, layout.out_head)
-            tail = _bytes_at(data + layout.out_head + size - _DATA_FRAG_BYTES, _DATA_FRAG_BYTES)
-            for kind, length in ((_DATA, _DATA_BYTES), (_DATA_FRAG, _DATA_FRAG_BYTES)):
+            tail = _bytes_at(data + layout.out_head + size - rtps.DATA_FRAG_BYTES, rtps.DATA_FRAG_BYTES)
+            for kind, length in ((rtps.DATA, rtps.DATA_BYTES), (rtps.DATA_FRAG, rtps.DATA_FRAG_BYTES)):
                 part = tail[-length:]
-                if part[0] == kind and part[12:16] == writer_id and (head[0], head[24]) == (_INFO_SRC, _INFO_DST):
+                if (
+                    part[0] == kind
+                    and part[12:16] == writer_id
+                    and (head[0], head[24]) == (rtps.INFO_SRC, rtps.INFO_DST)
+                ):
                     flags = ct.c_ubyte.from_address(data + layout.out_head + size - length + 1)
-                    flags.value |= _HAS_PARAMETERS
+                    flags.value |= rtps.HAS_PARAMETERS
                     return True
         self._distrust("a packet to send")
         return False

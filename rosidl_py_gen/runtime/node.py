@@ -7,6 +7,7 @@ files, which never see the node. Nothing imports this file.
 from __future__ import annotations
 
 import asyncio
+import threading
 import warnings
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
@@ -384,8 +385,10 @@ class Node(NodeGraph, NodeActions, NodeParameters):
             # The garbage collector may run anywhere, also where a lock is held; the loop has a better moment for this.
             if self.context.bridge.is_running:
                 self.context.bridge.call_soon(self.close)
-            else:
+            elif any(thread.ident == threading.get_ident() for thread in threading.enumerate()):
                 self.close()
+            else:  # a thread of the middleware's, which cannot wait for the middleware
+                threading.Thread(target=self.close, name="rosidl-py-gen closer").start()
 
     def __repr__(self) -> str:
         return f"Node({self.fully_qualified_name!r}{', closed' if self._closed else ''})"
