@@ -1,6 +1,7 @@
 """Latency, CPU and start-up of the runtime beside a bare loop on the same DDS, two processes, loopback only.
 
-Run `python bench/runtime.py` (about two minutes), `--quick` for a quarter of that. The floor is what cyclonedds-python
+Run `python bench/runtime.py` (about two minutes), `--quick` for a quarter of that, `--rclpy PYTHON` for calls to and
+from rclpy on Fast DDS as well, with a Python that has it. The floor is what cyclonedds-python
 does without us: WaitSet, ddspy_take, ddspy_write. Rounds of floor and runtime alternate, so that both see the same
 machine. Virtual machines have quiet and noisy minutes, up to a factor of three apart; so a ratio is the median over
 rounds of the ratio within one round, and times are shown as the range over all rounds. It prints a table with the
@@ -23,6 +24,7 @@ import runtime_goals as goals
 import runtime_topics as topics
 from runtime_common import run_node
 from runtime_floor import floor_ping, floor_pong
+from runtime_rclpy import rows as rclpy_rows
 
 START = """
 import time; start = time.perf_counter()
@@ -88,7 +90,7 @@ def row(name: str, value: str, target: str) -> None:
     print(f"| {name} | {value} | {target} |", flush=True)
 
 
-def table(quick: bool) -> None:
+def table(quick: bool, rclpy: str | None) -> None:
     """Measure and print."""
     rounds, trips = (3, 2000) if quick else (10, 3000)
     kinds = {"floor": ("floor_pong", "floor_ping"), "callback": ("callback_pong", "callback_ping")}
@@ -112,6 +114,8 @@ def table(quick: bool) -> None:
         ratio = statistics.median(ours / other for ours, other in zip(times, measured[base], strict=True))
         goal = f"<= {target} {'the floor' if base == 'floor' else 'a service call'}"
         row(f"{name}, p50", f"{min(times):.0f} to {max(times):.0f} us, {ratio:.2f}x", goal)
+    for cells in rclpy_rows(rclpy, rounds, trips // 10, child) if rclpy else ():
+        row(*cells)
     paced = pair("count_paced", "send_paced", 3000 if quick else 8000, reporter=0)
     row("CPU per received message at 1 kHz", f"{paced['cpu_us']:.0f} us", "<= 60 us")
     flood = pair("count_flood", "send_flood", 50_000 if quick else 200_000, reporter=0)
@@ -162,6 +166,7 @@ def main() -> None:
     """Print the table, or play a role in it."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--rclpy", metavar="PYTHON")
     parser.add_argument("--role", choices=sorted(ROLES))
     parser.add_argument("--count", type=int, default=0)
     arguments = parser.parse_args()
@@ -169,7 +174,7 @@ def main() -> None:
     if arguments.role:
         ROLES[arguments.role](arguments.count)
     else:
-        table(arguments.quick)
+        table(arguments.quick, arguments.rclpy)
 
 
 if __name__ == "__main__":

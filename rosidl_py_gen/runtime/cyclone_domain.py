@@ -39,6 +39,7 @@ class Domain:
         self._domain_id = domain_id
         self._xml = xml
         self._users = 0
+        self._fast_dds = fast_dds
         self.types = TypeObjects(api, fast_dds.prepare)
         code = api.create_domain(domain_id, xml.encode())
         self._handle = 0 if code == abi.PRECONDITION_NOT_MET else code
@@ -89,6 +90,7 @@ class Domain:
                 self.types.close()
                 if self._handle:
                     self._api.delete(self._handle)
+                self._fast_dds.sweep()
 
     @classmethod
     def after_fork(cls) -> None:

@@ -6,8 +6,9 @@ them with some functions replaced by ours.
 
 - Receiving (`from_ser`): the parameters are read from the packet, and the sample becomes one with an identity, as
   `transport.identified` makes it.
-- Sending (`to_ser_ref`, for single samples): called while Cyclone makes a packet, whether the first time or to repeat a
-  lost one. The parameters go in front of the message, and a flag in the packet says so.
+- Sending (`to_ser_ref`): called while Cyclone makes a packet, whether the first time or to repeat a lost one. The
+  parameters go in front of the message, and a flag in the packet says so. Readers of this process need no packet and
+  get the identity in `to_sample`.
 
 All knowledge of layouts of Cyclone's structures is in this file. Rules, each with a test:
 
@@ -32,6 +33,7 @@ import platform
 import socket
 import struct
 import threading
+from collections import deque
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -53,8 +55,7 @@ class _Layout(NamedTuple):
     to_ser_ref: int = 7
     to_ser_unref: int = 8
     to_sample: int = 9
-    to_untyped: int = 10
-    free: int = 12
+    references: int = 12
     sertype_table: int = 8
     fragment_last: int = 20
     fragment_message: int = 24
@@ -70,7 +71,9 @@ _LAYOUTS = {("Linux", "x86_64", "libddsc-ad12c33a.so.11.0.1"): _Layout()}
 
 _SAMPLE_WITH_DATA = 2
 _BAD_PARAMETER = -3
-_two_words = struct.Struct("=QQ")
+_two_words = struct.Struct("=QQ").pack
+_PATIENCE = 4
+"""See `FastDds.sweep`."""
 
 _Table: TypeAlias = "ct.Array[ct.c_void_p]"
 _Ptr, _Size = ct.c_void_p, ct.c_size_t
@@ -79,9 +82,12 @@ _FromSerIov = (_Ptr, _Ptr, ct.c_int, _Size, _Ptr, _Size)
 _ToSerRef = (_Ptr, _Ptr, _Size, _Size, _Ptr)
 _ToSerUnref = (None, _Ptr, _Ptr)
 _ToSample = (ct.c_bool, _Ptr, _Ptr, _Ptr, _Ptr)
-_ToUntyped = (_Ptr, _Ptr)
-_Free = (None, _Ptr)
+_Unref = (None, _Ptr)
+_Iov = ct.c_uint64 * 2
+_TwoIov = ct.c_uint64 * 4
 
+_address_of = ct.PYFUNCTYPE(_Ptr, ct.py_object)(("PyBytes_AsString", ct.pythonapi))
+_ensure_thread_state = ct.PYFUNCTYPE(ct.c_int)(("PyGILState_Ensure", ct.pythonapi))
 _bytes_at = ct.PYFUNCTYPE(ct.py_object, _Ptr, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
 
 
@@ -96,8 +102,116 @@ def _data_ports(domain_id: int) -> list[int]:
     return [port for port in ports if port in range(first, first + 239, 2)]
 
 
+class _Threads(threading.local):
+    """Threads of Cyclone's in which a sample was looked into.
+
+    Python makes its state of a foreign thread anew for each call, which takes longer than the call (a service call from
+    rclpy: 363 us, with the state kept 294). One more reference keeps it; what it takes stays until the process ends.
+    """
+
+    is_known = False
+
+
+_thread = _Threads()
+
+
+class _Outgoing(NamedTuple):
+    """A sample with an identity that Cyclone may still send, or send again."""
+
+    packed: bytes
+    """Parameters and message."""
+    address: int
+    """Where these lie."""
+    writer_id: bytes
+    identity: Identity
+
+
+class _Samples:
+    """The functions for samples of requests, or of replies: a copy of Cyclone's table, with ours in it."""
+
+    def __init__(self, owner: FastDds, original: int, *, is_reply: bool) -> None:
+        layout = self._layout = owner.layout
+        self._owner = owner
+        self._is_reply = is_reply
+        self.table: _Table = (_Ptr * layout.table_words).from_buffer_copy(_bytes_at(original, 8 * layout.table_words))
+        self._plain_receive = ct.PYFUNCTYPE(*_FromSer)(self.table[layout.from_ser] or 0)
+        self._plain_to_ser_ref = ct.PYFUNCTYPE(*_ToSerRef)(self.table[layout.to_ser_ref] or 0)
+        self._give_back = ct.PYFUNCTYPE(*_ToSerUnref)(self.table[layout.to_ser_unref] or 0)
+        self._plain_to_sample = ct.PYFUNCTYPE(*_ToSample)(self.table[layout.to_sample] or 0)
+        self._receive_function = ct.CFUNCTYPE(*_FromSer)(self._receive)
+        self._to_ser_ref_function = ct.CFUNCTYPE(*_ToSerRef)(self._to_ser_ref)
+        self._to_sample_function = ct.CFUNCTYPE(*_ToSample)(self._to_sample)
+        self._receivers = (self.table[layout.from_ser], ct.cast(self._receive_function, _Ptr).value)
+        self._sends = False
+
+    def look_into_received(self, look: bool) -> None:
+        """Whether received samples are looked into."""
+        self.table[self._layout.from_ser] = self._receivers[look]
+
+    def prepare_sending(self) -> None:
+        """To be called before a sample with an identity is written."""
+        if not self._sends:
+            self._sends = True
+            self.table[self._layout.to_ser_ref] = ct.cast(self._to_ser_ref_function, _Ptr).value
+            self.table[self._layout.to_sample] = ct.cast(self._to_sample_function, _Ptr).value
+
+    def _receive(self, type_object: int, kind: int, fragment: int, size: int) -> Any:
+        """Make a sample of received fragments."""
+        owner, layout = self._owner, self._layout
+        if not _thread.is_known:
+            _thread.is_known = True
+            _ensure_thread_state()
+        try:
+            part = _bytes_at(fragment, 32)
+            packet = int.from_bytes(part[:8], "little") + layout.packet
+            message_at = layout.fragment_message
+            begin = int.from_bytes(part[message_at : message_at + 2], "little")
+            payload = int.from_bytes(part[message_at + 2 : message_at + 4], "little")
+            # All of the packet up to the message, and its encapsulation header.
+            before = _bytes_at(packet, payload + 4)
+            identity = rtps.read_submessage(before[:20], before[begin:payload], is_reply=self._is_reply)
+        except Exception as err:  # not to be raised into Cyclone
+            owner.distrust(f"a received sample, {err!r}")
+            identity = None
+        if identity is None or kind != _SAMPLE_WITH_DATA or size <= 4 or owner.refusal is not None:
+            return self._plain_receive(type_object, kind, fragment, size)
+        head = identified(before[payload:], identity)
+        iov = _TwoIov(_address_of(head), len(head), packet + payload + 4, size - 4)
+        all_at = ct.addressof(iov)
+        if int.from_bytes(part[layout.fragment_last : layout.fragment_last + 4], "little") >= size:
+            return owner.new_sample(type_object, kind, 2, all_at, size + IDENTITY_BYTES)
+        joined = self._plain_receive(type_object, kind, fragment, size)
+        if not joined:
+            return joined
+        self._plain_to_ser_ref(joined, 4, size - 4, all_at + 16)
+        sample = owner.new_sample(type_object, kind, 2, all_at, size + IDENTITY_BYTES)
+        self._give_back(joined, all_at + 16)
+        owner.unref(joined)
+        return sample
+
+    def _to_ser_ref(self, sample: int, offset: int | None, size: int, iov: int) -> Any:
+        """Say where the bytes for a packet lie: the first ones with the parameters in front."""
+        result = self._plain_to_ser_ref(sample, offset or 0, size, iov)
+        if not offset:
+            outgoing = self._owner.outgoing.get(sample)
+            if outgoing is not None and self._owner.announce_parameters(iov, outgoing.writer_id):
+                ct.memmove(iov, _two_words(outgoing.address, rtps.PARAMETERS_BYTES + size), 16)
+        return result
+
+    def _to_sample(self, sample: int, container: int, buffer: int | None, limit: int | None) -> Any:
+        """Give the sample to a reader of this process."""
+        outgoing = self._owner.outgoing.get(sample)
+        if outgoing is None:
+            return self._plain_to_sample(sample, container, buffer, limit)
+        local = identified(memoryview(outgoing.packed)[rtps.PARAMETERS_BYTES :], outgoing.identity)
+        copy = self._owner.allocate(len(local))
+        ct.memmove(copy, local, len(local))
+        ct.memmove(container, _two_words(copy, len(local)), 16)
+        return True
+
+
 class FastDds:
-    """The replaced functions, and the samples on their way to Fast DDS peers. One for the process; see the head."""
+    """Who speaks to whom in the way of Fast DDS. One for the process; see the head."""
 
     def __init__(self, library: ct.CDLL) -> None:
         name = PurePath(library._name).name
@@ -109,28 +223,28 @@ class FastDds:
         if layout is None:
             self.refusal = f"this build of Cyclone DDS is not known: {name} on {system} {machine}"
             layout = _Layout()
-        self._layout = layout
+        self.layout = layout
         self._library = library
-        self._tables: dict[tuple[int, bool], _Table] = {}
-        """Tables of functions for request and reply topics, by the address of the table they were copied from."""
-        self._send_tables: dict[int, _Table] = {}
-        """Tables for single samples with an identity, by the address of the topic's table."""
-        self._callbacks: list[object] = []
-        self._receivers: list[tuple[_Table, int | None, int | None]] = []
-        """Tables with their own function for received samples, and ours."""
+        self._samples: dict[tuple[int, bool], _Samples] = {}
+        """By the address of Cyclone's table, and whether they are replies."""
+        self._tables: dict[int, _Samples] = {}
+        """By the address of our table."""
         self._lock = threading.Lock()
-        """Held while these are exchanged; never during a call into Cyclone."""
+        """Held while the following changes; never during a call into Cyclone that takes a lock."""
         self._unread: set[int] = set()
         """Readers of participants that have something."""
         self._peers: set[tuple[int, bytes]] = set()
         """Participants on Fast DDS, each with the reader that told of it."""
         self._listener_function = ct.CFUNCTYPE(None, ct.c_int32, _Ptr)(self.notice)
-        self._outgoing: dict[int, tuple[bytes, int, bytes, Identity]] = {}
-        """By address of the sample: parameters and message, where these lie, id of the writer, identity."""
+        self.outgoing: dict[int, _Outgoing] = {}
+        """Samples with an identity by their address. We hold a reference of each, so that no other gets its address."""
+        self._to_forget: deque[int] = deque()
+        """Their addresses, in the order in which they are looked at."""
         if self.refusal is None:
-            self._new_sample = self._function("ddsi_serdata_from_ser_iov", *_FromSerIov)
-            self._unref = self._function("ddsi_serdata_unref", *_Free)
-            self._allocate = self._function("dds_alloc", _Ptr, _Size)
+            self.new_sample = self._function("ddsi_serdata_from_ser_iov", *_FromSerIov)
+            self.unref = self._function("ddsi_serdata_unref", *_Unref)
+            self.allocate = self._function("dds_alloc", _Ptr, _Size)
+            self._ref = self._function("ddsi_serdata_ref", _Ptr, _Ptr)
             self._write = ct.CFUNCTYPE(ct.c_int, ct.c_int32, _Ptr)(("dds_writecdr", library))
 
     def _function(self, name: str, *prototype: Any) -> Callable[..., Any]:
@@ -144,37 +258,25 @@ class FastDds:
         self._complained = True
         return f"services of Fast DDS nodes cannot be used here, topics can: {self.refusal}"
 
-    def _distrust(self, what: object) -> None:
+    def distrust(self, what: str) -> None:
+        """Something is not as known: from now on nothing is replaced in samples, and services are refused."""
         self.refusal = f"Cyclone DDS does not behave as known: {what}"
-
-    # -------------------------------------------------------------------------------------------------- topics
 
     def prepare(self, type_object: int, dds_type: str) -> None:
         """Replace the functions of the type of a request or reply; other types are left alone."""
         is_reply = dds_type.endswith("_Response_")
         if self.refusal is not None or not (is_reply or dds_type.endswith("_Request_")):
             return
-        place = _Ptr.from_address(type_object + self._layout.sertype_table)
+        place = _Ptr.from_address(type_object + self.layout.sertype_table)
         original = place.value
         assert original is not None
-        table = self._tables.get((original, is_reply))
-        if table is None:
-            table = self._tables[original, is_reply] = self._copy(original)
-            receive = self._receiving(table, is_reply=is_reply)
-            with self._lock:
-                own, ours = table[self._layout.from_ser], self._pointer(ct.CFUNCTYPE(*_FromSer)(receive))
-                self._receivers.append((table, own, ours))
-                table[self._layout.from_ser] = ours
-            self._send_tables[ct.addressof(table)] = self._sending_table(original)
-        place.value = ct.addressof(table)
-
-    def _copy(self, table: int) -> _Table:
-        words = self._layout.table_words
-        return (_Ptr * words).from_buffer_copy(_bytes_at(table, 8 * words))
-
-    def _pointer(self, callback: Any) -> int | None:
-        self._callbacks.append(callback)
-        return ct.cast(callback, _Ptr).value
+        with self._lock:
+            samples = self._samples.get((original, is_reply))
+            if samples is None:
+                samples = self._samples[original, is_reply] = _Samples(self, original, is_reply=is_reply)
+                self._tables[ct.addressof(samples.table)] = samples
+                samples.look_into_received(True)  # until somebody has read who is there
+        place.value = ct.addressof(samples.table)
 
     # -------------------------------------------------------------------------------------------- participants
 
@@ -190,7 +292,7 @@ class FastDds:
         """That reader of participants has something that nobody has looked at yet; maybe one of Fast DDS."""
         with self._lock:
             self._unread.add(reader)
-            self._exchange(on=True)
+            self._look_into_received(True)
 
     def look(self, reader: int) -> None:
         """Somebody is going to take all that reader has, and to call `settle` then."""
@@ -206,17 +308,18 @@ class FastDds:
                 elif event.guid.startswith(FAST_DDS_VENDOR):
                     self._peers.add((reader, event.guid))
             if not self._peers and not self._unread:
-                self._exchange(on=False)
+                self._look_into_received(False)
 
     def forget(self, reader: int) -> None:
         """That reader is gone."""
         with self._lock:
             self._unread.discard(reader)
             self._peers = {peer for peer in self._peers if peer[0] != reader}
+        self.sweep()
 
-    def _exchange(self, *, on: bool) -> None:
-        for table, own, ours in self._receivers:
-            table[self._layout.from_ser] = ours if on else own
+    def _look_into_received(self, look: bool) -> None:
+        for samples in self._samples.values():
+            samples.look_into_received(look)
 
     def greet(self, domain_id: int, writer_guids: Iterable[bytes]) -> None:
         """Send greetings of these writers to the socket of this process on which the domain's samples arrive."""
@@ -227,47 +330,6 @@ class FastDds:
                 for guid in writer_guids:
                     out.sendto(rtps.greeting(guid), ("127.0.0.1", port))
 
-    # ------------------------------------------------------------------------------------------------ receiving
-
-    def _receiving(self, table: _Table, *, is_reply: bool) -> Callable[..., Any]:
-        layout = self._layout
-        plain = ct.PYFUNCTYPE(*_FromSer)(table[layout.from_ser] or 0)
-        reference = ct.PYFUNCTYPE(*_ToSerRef)(table[layout.to_ser_ref] or 0)
-        give_back = ct.PYFUNCTYPE(*_ToSerUnref)(table[layout.to_ser_unref] or 0)
-        new_sample, unref = self._new_sample, self._unref
-        last_at, message_at, packet_at = layout.fragment_last, layout.fragment_message, layout.packet
-
-        def receive(type_object: int, kind: int, fragment: int, size: int) -> Any:
-            """Make a sample of received fragments."""
-            try:
-                part = _bytes_at(fragment, 32)
-                packet = int.from_bytes(part[:8], "little") + packet_at
-                begin = int.from_bytes(part[message_at : message_at + 2], "little")
-                payload = int.from_bytes(part[message_at + 2 : message_at + 4], "little")
-                submessage = _bytes_at(packet + begin, max(0, payload - begin))
-                identity = rtps.read_submessage(_bytes_at(packet, 20), submessage, is_reply=is_reply)
-            except Exception as err:  # not to be raised into Cyclone
-                self._distrust(f"a received sample, {err!r}")
-                identity = None
-            if identity is None or kind != _SAMPLE_WITH_DATA or size <= 4 or self.refusal is not None:
-                return plain(type_object, kind, fragment, size)
-            head = identified(_bytes_at(packet + payload, 4), identity)
-            iov = (ct.c_uint64 * 4)(0, len(head), packet + payload + 4, size - 4)
-            head_buffer = ct.create_string_buffer(head, len(head))
-            iov[0] = ct.addressof(head_buffer)
-            if int.from_bytes(part[last_at : last_at + 4], "little") >= size:
-                return new_sample(type_object, kind, 2, ct.addressof(iov), size + IDENTITY_BYTES)
-            joined = plain(type_object, kind, fragment, size)
-            if not joined:
-                return joined
-            reference(joined, 4, size - 4, ct.addressof(iov) + 16)
-            sample = new_sample(type_object, kind, 2, ct.addressof(iov), size + IDENTITY_BYTES)
-            give_back(joined, ct.addressof(iov) + 16)
-            unref(joined)
-            return sample
-
-        return receive
-
     # -------------------------------------------------------------------------------------------------- sending
 
     def write(self, entity: int, writer_guid: bytes, type_object: int, data: bytes, identity: Identity) -> int:
@@ -277,86 +339,57 @@ class FastDds:
             data: header and message; the length is a multiple of four.
         """
         packed = rtps.parameter_list(identity) + data
-        address = ct.cast(ct.c_char_p(packed), _Ptr).value or 0
-        iov = (ct.c_uint64 * 2)(address + rtps.PARAMETERS_BYTES, len(data))
-        sample = self._new_sample(type_object, _SAMPLE_WITH_DATA, 1, ct.addressof(iov), len(data))
+        address: int = _address_of(packed)
+        iov = _Iov(address + rtps.PARAMETERS_BYTES, len(data))
+        sample = self.new_sample(type_object, _SAMPLE_WITH_DATA, 1, ct.addressof(iov), len(data))
         if not sample:
             return _BAD_PARAMETER
-        table = _Ptr.from_address(sample)
-        send_table = self._send_tables.get(table.value or 0)
-        if send_table is None:
-            self._unref(sample)
-            self._distrust("a sample made for sending")
+        samples = self._tables.get(_Ptr.from_address(sample).value or 0)
+        if samples is None:
+            self.unref(sample)
+            self.distrust("a sample made for sending")
             return _BAD_PARAMETER
-        self._outgoing[sample] = (packed, address, writer_guid[12:], identity)
-        table.value = ct.addressof(send_table)
+        samples.prepare_sending()
+        self._ref(sample)
+        self.outgoing[sample] = _Outgoing(packed, address, writer_guid[12:], identity)
         code: int = self._write(entity, sample)
+        self._to_forget.append(sample)
+        self.sweep(_PATIENCE)
         return code
 
-    def _sending_table(self, original: int) -> _Table:
-        layout, outgoing = self._layout, self._outgoing
-        table = self._copy(original)
-        plain = ct.PYFUNCTYPE(*_ToSerRef)(table[layout.to_ser_ref] or 0)
-        plain_to_untyped = ct.PYFUNCTYPE(*_ToUntyped)(table[layout.to_untyped] or 0)
-        plain_free = ct.PYFUNCTYPE(*_Free)(table[layout.free] or 0)
+    def sweep(self, patience: int | None = None) -> None:
+        """Forget samples that Cyclone has forgotten, because everybody has them or their writer is gone.
 
-        def to_ser_ref(sample: int, offset: int, size: int, iov: int) -> Any:
-            """Say where the bytes for a packet lie: the first ones with the parameters in front."""
-            result = plain(sample, offset or 0, size, iov)
-            try:
-                if not offset:
-                    _, address, writer_id, _identity = outgoing[sample]
-                    if self._announce_parameters(iov, writer_id):
-                        ct.memmove(iov, _two_words.pack(address, rtps.PARAMETERS_BYTES + size), 16)
-            except Exception as err:  # not to be raised into Cyclone
-                self._distrust(f"a sample to send, {err!r}")
-            return result
+        Args:
+            patience: after so many that have to be kept the others are not looked at; None looks at all.
+        """
+        with self._lock:
+            for _ in range(len(self._to_forget)):
+                sample = self._to_forget.popleft()
+                if ct.c_uint32.from_address(sample + self.layout.references).value == 1:
+                    del self.outgoing[sample]
+                    self.unref(sample)
+                    continue
+                self._to_forget.append(sample)
+                if patience is not None:
+                    patience -= 1
+                    if patience == 0:
+                        return
 
-        def to_sample(sample: int, container: int, _buffer: int, _limit: int) -> bool:
-            """Give the sample to a reader of this process, with its identity."""
-            packed, _address, _writer_id, identity = outgoing[sample]
-            local = identified(memoryview(packed)[rtps.PARAMETERS_BYTES :], identity)
-            copy = self._allocate(len(local))
-            ct.memmove(copy, local, len(local))
-            ct.memmove(container, _two_words.pack(copy, len(local)), 16)
-            return True
-
-        def to_untyped(sample: int) -> Any:
-            """The key, with the same functions: Cyclone takes samples with others for another instance, for ever."""
-            key = plain_to_untyped(sample)
-            if key:
-                _Ptr.from_address(key).value = ct.addressof(table)
-            return key
-
-        def free(sample: int) -> None:
-            """Forget a sample; its address may be used again at once."""
-            outgoing.pop(sample, None)
-            plain_free(sample)
-
-        table[layout.to_ser_ref] = self._pointer(ct.CFUNCTYPE(*_ToSerRef)(to_ser_ref))
-        table[layout.to_sample] = self._pointer(ct.CFUNCTYPE(*_ToSample)(to_sample))
-        table[layout.to_untyped] = self._pointer(ct.CFUNCTYPE(*_ToUntyped)(to_untyped))
-        table[layout.free] = self._pointer(ct.CFUNCTYPE(*_Free)(free))
-        return table
-
-    def _announce_parameters(self, iov: int, writer_id: bytes) -> bool:
+    def announce_parameters(self, iov: int, writer_id: bytes) -> bool:
         """Set the flag in the packet that `iov` belongs to; False when that does not look like a packet of ours."""
-        layout = self._layout
+        layout = self.layout
         out = _bytes_at(iov - layout.out_iov, layout.out_data + 8)
         size = int.from_bytes(out[layout.out_size : layout.out_size + 8], "little")
-        data = int.from_bytes(out[layout.out_data :], "little")
-        if data and rtps.DATA_FRAG_BYTES <= size < 65536:
-            head = _bytes_at(data, layout.out_head)
-            tail = _bytes_at(data + layout.out_head + size - rtps.DATA_FRAG_BYTES, rtps.DATA_FRAG_BYTES)
-            for kind, length in ((rtps.DATA, rtps.DATA_BYTES), (rtps.DATA_FRAG, rtps.DATA_FRAG_BYTES)):
-                part = tail[-length:]
-                if (
-                    part[0] == kind
-                    and part[12:16] == writer_id
-                    and (head[0], head[24]) == (rtps.INFO_SRC, rtps.INFO_DST)
-                ):
-                    flags = ct.c_ubyte.from_address(data + layout.out_head + size - length + 1)
-                    flags.value |= rtps.HAS_PARAMETERS
-                    return True
-        self._distrust("a packet to send")
+        address = int.from_bytes(out[layout.out_data :], "little")
+        if address and rtps.DATA_FRAG_BYTES <= size < 65536:
+            data = _bytes_at(address, layout.out_head + size)
+            if data[0] == rtps.INFO_SRC and data[24] == rtps.INFO_DST:
+                for kind, length in ((rtps.DATA, rtps.DATA_BYTES), (rtps.DATA_FRAG, rtps.DATA_FRAG_BYTES)):
+                    part = data[-length:]
+                    if part[0] == kind and part[12:16] == writer_id:
+                        flags = ct.c_ubyte.from_address(address + len(data) - length + 1)
+                        flags.value |= rtps.HAS_PARAMETERS
+                        return True
+        self.distrust(f"a packet to send, {out.hex()}")
         return False

@@ -27,8 +27,7 @@ _PID_END, _PID_IDENTITY, _PID_IDENTITY_EARLIER = 1, 0x0083, 0x800F
 """Fast DDS up to 2.9 knows the last only, later ones send both."""
 _VENDORS_OF_EARLIER = (FAST_DDS_VENDOR, b"\x01\x01")
 """Whose parameters above 0x8000 mean what they mean to Fast DDS (itself and RTI)."""
-_END = b"\1\0\0\0"
-_parameter = struct.Struct("<HH16siI").pack
+_both = struct.Struct("<HH16siI HH16siI I").pack
 _numbers = (struct.Struct(">HH").unpack_from, struct.Struct("<HH").unpack_from)
 _sequence_numbers = (struct.Struct(">iI").unpack_from, struct.Struct("<iI").unpack_from)
 
@@ -37,8 +36,11 @@ def parameter_list(identity: Identity) -> bytes:
     """Both forms of the identity, and the end of the list; little-endian as all we send."""
     guid, sequence = identity
     high, low = sequence >> 32, sequence & 0xFFFFFFFF
-    both = (_parameter(pid, IDENTITY_BYTES, guid, high, low) for pid in (_PID_IDENTITY, _PID_IDENTITY_EARLIER))
-    return b"".join((*both, _END))
+    return _both(
+        *(_PID_IDENTITY, IDENTITY_BYTES, guid, high, low),
+        *(_PID_IDENTITY_EARLIER, IDENTITY_BYTES, guid, high, low),
+        _PID_END,
+    )
 
 
 def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> Identity | None:

@@ -243,8 +243,11 @@ async def test_nothing_is_kept_of_what_was_sent(dds: World, as_fast_dds: None) -
         types = node.create_client(GetParameterTypes, "types")
         for _ in range(100):
             await types.call(GetParameterTypes.Request(names=["x"]), timeout_s=20)
-        node.close()
-    assert cyclone._fast_dds._outgoing == {}
+        assert await types._scope.wait_until(types._writer.all_acknowledged, 10, lambda: False)
+        await types.call(GetParameterTypes.Request(names=["x"]), timeout_s=20)
+        assert len(cyclone._fast_dds.outgoing) < 5
+        node.context.close()
+    assert cyclone._fast_dds.outgoing == {}
     assert len(types._sent_as) <= 100
 
 
@@ -395,7 +398,7 @@ WRITTEN = bytes(8) + b"\0\0\0\0" + WRITER + bytes(8)
 def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: Packet, is_known: bool) -> None:
     fast_dds = FastDds(cyclone._library)
     before = packet.data.raw
-    assert fast_dds._announce_parameters(packet.iov, WRITER) is is_known
+    assert fast_dds.announce_parameters(packet.iov, WRITER) is is_known
     changed = [index for index, (old, new) in enumerate(zip(before, packet.data.raw, strict=True)) if old != new]
     assert len(changed) == is_known
     assert (fast_dds.refusal is None) is is_known
@@ -407,6 +410,6 @@ async def test_after_something_that_is_not_as_known_calls_are_refused_instead_of
     client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
     await client.call(SetBool.Request(), timeout_s=10)
     monkeypatch.setattr(cyclone._fast_dds, "refusal", None)  # restored at the end
-    cyclone._fast_dds._distrust("a test")
+    cyclone._fast_dds.distrust("a test")
     with pytest.raises(ForeignServiceError, match="does not behave as known: a test"):
         await client.call(SetBool.Request(), timeout_s=10)
