@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import subprocess
 from collections.abc import Sequence
 from functools import lru_cache
@@ -18,9 +19,11 @@ from typing import Any
 from environments import environment
 
 from rosidl_py_gen.descriptions import individual
+from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.spec.find import SearchPath, search_path
+from rosidl_py_gen.spec.interface import may_be_file
 from rosidl_py_gen.spec.model import ActionDef, ConstantDef, FieldDef, Interface, MessageDef, ServiceDef, Source
 from rosidl_py_gen.spec.resolve import Library, check
 
@@ -35,6 +38,7 @@ Reply = dict[str, Any]
 OTHERS: list[Definition] = [
     ("a_msgs/msg/Other", "uint8 x\nb_msgs/Other y", "msg"),
     ("b_msgs/msg/Other", "string<=3[<=2] z", "msg"),
+    ("a_msgs/srv/Ask", "uint8 x\n---", "srv"),
 ]
 _IMPLIED = ("builtin_interfaces/msg/Time", "unique_identifier_msgs/msg/UUID", "service_msgs/msg/ServiceEventInfo")
 
@@ -49,6 +53,12 @@ def requirements(release: str) -> list[str]:
     ]
 
 
+def _quiet() -> dict[str, str]:
+    """No ROS installation of the user's; and one hash seed, on which the answers about ambiguous .idl depend."""
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    return {**inherited, "PYTHONHASHSEED": "0"}
+
+
 class Rosidl:
     """All releases of the tool chain; see rosidl_server.py."""
 
@@ -56,7 +66,8 @@ class Rosidl:
         pythons = {release: environment(f"rosidl-{release}", requirements(release)) for release in RELEASES}
         self._processes = {
             release: subprocess.Popen(
-                [str(python), "-I", str(_SERVER)],
+                [str(python), "-s", str(_SERVER)],
+                env=_quiet(),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -71,7 +82,7 @@ class Rosidl:
         """By release, what the tool chain makes of definitions that belong together; `keep`: it knows them later."""
         rows = []
         for name, text, format in definitions:
-            package, kind, stem = split_ros_name(name)
+            package, kind, stem = name.split("/")
             rows.append({"package": package, "kind": kind, "name": stem, "format": format, "text": text})
         line = json.dumps({"definitions": rows, "keep": keep}) + "\n"
         for process in self._processes.values():
@@ -112,7 +123,12 @@ def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -
     library = Library(_search())
     for name, text, format in others:
         library.add_text(split_ros_name(name), Source("<other>", text, format))
-    names = [split_ros_name(name) for name, _, _ in definitions]
+    try:
+        names = [split_ros_name(name) for name, _, _ in definitions]
+    except InvalidNameError as error:
+        return {"refused": [str(error)]}
+    if not all(map(may_be_file, names)):
+        return {"refused": ["names no file can have"]}
     found = [
         library.add_text(name, Source(f"<{name}>", text, format))
         for name, (_, text, format) in zip(names, definitions, strict=True)
@@ -197,28 +213,52 @@ def compare(rosidl: Rosidl, text: str, name: str = "a_msgs/msg/Sample", format: 
     compare_world(rosidl, [(name, text, format or split_ros_name(name).kind)])
 
 
-def compare_world(rosidl: Rosidl, definitions: Sequence[Definition]) -> None:
-    """Every release refuses what we refuse, and otherwise has the same fields, constants, descriptions and hashes."""
+def compare_world(rosidl: Rosidl, definitions: Sequence[Definition]) -> Reply:
+    """Every release refuses what we refuse, and otherwise has the same fields, constants, descriptions and hashes.
+
+    Returns:
+        our reply.
+    """
     mine = ours(definitions, OTHERS)
     for release, theirs in rosidl.compile(definitions).items():
         difference = different(mine, theirs)
         assert not difference, f"{release}: {difference}, in {definitions!r}"
+    return mine
 
 
-def different(mine: Reply, theirs: Reply) -> str:
-    """In what our reply differs from one of the oracle; "" when it does not."""
+def different(mine: Reply, theirs: Reply, loose: bool = False) -> str:
+    """In what our reply differs from one of the oracle; "" when it does not.
+
+    Args:
+        loose: numbers count, and not whether they are written as 1, 1.0 or TRUE.
+    """
     if "refused" in theirs:
         return "" if "refused" in mine else f"accepted what rosidl refuses: {theirs['refused']}"
     if "refused" in mine:
         return f"refused what rosidl accepts: {mine['refused']}"
-    if repr(mine["messages"]) != repr(theirs["messages"]):  # repr: True is not 1, and -0.0 not 0.0
+    # repr: True is not 1, and -0.0 not 0.0
+    one, other = (reply["messages"] if loose else repr(reply["messages"]) for reply in (mine, theirs))
+    if one != other:
         return f"read {mine['messages']}, and rosidl {theirs['messages']}"
     unknown = [name for name, (_, type_hash) in theirs["types"].items() if type_hash is None]
     if unknown or "unresolved" in mine:
         agreed = unknown and "unresolved" in mine
         return "" if agreed else f"resolved {mine.get('unresolved')}, and rosidl without {unknown}"
-    if mine["types"] != theirs["types"]:
-        both = {name: (mine["types"].get(name), row) for name, row in theirs["types"].items()}
-        wrong = {name: rows for name, rows in both.items() if rows[0] != rows[1]}
-        return f"described (ours, rosidl's) {wrong or mine['types'].keys() ^ theirs['types'].keys()}"
+    for name in mine["types"].keys() | theirs["types"].keys():
+        sides = [_described(reply["types"].get(name), loose) for reply in (mine, theirs)]
+        if sides[0] != sides[1]:
+            return f"described {name} as {sides[0]}, and rosidl as {sides[1]}"
     return ""
+
+
+def _described(row: list[Any] | None, loose: bool) -> object:
+    if row is None:
+        return None
+    description, type_hash = row
+    fields = [{**field, "default_value": _unsigned(field["default_value"], loose)} for field in description["fields"]]
+    return {**description, "fields": fields}, type_hash
+
+
+def _unsigned(default: str, loose: bool) -> str:
+    """The reference loses the sign of an infinity, see `_floaty`."""
+    return "" if loose else default.replace("-inf", "inf")

@@ -7,7 +7,8 @@ build does it.
 
 In:  {"definitions": [{"package", "kind", "name", "format", "text"}, ...], "keep": false}
 Out: {"refused": why}, or {"messages": for each definition its messages, "types": name -> [description, hash]}.
-The hash of a type that refers to an unknown one is null; known is what the line holds, and lines before it with "keep".
+The hash of a type that contains itself or refers to an unknown one is null; known is what the line holds, and lines
+before it with "keep".
 """
 
 # mypy: ignore-errors
@@ -73,7 +74,7 @@ def interface(package, kind, name, format, text):
 def type_hash(name, known):
     try:
         return generator.calculate_type_hash(generator.extract_full_type_description(name, known))
-    except KeyError:
+    except KeyError:  # of the unknown type; or of defaults removed twice, from the type and from what it refers to
         return None
 
 
