@@ -5,14 +5,13 @@ One struct is a message, two are a service, three an action. Constants of struct
 
 from __future__ import annotations
 
-from ast import literal_eval
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.names import RosName, is_interface_name, is_package_name, py_name
 from rosidl_py_gen.spec import derive
-from rosidl_py_gen.spec.literals import LiteralProblem, decode_idl_string
+from rosidl_py_gen.spec.literals import LiteralProblem, decode_idl_string, python_value
 from rosidl_py_gen.spec.model import ConstantDef, Default, FieldDef, Findings, Interface, Location, MessageDef, Source
 from rosidl_py_gen.spec.parse import parse_idl
 from rosidl_py_gen.spec.syntax import (
@@ -295,10 +294,7 @@ def _default(
     value = _evaluate(expression, scope, 0)
     if kind.arity is Arity.SCALAR:
         return _fit(kind, value, expression.at)
-    try:  # arrays come as the text of a Python tuple (protocol.md 1.8)
-        values = literal_eval(value) if isinstance(value, str) else None
-    except (ValueError, SyntaxError, MemoryError, RecursionError):
-        values = None
+    values = python_value(value) if isinstance(value, str) else None  # the text of a tuple (protocol.md 1.8)
     if not isinstance(values, (tuple, list)):
         raise _Wrong(expression.at, f"expected the text of a tuple for {kind}, found {str(value)[:40]!r}")
     over = len(values) > kind.capacity and kind.arity is Arity.BOUNDED
