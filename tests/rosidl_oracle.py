@@ -232,23 +232,26 @@ def different(mine: Reply, theirs: Reply, loose: bool = False) -> str:
     Args:
         loose: numbers count, and not whether they are written as 1, 1.0 or TRUE.
     """
-    if "refused" in theirs:
-        return "" if "refused" in mine else f"accepted what rosidl refuses: {theirs['refused']}"
-    if "refused" in mine:
-        return f"refused what rosidl accepts: {mine['refused']}"
-    # repr: True is not 1, and -0.0 not 0.0
-    one, other = (reply["messages"] if loose else repr(reply["messages"]) for reply in (mine, theirs))
-    if one != other:
-        return f"read {mine['messages']}, and rosidl {theirs['messages']}"
-    unknown = [name for name, (_, type_hash) in theirs["types"].items() if type_hash is None]
-    if unknown or "unresolved" in mine:
-        agreed = unknown and "unresolved" in mine
-        return "" if agreed else f"resolved {mine.get('unresolved')}, and rosidl without {unknown}"
+    if "messages" in mine and "messages" in theirs:
+        # repr: True is not 1, and -0.0 not 0.0
+        one, other = (reply["messages"] if loose else repr(reply["messages"]) for reply in (mine, theirs))
+        if one != other:
+            return f"read {mine['messages']}, and rosidl {theirs['messages']}"
+    if "types" in mine and not accepted(theirs):
+        return f"accepted what rosidl refuses: {theirs.get('refused', 'types without a hash')}"
+    if "types" not in mine:
+        problems = mine.get("refused") or mine["unresolved"]
+        return f"refused what rosidl accepts: {problems}" if accepted(theirs) else ""
     for name in mine["types"].keys() | theirs["types"].keys():
         sides = [_described(reply["types"].get(name), loose) for reply in (mine, theirs)]
         if sides[0] != sides[1]:
             return f"described {name} as {sides[0]}, and rosidl as {sides[1]}"
     return ""
+
+
+def accepted(theirs: Reply) -> bool:
+    """Whether the oracle read a definition and found all that it refers to."""
+    return "refused" not in theirs and all(type_hash for _, type_hash in theirs["types"].values())
 
 
 def _described(row: list[Any] | None, loose: bool) -> object:

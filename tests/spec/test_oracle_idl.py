@@ -7,8 +7,8 @@ import re
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rosidl_deviations import DEVIATIONS, Deviation, accepted, compare_or_explain, explained, in_modules
-from rosidl_oracle import OTHERS, Rosidl, different, ours
+from rosidl_deviations import DEVIATIONS, Deviation, compare_or_explain, explained, in_modules
+from rosidl_oracle import OTHERS, Rosidl, accepted, different, ours
 
 _EXAMPLES = [(row, text) for row in DEVIATIONS for text in row.examples]
 
