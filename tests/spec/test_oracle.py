@@ -279,21 +279,8 @@ def test_rosidl_agrees_about_services_and_actions(rosidl: Rosidl, name: str, tex
 
 _PRIMITIVE = st.sampled_from(
     [
-        "bool",
-        "byte",
-        "char",
-        "int8",
-        "uint8",
-        "int16",
-        "uint16",
-        "int32",
-        "uint32",
-        "int64",
-        "uint64",
-        "float32",
-        "float64",
-        "string",
-        "wstring",
+        *("bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"),
+        *("float32", "float64", "string", "wstring"),
     ]
 )
 _BASE = st.one_of(
