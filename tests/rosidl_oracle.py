@@ -1,62 +1,168 @@
-"""The real rosidl tool chain as a process that answers questions, and the comparison with our parser."""
+"""The reference compiler of today as an oracle: two releases of the rosidl tool chain, and the comparison with ours.
+
+They come from PyPI (tests/environments.py), each into an environment of its own, and answer as processes that stay
+(tests/spec/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases differ, or we
+differ from them on purpose, a table in the tests says so.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+import os
 import subprocess
+from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from compiler_worlds import read
+from environments import environment
 
+from rosidl_py_gen.descriptions import individual
+from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.spec.model import ActionDef, ConstantDef, FieldDef, Interface, MessageDef, ServiceDef
+from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.spec.find import SearchPath, search_path
+from rosidl_py_gen.spec.interface import may_be_file
+from rosidl_py_gen.spec.model import ActionDef, ConstantDef, FieldDef, Interface, MessageDef, ServiceDef, Source
+from rosidl_py_gen.spec.resolve import Library, check
 
 _SERVER = Path(__file__).parent / "spec" / "rosidl_server.py"
-PYTHON = "/usr/bin/python3"  # Debian's rosidl modules belong to the system interpreter
-NEEDED = "import em, rosidl_adapter, rosidl_parser"
+RELEASES = {"jazzy": ("4.6.6", "1.8.1"), "kilted": ("4.9.5", "1.11.0")}  # rosidl, ament_index_python
+
+# name, text, format
+Definition = tuple[str, str, str]
+Reply = dict[str, Any]
+
+# What the definitions of tests may refer to beside the bundled packages and each other.
+OTHERS: list[Definition] = [
+    ("a_msgs/msg/Other", "uint8 x\nb_msgs/Other y", "msg"),
+    ("b_msgs/msg/Other", "string<=3[<=2] z", "msg"),
+    ("a_msgs/srv/Ask", "uint8 x\n---", "srv"),
+]
+_IMPLIED = ("builtin_interfaces/msg/Time", "unique_identifier_msgs/msg/UUID", "service_msgs/msg/ServiceEventInfo")
+
+
+def requirements(release: str) -> list[str]:
+    rosidl, index = RELEASES[release]
+    parts = ("adapter", "cli", "generator-type-description", "parser")
+    return [
+        *(f"ros-rosidl-{part}=={rosidl}" for part in parts),
+        f"ros-ament-index-python=={index}",
+        *("empy==4.2.1", "lark-parser==0.12.0"),
+    ]
+
+
+def _quiet() -> dict[str, str]:
+    """No ROS installation of the user's; and one hash seed, on which the answers about ambiguous .idl depend."""
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    return {**inherited, "PYTHONHASHSEED": "0"}
 
 
 class Rosidl:
-    """Asks the tool chain; see rosidl_server.py."""
+    """All releases of the tool chain; see rosidl_server.py."""
 
     def __init__(self) -> None:
-        command = [PYTHON, str(_SERVER)]
-        self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, encoding="utf-8"
-        )
+        pythons = {release: environment(f"rosidl-{release}", requirements(release)) for release in RELEASES}
+        self._processes = {
+            release: subprocess.Popen(
+                [str(python), "-s", str(_SERVER)],
+                env=_quiet(),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                encoding="utf-8",
+            )
+            for release, python in pythons.items()
+        }
+        implied = [(name, (interfaces_dir() / f"{name}.msg").read_text(encoding="utf-8"), "msg") for name in _IMPLIED]
+        self.compile([*implied, *OTHERS], keep=True)
 
-    def read(self, text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> list[dict[str, Any]] | str:
-        """The messages the tool chain reads from a definition, or why it refuses it."""
-        package, kind, stem = split_ros_name(name)
-        request = {"package": package, "kind": kind, "name": stem, "format": format or kind, "text": text}
-        assert self.process.stdin is not None and self.process.stdout is not None
-        self.process.stdin.write(json.dumps(request) + "\n")
-        self.process.stdin.flush()
-        line = self.process.stdout.readline()
+    def compile(self, definitions: Sequence[Definition], keep: bool = False) -> dict[str, Reply]:
+        """By release, what the tool chain makes of definitions that belong together; `keep`: it knows them later."""
+        rows = []
+        for name, text, format in definitions:
+            package, kind, stem = name.split("/")
+            rows.append({"package": package, "kind": kind, "name": stem, "format": format, "text": text})
+        line = json.dumps({"definitions": rows, "keep": keep}) + "\n"
+        for process in self._processes.values():
+            assert process.stdin is not None
+            process.stdin.write(line)
+            process.stdin.flush()
+        return {release: self._reply(process) for release, process in self._processes.items()}
+
+    @staticmethod
+    def _reply(process: subprocess.Popen[str]) -> Reply:
+        assert process.stdout is not None
+        line = process.stdout.readline()
         assert line, "the rosidl process ended"
-        reply: dict[str, Any] = json.loads(line)
-        messages: list[dict[str, Any]] | None = reply.get("messages")
-        return str(reply["refused"]) if messages is None else messages
+        reply: Reply = json.loads(line)
+        return reply
 
     def close(self) -> None:
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.close()
-        self.process.stdout.close()
-        self.process.wait(timeout=10)
+        for process in self._processes.values():
+            process.communicate(timeout=10)
 
+
+# --- our side, in the form the oracle answers in ----------------------------------------------------------------------
 
 _EMPTY = [["structure_needs_at_least_one_member", [3, 0, 0, ""], None]]
-_CHAR = {
+_IDL_TYPES = {
     "char": "uint8",
+    "idl_char": "char",
     "byte": "octet",
     "bool": "boolean",
     "float32": "float",
     "float64": "double",
     "wstring": "string",
 }
+
+
+def ours(definitions: Sequence[Definition], others: Sequence[Definition] = ()) -> Reply:
+    """Our reply. "refused" is a definition that is wrong alone, "unresolved" one that goes wrong with the others."""
+    library = Library(_search())
+    for name, text, format in others:
+        library.add_text(split_ros_name(name), Source("<other>", text, format))
+    try:
+        names = [split_ros_name(name) for name, _, _ in definitions]
+    except InvalidNameError as error:
+        return {"refused": [str(error)]}
+    if not all(map(may_be_file, names)):
+        return {"refused": ["names no file can have"]}
+    found = [
+        library.add_text(name, Source(f"<{name}>", text, format))
+        for name, (_, text, format) in zip(names, definitions, strict=True)
+    ]
+    if library.findings.problems:
+        return {"refused": [str(problem) for problem in library.findings.problems]}
+    interfaces = [one for one in found if one is not None]
+    reply: Reply = {"messages": [plain(one) for one in interfaces]}
+    check(library, names)
+    if library.findings.problems:
+        return {**reply, "unresolved": [str(problem) for problem in library.findings.problems]}
+    types = [name for one in interfaces for name in type_names(one)]
+    return {
+        **reply,
+        "types": {name: [individual(name, library.rows(name)), library.type_hash(name)] for name in types},
+    }
+
+
+@lru_cache(maxsize=1)
+def _search() -> SearchPath:
+    return search_path([interfaces_dir()], ament="", bundled=False)
+
+
+def type_names(interface: Interface) -> list[str]:
+    """The names of all types one file makes."""
+    name = str(interface.name)
+    match interface:
+        case MessageDef():
+            return [name]
+        case ServiceDef():
+            return [name, *(f"{name}_{part}" for part in ("Request", "Response", "Event"))]
+        case ActionDef():
+            parts = [f"{name}_{part}" for part in ("Goal", "Result", "Feedback", "FeedbackMessage")]
+            return [name, *parts, *type_names(interface.send_goal), *type_names(interface.get_result)]
 
 
 def authored(interface: Interface) -> tuple[MessageDef, ...]:
@@ -71,7 +177,6 @@ def authored(interface: Interface) -> tuple[MessageDef, ...]:
 
 
 def plain(interface: Interface) -> list[dict[str, Any]]:
-    """Our model in the form the oracle answers in."""
     return [
         {
             "fields": [_field(item) for item in one.fields] or _EMPTY,
@@ -90,7 +195,7 @@ def _field(item: FieldDef) -> list[Any]:
 
 
 def _constant(item: ConstantDef) -> list[Any]:
-    return [item.name, _CHAR.get(item.type.base, item.type.base), _floaty(item.value)]
+    return [item.name, _IDL_TYPES.get(item.type.base, item.type.base), _floaty(item.value)]
 
 
 def _floaty(value: Any) -> Any:
@@ -100,12 +205,63 @@ def _floaty(value: Any) -> Any:
     return value
 
 
+# --- the comparison ---------------------------------------------------------------------------------------------------
+
+
 def compare(rosidl: Rosidl, text: str, name: str = "a_msgs/msg/Sample", format: str = "") -> None:
-    theirs = rosidl.read(text, name, format)
-    ours, problems = read(text, name, format)
-    if isinstance(theirs, str):
-        assert problems, f"accepted {text!r}, which rosidl refuses: {theirs}"
-        return
-    assert not problems, f"refused {text!r}, which rosidl accepts: {problems}"
-    assert ours is not None
-    assert repr(plain(ours)) == repr(theirs)  # repr: True is not 1, and -0.0 not 0.0
+    """One definition, which may refer to `OTHERS` and the bundled packages."""
+    compare_world(rosidl, [(name, text, format or split_ros_name(name).kind)])
+
+
+def compare_world(rosidl: Rosidl, definitions: Sequence[Definition]) -> Reply:
+    """Every release refuses what we refuse, and otherwise has the same fields, constants, descriptions and hashes.
+
+    Returns:
+        our reply.
+    """
+    mine = ours(definitions, OTHERS)
+    for release, theirs in rosidl.compile(definitions).items():
+        difference = different(mine, theirs)
+        assert not difference, f"{release}: {difference}, in {definitions!r}"
+    return mine
+
+
+def different(mine: Reply, theirs: Reply, loose: bool = False) -> str:
+    """In what our reply differs from one of the oracle; "" when it does not.
+
+    Args:
+        loose: numbers count, and not whether they are written as 1, 1.0 or TRUE.
+    """
+    if "messages" in mine and "messages" in theirs:
+        # repr: True is not 1, and -0.0 not 0.0
+        one, other = (reply["messages"] if loose else repr(reply["messages"]) for reply in (mine, theirs))
+        if one != other:
+            return f"read {mine['messages']}, and rosidl {theirs['messages']}"
+    if "types" in mine and not accepted(theirs):
+        return f"accepted what rosidl refuses: {theirs.get('refused', 'types without a hash')}"
+    if "types" not in mine:
+        problems = mine.get("refused") or mine["unresolved"]
+        return f"refused what rosidl accepts: {problems}" if accepted(theirs) else ""
+    for name in mine["types"].keys() | theirs["types"].keys():
+        sides = [_described(reply["types"].get(name), loose) for reply in (mine, theirs)]
+        if sides[0] != sides[1]:
+            return f"described {name} as {sides[0]}, and rosidl as {sides[1]}"
+    return ""
+
+
+def accepted(theirs: Reply) -> bool:
+    """Whether the oracle read a definition and found all that it refers to."""
+    return "refused" not in theirs and all(type_hash for _, type_hash in theirs["types"].values())
+
+
+def _described(row: list[Any] | None, loose: bool) -> object:
+    if row is None:
+        return None
+    description, type_hash = row
+    fields = [{**field, "default_value": _unsigned(field["default_value"], loose)} for field in description["fields"]]
+    return {**description, "fields": fields}, type_hash
+
+
+def _unsigned(default: str, loose: bool) -> str:
+    """The reference loses the sign of an infinity, see `_floaty`."""
+    return "" if loose else default.replace("-inf", "inf")

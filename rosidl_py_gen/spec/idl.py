@@ -5,14 +5,13 @@ One struct is a message, two are a service, three an action. Constants of struct
 
 from __future__ import annotations
 
-from ast import literal_eval
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.names import RosName, is_interface_name, is_package_name, py_name
 from rosidl_py_gen.spec import derive
-from rosidl_py_gen.spec.literals import LiteralProblem, decode_idl_string
+from rosidl_py_gen.spec.literals import LiteralProblem, decode_idl_string, python_value
 from rosidl_py_gen.spec.model import ConstantDef, Default, FieldDef, Findings, Interface, Location, MessageDef, Source
 from rosidl_py_gen.spec.parse import parse_idl
 from rosidl_py_gen.spec.syntax import (
@@ -76,14 +75,19 @@ class _Scope:
                     self.structs.append((modules, definition))
                 case IdlConst():
                     self.constants.setdefault(modules[-1] if modules else "", []).append(definition)
-                case IdlTypedef():
-                    self.typedefs[definition.declarator.name.text] = definition
+                case IdlTypedef(_, declarator):
+                    # The same typedef twice is what rosidl_adapter writes for an array in both halves of a service.
+                    first = self.typedefs.setdefault(declarator.name.text, definition)
+                    if (first.type, first.declarator.sizes) != (definition.type, declarator.sizes):
+                        raise _Wrong(declarator.name, f'"{declarator.name.text}" is already defined differently')
                 case IdlEnum(name):
                     raise _Wrong(name, "enums are not usable in ROS interfaces; use constants")
 
-    def constant(self, name: str) -> IdlConst | None:
-        every = (const for consts in self.constants.values() for const in consts)
-        return next((const for const in every if const.name.text == name.split("::")[-1]), None)
+    def constant(self, name: str) -> list[IdlConst]:
+        """The constants a name can mean; of a path the last module counts, as for the constants of a struct."""
+        *path, last = name.split("::")
+        every = (const for module, consts in self.constants.items() if path[-1:] in ([], [module]) for const in consts)
+        return [const for const in every if const.name.text == last]
 
 
 def parse_idl_interface(name: RosName, source: Source, findings: Findings) -> Interface | None:
@@ -106,7 +110,7 @@ def _messages(name: RosName, scope: _Scope, source: Source) -> list[MessageDef]:
     wanted = [name.name + suffix for suffix in suffixes]
     found = [struct.name.text for _, struct in scope.structs]
     start = Word("", 1, 1)
-    if sorted(found) != sorted(wanted):
+    if found != wanted:
         at = scope.structs[0][1].name if scope.structs else start
         raise _Wrong(at, f"expected the struct{'s' * (len(wanted) > 1)} {', '.join(wanted)}, found {found or 'none'}")
     by_name = {struct.name.text: (modules, struct) for modules, struct in scope.structs}
@@ -172,6 +176,9 @@ def _type(kind: IdlType, scope: _Scope, name: RosName, depth: int) -> FieldType:
             element = _type(kind.element, scope, name, depth)
             if element.arity is not Arity.SCALAR:
                 raise _Wrong(kind.at, "sequences of sequences or arrays are not supported")
+            if kind.size is None and kind.element.kind == "name" and element.base == "wstring" and element.string_bound:
+                # The reference describes this one right and sequence<wstring<N>> wrong (protocol.md 1.7).
+                raise _Wrong(kind.at, f"expected sequence<wstring<{element.string_bound}>>, found a typedef in it")
             if kind.size is None:
                 return FieldType(element.base, Arity.UNBOUNDED, 0, element.string_bound)
             return FieldType(element.base, Arity.BOUNDED, _positive(kind.size, scope), element.string_bound)
@@ -181,7 +188,7 @@ def _type(kind: IdlType, scope: _Scope, name: RosName, depth: int) -> FieldType:
 
 def _named(kind: IdlType, scope: _Scope, name: RosName, depth: int) -> FieldType:
     *modules, last = kind.words
-    if last in scope.typedefs and depth < _MAX_TYPEDEFS:
+    if not modules and last in scope.typedefs and depth < _MAX_TYPEDEFS:
         typedef = scope.typedefs[last]
         result = _type(typedef.type, scope, name, depth + 1)
         if not typedef.declarator.sizes:
@@ -216,14 +223,16 @@ def _evaluate(expression: IdlExpression, scope: _Scope, depth: int) -> Scalar:
         case "number":
             return _number(expression)
         case _:
-            const = scope.constant(expression.text)
-            if const is None or depth > _MAX_TYPEDEFS:
+            found = scope.constant(expression.text)
+            if len(found) > 1:
+                raise _Wrong(expression.at, f'"{expression.text}" can mean {len(found)} constants')
+            if not found or depth > _MAX_TYPEDEFS:
                 if expression.text in ("true", "false"):
                     return expression.text == "true"
                 if expression.text in ("inf", "nan"):  # how the reference writes these defaults of a .msg
                     return float(expression.text)
                 raise _Wrong(expression.at, f'unknown constant "{expression.text}"')
-            return _evaluate(const.value, scope, depth + 1)
+            return _evaluate(found[0].value, scope, depth + 1)
 
 
 def _number(expression: IdlExpression) -> int | float:
@@ -274,18 +283,18 @@ def _fit(kind: FieldType, value: Scalar, at: Word) -> Scalar:
 def _default(
     annotations: tuple[IdlAnnotation, ...], kind: FieldType, scope: _Scope, declarator: IdlDeclarator
 ) -> Default | None:
-    expression = next((a.arguments.get("value", a.value) for a in annotations if a.name == "default"), None)
-    if expression is None:
+    found = [one for one in annotations if one.name == "default"]
+    if not found:
         return None
     if kind.is_message:
         raise _Wrong(declarator.name, f'a field of type "{kind}" cannot have a default')
+    expression = found[0].arguments.get("value")
+    if expression is None or len(found) > 1:
+        raise _Wrong(declarator.name, f'expected one @default(value=...) of "{declarator.name.text}"')
     value = _evaluate(expression, scope, 0)
     if kind.arity is Arity.SCALAR:
         return _fit(kind, value, expression.at)
-    try:  # arrays come as the text of a Python tuple (protocol.md 1.8)
-        values = literal_eval(value) if isinstance(value, str) else None
-    except (ValueError, SyntaxError, MemoryError, RecursionError):
-        values = None
+    values = python_value(value) if isinstance(value, str) else None  # the text of a tuple (protocol.md 1.8)
     if not isinstance(values, (tuple, list)):
         raise _Wrong(expression.at, f"expected the text of a tuple for {kind}, found {str(value)[:40]!r}")
     over = len(values) > kind.capacity and kind.arity is Arity.BOUNDED

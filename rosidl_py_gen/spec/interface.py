@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import Problem
+from rosidl_py_gen.names import is_interface_name
 from rosidl_py_gen.spec import derive
 from rosidl_py_gen.spec.idl import parse_idl_interface
 from rosidl_py_gen.spec.lines import parse_section
@@ -68,6 +69,12 @@ def parse_interface(name: RosName, source: Source, findings: Findings) -> Interf
         own = derive.derived_name(name, suffix) if suffix else name
         messages.append(parse_section(own, lines, first_line, source, findings))
     return derive.assemble(name, messages, source)
+
+
+def may_be_file(name: RosName) -> bool:
+    """Whether a file may carry this name: with a service or action its halves have to have good names, too."""
+    stems = [f"{name.name}_{suffix}" if suffix else name.name for suffix in _SECTIONS[name.kind]]
+    return all(map(is_interface_name, stems))
 
 
 def separators(text: str) -> int:

@@ -127,10 +127,7 @@ def _string_elements(kind: FieldType, text: str) -> tuple[str, ...]:
     values = [_check_bound(kind, _unquote(value.strip())) for value in _split_strings(text)]
     # The reference writes the Python repr of the whole tuple through the IDL stage.
     rendered = repr(tuple(values)).replace("\\", r"\\").replace('"', r"\"")
-    try:
-        result = literal_eval(decode_idl_string(rendered))
-    except (ValueError, SyntaxError, MemoryError, RecursionError):
-        raise LiteralProblem(f"expected a list of strings, found {_cut(text)}") from None
+    result = python_value(decode_idl_string(rendered))
     if not isinstance(result, tuple) or not all(isinstance(item, str) for item in result):
         raise LiteralProblem(f"expected a list of strings, found {_cut(text)}")
     return result
@@ -194,6 +191,21 @@ def _known_escape(found: re.Match[str]) -> str:
     """Keep what Python's `unicode_escape` knows; it would warn of the rest, and leave that as it is."""
     if len(found[1]) == 3:
         raise LiteralProblem(f"expected an octal escape up to \\377, found {found[0]}")
+    return found[0] if found[1] in _PYTHON_ESCAPES else "\\" + found[0]
+
+
+def python_value(text: str) -> object:
+    """What the text of a Python literal means; None when it means nothing."""
+    try:
+        return literal_eval(_PYTHON_ESCAPE.sub(_quiet_escape, text))
+    except (ValueError, SyntaxError, MemoryError, RecursionError):
+        return None
+
+
+def _quiet_escape(found: re.Match[str]) -> str:
+    """The same for Python, written so that it does not warn (which is an error where warnings are)."""
+    if len(found[1]) == 3:
+        return f"\\u{int(found[1], 8):04x}"
     return found[0] if found[1] in _PYTHON_ESCAPES else "\\" + found[0]
 
 

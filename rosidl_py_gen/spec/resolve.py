@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.descriptions import Description, FieldRow, action_rows, default_text, describe, rihs01, service_rows
 from rosidl_py_gen.errors import DefinitionError, Problem, TypeNotFoundError, shown_path
-from rosidl_py_gen.names import INTERFACE_RULE, RosName, did_you_mean, is_interface_name, split_ros_name
+from rosidl_py_gen.names import INTERFACE_RULE, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.spec.derive import IMPLIED
-from rosidl_py_gen.spec.interface import parse_interface, read_source
+from rosidl_py_gen.spec.interface import may_be_file, parse_interface, read_source
 from rosidl_py_gen.spec.model import (
     FieldDef,
     Findings,
@@ -58,7 +58,7 @@ class Library:
         if name not in self._interfaces:
             path = self.search.file(name)
             source = read_source(path, shown_path(path), self.findings) if path else None
-            if source is not None and not is_interface_name(name.name):
+            if source is not None and not may_be_file(name):
                 text = f'"{name.name}" is not an interface name; expected {INTERFACE_RULE}'
                 self.findings.add(Location(source, 1, 1), text)
                 source = None

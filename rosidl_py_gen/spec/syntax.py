@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class IdlExpression:
 
     kind: str
     text: str
-    at: Word
+    at: Word = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class IdlType:
     words: tuple[str, ...]
     element: IdlType | None
     size: IdlExpression | None
-    at: Word
+    at: Word = field(compare=False)
 
 
 @dataclass(frozen=True, slots=True)

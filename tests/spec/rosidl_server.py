@@ -1,8 +1,14 @@
-"""Reads interface definitions with the real rosidl tool chain, one JSON line in, one JSON line out.
+"""Compiles interface definitions with the real rosidl tool chain, one JSON line in, one JSON line out.
 
-Runs under the interpreter that has Debian's python3-rosidl and python3-empy, never under pytest, and imports nothing of
-this project. `.msg`, `.srv` and `.action` go through rosidl_adapter (text -> IDL) and rosidl_parser (IDL -> model),
-`.idl` through the second only, as the ROS 2 build does it.
+Runs under the interpreter of an environment that has the tool chain's packages from PyPI, never under pytest, and
+imports nothing of this project. `.msg`, `.srv` and `.action` go through rosidl_adapter (text -> IDL) and rosidl_parser
+(IDL -> model), `.idl` through the second only, and the models through rosidl_generator_type_description, as the ROS 2
+build does it.
+
+In:  {"definitions": [{"package", "kind", "name", "format", "text"}, ...], "keep": false}
+Out: {"refused": why}, or {"messages": for each definition its messages, "types": name -> [description, hash]}.
+The hash of a type that contains itself or refers to an unknown one is null; known is what the line holds, and lines
+before it with "keep".
 """
 
 # mypy: ignore-errors
@@ -12,35 +18,14 @@ import re
 import sys
 from ast import literal_eval
 
-import lark
+import rosidl_generator_type_description as generator
 from rosidl_adapter import parser as adapter
 from rosidl_adapter import resource
 from rosidl_parser import definition as model
 from rosidl_parser import parser as idl
 
-# type_description_interfaces/msg/FieldType
-IDS = {
-    "int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7, "int64": 8, "uint64": 9, "float": 10,
-    "double": 11, "char": 13, "wchar": 14, "boolean": 15, "octet": 16,
-}  # fmt: skip
-
-
-def type_row(kind):
-    """[type_id, capacity, string_capacity, nested type name], as rosidl_generator_type_description computes them."""
-    offset, capacity = 0, 0
-    if isinstance(kind, model.Array):
-        kind, offset, capacity = kind.value_type, 48, kind.size
-    elif isinstance(kind, model.BoundedSequence):
-        kind, offset, capacity = kind.value_type, 96, kind.maximum_size
-    elif isinstance(kind, model.UnboundedSequence):
-        kind, offset = kind.value_type, 144
-    if isinstance(kind, model.BasicType):
-        return [IDS[kind.typename] + offset, capacity, 0, ""]
-    if isinstance(kind, model.NamespacedType):
-        return [1 + offset, capacity, 0, "/".join([*kind.namespaces, kind.name])]
-    base = 18 if isinstance(kind, model.AbstractWString) else 17
-    bound = getattr(kind, "maximum_size", 0)
-    return [base + (4 if bound else 0) + offset, capacity, bound, ""]
+KEPT = {}
+ADD = {model.Message: generator.add_msg, model.Service: generator.add_srv, model.Action: generator.add_action}
 
 
 def default_of(member):
@@ -53,9 +38,21 @@ def default_of(member):
 
 
 def message(one):
-    fields = [[m.name, type_row(m.type), default_of(m)] for m in one.structure.members]
+    fields = [
+        [m.name, list(generator.serialize_field_type(m.type).values()), default_of(m)] for m in one.structure.members
+    ]
     constants = [[c.name, getattr(c.type, "typename", "string"), c.value] for c in one.constants]
     return {"fields": fields, "constants": constants}
+
+
+def messages(interface):
+    match interface:
+        case model.Action():
+            return [message(one) for one in (interface.goal, interface.result, interface.feedback)]
+        case model.Service():
+            return [message(one) for one in (interface.request_message, interface.response_message)]
+        case _:
+            return [message(interface)]
 
 
 def to_idl(kind, package, name, text):
@@ -68,28 +65,46 @@ def to_idl(kind, package, name, text):
     return re.sub("\r\n?", "\n", content.encode("iso-8859-1").decode("utf-8"))
 
 
+def interface(package, kind, name, format, text):
+    text = re.sub("\r\n?", "\n", text)
+    content = idl.parse_idl_string(text if format == "idl" else to_idl(kind, package, name, text))
+    return next(one for one in content.elements if type(one) in ADD)
+
+
+def type_hash(name, known):
+    try:
+        return generator.calculate_type_hash(generator.extract_full_type_description(name, known))
+    except KeyError:  # of the unknown type; or of defaults removed twice, from the type and from what it refers to
+        return None
+
+
 def answer(request):
-    text = request["text"]
-    if request["format"] != "idl":
-        text = to_idl(request["kind"], request["package"], request["name"], re.sub("\r\n?", "\n", text))
-    content = idl.parse_idl_string(text)
-    for action in content.get_elements_of_type(model.Action):
-        return [message(one) for one in (action.goal, action.result, action.feedback)]
-    for service in content.get_elements_of_type(model.Service):
-        return [message(one) for one in (service.request_message, service.response_message)]
-    return [message(one) for one in content.get_elements_of_type(model.Message)]
+    found = [interface(**one) for one in request["definitions"]]
+    types = {}
+    for one in found:
+        ADD[type(one)](one, types)
+    described = {
+        name: generator.serialize_individual_type_description(one.namespaced_type, one.members)
+        for name, one in types.items()
+    }
+    known = {**KEPT, **described}
+    if request["keep"]:
+        KEPT.update(described)
+    return {
+        "messages": [messages(one) for one in found],
+        "types": {name: [one, type_hash(name, known)] for name, one in described.items()},
+    }
 
 
 def main():
-    # em 3.x puts a proxy in the place of sys.stdout and minds when it vanishes; keep the real one to ourselves.
+    # em puts a proxy in the place of sys.stdout and minds when it vanishes; keep the real one to ourselves.
     replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
     quiet = os.open(os.devnull, os.O_WRONLY)
     os.dup2(quiet, 1)
     os.dup2(quiet, 2)
     for line in sys.stdin:
         try:
-            reply = {"messages": answer(json.loads(line))}
-            text = json.dumps(reply)
+            text = json.dumps(answer(json.loads(line)))
         except (Exception, SystemExit) as error:
             text = json.dumps({"refused": f"{type(error).__name__}: {error}"[:500]})
         replies.write(text + "\n")
@@ -97,5 +112,4 @@ def main():
 
 
 if __name__ == "__main__":
-    assert lark.__version__
     main()

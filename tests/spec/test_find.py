@@ -302,6 +302,8 @@ BROKEN: list[tuple[dict[str, str | bytes], list[str]]] = [
             "a_msgs/srv/S.srv:3:8: expected an integer in -128..127",
         ],
     ),
+    ({"a_msgs/srv/Two_Words.srv": "---"}, ['a_msgs/srv/Two_Words.srv:1:1: "Two_Words" is not an interface name']),
+    ({"a_msgs/srv/Ask_Request.srv": "---"}, ['a_msgs/srv/Ask_Request.srv:1:1: "Ask_Request" is not an interface name']),
     ({"a_msgs/msg/bad_name.msg": "uint8 x"}, ['a_msgs/msg/bad_name.msg:1:1: "bad_name" is not an interface name']),
     ({"a_msgs/msg/A.msg": b"uint8 x\n# caf\xe9"}, ["a_msgs/msg/A.msg:2:6: expected UTF-8, found the byte 0xe9"]),
     ({"a_msgs/msg/A.msg": b"\xef\xbb\xbfuint8 x"}, ["a_msgs/msg/A.msg:1:1: found a byte order mark"]),

@@ -106,6 +106,15 @@ AGREED = [
     "module a_msgs { };",
     "",
     "interface X {};",
+    struct("@default(5) long x;"),
+    struct("@default long x;"),
+    struct("@default(val=5) long x;"),
+    struct("@key() long x;"),
+    module("typedef long t; typedef long t; struct Sample { t x; };"),
+    module("typedef long t; typedef short t; struct Sample { t x; };"),
+    module("typedef long Other; struct Sample { b_msgs::msg::Other x; Other y; };"),
+    "#include b.idl\n" + struct("long x;"),
+    "#include <b.idl> #include \"c.idl\" " + struct("long x;"),
     module("struct Sample { long x; }; struct Another { long x; }; struct Third { long x; }; struct Fourth { long x; };"),
 ]  # fmt: skip
 
@@ -116,8 +125,9 @@ def test_rosidl_agrees_about_idl(rosidl: Rosidl, text: str) -> None:
 
 
 def test_rosidl_agrees_about_services_and_actions_in_idl(rosidl: Rosidl) -> None:
-    ask = module("struct Ask_Request { long a; }; struct Ask_Response { long b; };", "srv")
-    compare(rosidl, ask, "a_msgs/srv/Ask", "idl")
+    request, response = "struct Ask_Request { long a; };", "struct Ask_Response { long b; };"
+    compare(rosidl, module(request + response, "srv"), "a_msgs/srv/Ask", "idl")
+    compare(rosidl, module(response + request, "srv"), "a_msgs/srv/Ask", "idl")
     do = module("struct Do_Goal { long a; }; struct Do_Result { long b; }; struct Do_Feedback { long c; };", "action")
     compare(rosidl, do, "a_msgs/action/Do", "idl")
 
@@ -173,6 +183,30 @@ def test_a_constant_may_be_a_size() -> None:
     assert fields(text) == {"x": "int32[<=3]", "y": "int32[3]"}
 
 
+def test_a_typedef_may_be_repeated() -> None:
+    other = "typedef b_msgs::msg::Other other; typedef other other__3[3];"
+    text = module(
+        f"{other} struct Ask_Request {{ other__3 a; }}; {other} struct Ask_Response {{ other__3 b; }};", "srv"
+    )
+    service = parse(text, "a_msgs/srv/Ask", "idl")
+    assert isinstance(service, ServiceDef)
+    assert {str(one.fields[0].type) for one in (service.request, service.response)} == {"b_msgs/msg/Other[3]"}
+
+
+def test_a_name_with_modules_is_no_typedef() -> None:
+    text = module("typedef long Other; struct Sample { b_msgs::msg::Other x; Other y; };")
+    assert fields(text) == {"x": "b_msgs/msg/Other", "y": "int32"}
+
+
+def test_a_constant_of_another_module_is_found_by_its_path() -> None:
+    both = "module Sample_Constants { const long N = 2; }; module More { const long N = 3; };"
+    assert fields(module(f"{both} struct Sample {{ long x[More::N]; }};")) == {"x": "int32[3]"}
+
+
+def test_an_include_takes_no_more_than_its_file() -> None:
+    assert fields('#include "b_msgs/msg/Other.idl" #include <c>' + struct("long x;")) == {"x": "int32"}
+
+
 ERRORS = [
     ("", "1:1: expected the struct Sample, found none"),
     (struct("long x"), '1:53: expected "," or ";" or "[", found "}"'),
@@ -194,6 +228,14 @@ ERRORS = [
     ("struct Sample { long x; };", "1:8: expected Sample in module a_msgs::msg, found no module"),
     ("module b { module msg { struct Sample { long x; }; }; };", "expected Sample in module a_msgs::msg, found b::msg"),
     ("module a_msgs { \x00 };", "1:17: expected "),
+    (struct("@default(5) long x;"), '1:63: expected one @default(value=...) of "x"'),
+    (struct("@default long x;"), '1:60: expected one @default(value=...) of "x"'),
+    (struct("@default(value=1) @default(value=2) long x;"), '1:87: expected one @default(value=...) of "x"'),
+    (struct("@key() long x;"), '1:51: expected "::" or'),
+    (module("typedef long t; typedef short t; struct Sample { t x; };"), '1:60: "t" is already defined differently'),
+    (module("module A { const long N = 1; }; module B { const long N = 2; }; struct Sample { long x[N]; };"), '1:117: "N" can mean 2 constants'),
+    (module("typedef wstring<3> t; struct Sample { sequence<t> y; };"), "1:77: expected sequence<wstring<3>>, found a typedef in it"),
+    ("#include b.idl\n" + struct("long x;"), '1:1: expected "@" or'),
     ("module a {" * 5000, "1:"),
     ("/* never closed", "1:1: the comment is never closed"),
 ]  # fmt: skip

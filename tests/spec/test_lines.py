@@ -484,3 +484,21 @@ def test_separators_are_counted(kind: str, text: str, problem: str) -> None:
 def test_lines_of_later_sections_are_located_in_the_file() -> None:
     _, problems = read("uint8 x\n---\nuint8 y\n\nint z", "a_msgs/srv/Sample")
     assert problems[0].startswith("5:1: ")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("['\\c']", "\\c"),
+        ("[\\c]", "\\c"),
+        ("[\\8]", "\\8"),
+        ("[\\\\c]", "\\c"),
+        ("[\\400]", "\u0100"),
+        ("[\\u00e9]", "é"),
+        ("[\\x41]", "A"),
+    ],
+)
+def test_escapes_in_arrays_mean_what_they_mean_without_warnings(text: str, value: str) -> None:
+    (item,) = message(f"string[] x {text}").fields
+    assert item.default == (value,)

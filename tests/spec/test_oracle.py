@@ -1,6 +1,6 @@
-"""The real rosidl_adapter and rosidl_parser accept and refuse the same texts, with the same fields and values.
+"""The real rosidl tool chain accepts and refuses the same texts, with the same fields, values and type hashes.
 
-Differences made on purpose are data here (`DIFFERENT`, `_excused`), so that each one is stated and still true.
+Differences made on purpose are data in tests/rosidl_deviations.py.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import pytest
 from compiler_worlds import read
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rosidl_deviations import compare_or_explain
 from rosidl_oracle import compare
 
 from rosidl_py_gen.fieldtype import Arity
@@ -248,23 +249,6 @@ def test_rosidl_agrees_about_a_message(rosidl: Rosidl, text: str) -> None:
     compare(rosidl, text)
 
 
-# What we decide differently, on purpose: text, what rosidl says ("refused" or "accepted"), why.
-DIFFERENT = [
-    ("uint8 x # C:\\x", "refused", "a backslash in a comment is no reason to refuse a definition"),
-    ("uint8 x # end \\", "refused", "a backslash in a comment is no reason to refuse a definition"),
-    ("# \\N{x}\nuint8 x", "refused", "a backslash in a comment is no reason to refuse a definition"),
-    ("string[] x [é]", "refused", "the reference loses the encoding of text in arrays; scalars may hold it"),
-    ("wstring[1] x ['ハ']", "refused", "the reference loses the encoding of text in arrays; scalars may hold it"),
-]
-
-
-@pytest.mark.parametrize(("text", "answer"), [row[:2] for row in DIFFERENT], ids=[row[0] for row in DIFFERENT])
-def test_differences_on_purpose_are_still_true(rosidl: Rosidl, text: str, answer: str) -> None:
-    theirs, (_, problems) = rosidl.read(text), read(text)
-    assert isinstance(theirs, str) == (answer == "refused"), theirs
-    assert bool(problems) == (answer == "accepted"), problems
-
-
 @pytest.mark.parametrize(
     ("name", "text"),
     [
@@ -295,21 +279,8 @@ def test_rosidl_agrees_about_services_and_actions(rosidl: Rosidl, name: str, tex
 
 _PRIMITIVE = st.sampled_from(
     [
-        "bool",
-        "byte",
-        "char",
-        "int8",
-        "uint8",
-        "int16",
-        "uint16",
-        "int32",
-        "uint32",
-        "int64",
-        "uint64",
-        "float32",
-        "float64",
-        "string",
-        "wstring",
+        *("bool", "byte", "char", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"),
+        *("float32", "float64", "string", "wstring"),
     ]
 )
 _BASE = st.one_of(
@@ -388,29 +359,18 @@ _CONSTANT = st.builds(
 _LINE = st.one_of(_FIELD, _FIELD, _CONSTANT, st.sampled_from(["", "# text", "   # indented", "---", "#"]), _SOUP)
 
 
-def _excused(text: str) -> bool:
-    """Random texts about which we may differ on purpose, for the reasons above."""
-    for line in text.splitlines():
-        code, _, comment = line.partition("#")
-        if "\\" in comment or ("string" in code and "[" in code and not code.isascii()):
-            return True
-    return False
-
-
 @settings(max_examples=500, deadline=None, suppress_health_check=list(HealthCheck))
 @given(lines=st.lists(_legal(), min_size=1, max_size=3))
 def test_rosidl_agrees_about_messages_that_are_mostly_right(rosidl: Rosidl, lines: list[str]) -> None:
     text = "\n".join(lines)
-    if not _excused(text):
-        compare(rosidl, text)
+    compare_or_explain(rosidl, ("a_msgs/msg/Sample", text, "msg"))
 
 
 @settings(max_examples=500, deadline=None, suppress_health_check=list(HealthCheck))
 @given(lines=st.lists(_LINE, min_size=1, max_size=2))
 def test_rosidl_agrees_about_random_messages(rosidl: Rosidl, lines: list[str]) -> None:
     text = "\n".join(lines)
-    if not _excused(text):
-        compare(rosidl, text)
+    compare_or_explain(rosidl, ("a_msgs/msg/Sample", text, "msg"))
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
@@ -419,16 +379,14 @@ def test_rosidl_agrees_about_random_messages(rosidl: Rosidl, lines: list[str]) -
 )
 def test_rosidl_agrees_about_random_strings(rosidl: Rosidl, base: str, value: str) -> None:
     for text in (f"{base} x {value}", f"{base} X={value}"):
-        if not _excused(text):
-            compare(rosidl, text)
+        compare_or_explain(rosidl, ("a_msgs/msg/Sample", text, "msg"))
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
 @given(kind=st.sampled_from(["srv", "action"]), lines=st.lists(st.one_of(_FIELD, st.just("---")), max_size=4))
 def test_rosidl_agrees_about_random_services_and_actions(rosidl: Rosidl, kind: str, lines: list[str]) -> None:
     text = "\n".join(lines)
-    if not _excused(text):
-        compare(rosidl, text, f"a_msgs/{kind}/Sample")
+    compare_or_explain(rosidl, (f"a_msgs/{kind}/Sample", text, kind))
 
 
 def test_arrays_of_the_quirk_are_what_they_seem_in_our_model() -> None:
