@@ -32,7 +32,6 @@ _REMEMBERED = 4096
 _ALIVE = 16
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """instance_state, valid_data and instance_handle of dds_sample_info_t (64 bytes)."""
-_SERVICE_TOPICS = (b"rq/", b"rr/")
 _TOPICS = (abi.DCPS_PARTICIPANT, abi.DCPS_PUBLICATION, abi.DCPS_SUBSCRIPTION)
 
 
@@ -44,7 +43,7 @@ class DiscoveryReaders:
         self._fast_dds = fast_dds
         self._domain_id = domain_id
         self._strangers: list[bytes] = []
-        """Writers of requests and replies on Fast DDS that are new."""
+        """Writers on Fast DDS that are new."""
         self._readers: dict[int, int] = {}
         for topic in _TOPICS:
             listener = fast_dds.listener(api) if topic == abi.DCPS_PARTICIPANT else None
@@ -126,7 +125,7 @@ class DiscoveryReaders:
             return Lost(guid)
         self._guids[handle] = guid
         is_writer = topic == abi.DCPS_PUBLICATION
-        if is_writer and guid.startswith(FAST_DDS_VENDOR) and endpoint.topic_name.startswith(_SERVICE_TOPICS):
+        if is_writer and guid.startswith(FAST_DDS_VENDOR):
             self._strangers.append(guid)
         return EndpointFound(
             guid,

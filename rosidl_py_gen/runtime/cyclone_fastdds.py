@@ -31,6 +31,7 @@ import ctypes as ct
 import os
 import platform
 import socket
+import stat
 import struct
 import threading
 from collections import deque
@@ -96,9 +97,11 @@ def _data_ports(domain_id: int) -> list[int]:
     first = 7400 + 250 * domain_id + 11
     ports = []
     for descriptor in os.listdir("/proc/self/fd"):
-        with contextlib.suppress(OSError), socket.socket(fileno=os.dup(int(descriptor))) as own:
-            if (own.family, own.type) == (socket.AF_INET, socket.SOCK_DGRAM):
-                ports.append(own.getsockname()[1])
+        with contextlib.suppress(OSError):  # closed in the meantime
+            if stat.S_ISSOCK(os.fstat(int(descriptor)).st_mode):
+                with socket.socket(fileno=os.dup(int(descriptor))) as own:
+                    if (own.family, own.type) == (socket.AF_INET, socket.SOCK_DGRAM):
+                        ports.append(own.getsockname()[1])
     return [port for port in ports if port in range(first, first + 239, 2)]
 
 

@@ -95,7 +95,7 @@ def greeting(writer_guid: bytes) -> bytes:
     Cyclone takes what the first heartbeat of a writer tells of for history that a new reader does not want, and drops
     it, half-received samples too. Cyclone's own writers say so at once; those of Fast DDS when they have connected,
     which may be a second before we have, and then only behind the first sample. So that one would be lost: a request
-    sent early, or a reply of many fragments. With this packet, sent to our own socket, it is asked for.
+    sent early, or a message of many fragments. With this packet, sent to our own socket, it is asked for.
     """
     return b"".join(
         (

@@ -4,7 +4,7 @@ Decides how requests are answered: plain handlers on the event loop, async ones 
 raises is logged and sends nothing, as in ROS; its client runs into its timeout.
 
 Before a reply is sent, the client's reply reader must be connected, else the reply would be lost. It is waited for up
-to 100 ms (protocol.md 5.2).
+to 100 ms (protocol.md 5.2), that of a client on Fast DDS up to 5 s.
 """
 
 from __future__ import annotations
@@ -35,8 +35,10 @@ if TYPE_CHECKING:
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
-_MATCH_TRIES = 10
-_MATCH_PAUSE_S = 0.01
+_PAUSE_S = 0.01
+_PATIENCE_S = 0.1
+_FAST_DDS_PATIENCE_S = 5.0
+"""Endpoints of a Fast DDS participant are known up to 1.2 s after it knows ours and calls (fastdds.md 7)."""
 _READER_BIT = 0x04
 """In the last byte of a GUID: it is a reader's."""
 
@@ -250,11 +252,13 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         return any(reader is not None and reader.user_data.get("clientid") == announced for reader in matched)
 
     async def _send_later(self, request: ServiceRequest[RequestT, ResponseT], data: bytes) -> None:
-        for _ in range(_MATCH_TRIES):
-            if not self._reply_reader_is_missing(request):
-                break
-            await asyncio.sleep(_MATCH_PAUSE_S)
-        else:
+        patience_s = _FAST_DDS_PATIENCE_S if isinstance(request.client_id, bytes) else _PATIENCE_S
+        if not await self._scope.wait_until(
+            lambda: self._closed or not self._reply_reader_is_missing(request),
+            patience_s,
+            lambda: False,
+            poll_s=_PAUSE_S,
+        ):
             self._scope.logger.warning(f"a response of {self.name} was lost: its client's reader never appeared")
             return
         while not self._closed and not self._send(request, data):
