@@ -1,0 +1,98 @@
+"""Virtual environments for peers that tests talk to and must not import: other ROS tools and nodes from PyPI.
+
+An environment is made once and kept between runs in ``$ROSIDL_TEST_CACHE`` (by default a folder in the user's cache),
+below a name made of what is in it: another list of requirements or another Python is another environment, so checkouts
+with different lists get along. It is built beside its place and moved there when whole; of two processes that build the
+same one the second to finish throws its own away. Because it is moved, only its Python may be run (``python -m tool``):
+the programs in its bin folder remember where they were built. The whole cache may be deleted at any time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+
+_PYTHON = Path("Scripts", "python.exe") if os.name == "nt" else Path("bin", "python")
+_MARKER = "requirements.txt"  # written last: who has it is whole
+
+
+def missing_peer(reason: str) -> NoReturn:
+    """Skip the test, or fail it where ROSIDL_TEST_REQUIRE_PEERS promises that peers are there."""
+    if "ROSIDL_TEST_REQUIRE_PEERS" in os.environ:
+        pytest.fail(f"{reason}; ROSIDL_TEST_REQUIRE_PEERS makes this a failure", pytrace=False)
+    pytest.skip(f"{reason}; ROSIDL_TEST_REQUIRE_PEERS makes this a failure")
+
+
+def environment(name: str, requirements: Sequence[str]) -> Path:
+    """The Python of a virtual environment that has `requirements`, made now if there is none.
+
+    Call it from a session fixture: pytest then remembers that it skipped, and an index out of reach is asked once.
+
+    Args:
+        name: part of a folder's name, for people.
+        requirements: as pip takes them; pin them, because an environment is never updated.
+    """
+    wanted = "\n".join([sys.implementation.cache_tag, *requirements]) + "\n"
+    cache = _cache()
+    folder = cache / f"{name}-{hashlib.sha256(wanted.encode()).hexdigest()[:12]}"
+    if not _whole(folder, wanted):
+        cache.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=cache, ignore_cleanup_errors=True) as beside:
+            built = Path(beside) / "new"
+            _build(built, requirements)
+            (built / _MARKER).write_text(wanted, encoding="utf-8")
+            _move(built, folder, wanted, Path(beside) / "old")
+    return folder / _PYTHON
+
+
+def _cache() -> Path:
+    if chosen := os.environ.get("ROSIDL_TEST_CACHE"):
+        return Path(chosen).expanduser().absolute()
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rosidl-py-gen-tests"
+
+
+def _whole(folder: Path, wanted: str) -> bool:
+    """Also false when the Python it was made with was removed: its own is a link to that."""
+    marker = folder / _MARKER
+    return marker.is_file() and marker.read_text(encoding="utf-8") == wanted and (folder / _PYTHON).exists()
+
+
+def _build(folder: Path, requirements: Sequence[str]) -> None:
+    _run(requirements, sys.executable, "-m", "venv", "--without-pip", str(folder))
+    pip = [sys.executable, "-m", "pip", "--python", str(folder / _PYTHON), "install"]
+    _run(requirements, *pip, "--no-input", "--disable-pip-version-check", "--retries", "2", *requirements)
+
+
+def _run(requirements: Sequence[str], *command: str) -> None:
+    # A PYTHONPATH that points at some ROS installation must not decide what is there already.
+    quiet = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        command, env=quiet, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
+    )
+    if done.returncode:
+        print(" ".join(command), done.stdout, sep="\n")  # all of it, for pytest's captured output
+        missing_peer(f"no environment with {', '.join(requirements)}: {done.stdout.strip()[-2000:]}")
+
+
+def _move(built: Path, folder: Path, wanted: str, old: Path) -> None:
+    try:
+        built.rename(folder)
+    except OSError:  # there is one already
+        if _whole(folder, wanted):
+            return
+        with contextlib.suppress(FileNotFoundError):  # a broken one; another process may be replacing it, too
+            folder.rename(old)
+        with contextlib.suppress(OSError):
+            built.rename(folder)
+        assert _whole(folder, wanted), f"cannot replace the broken {folder}; delete it"
+        shutil.rmtree(old, ignore_errors=True)
