@@ -74,12 +74,19 @@ class Peer:
         for line in self._process.stdout:
             answer = json.loads(line)
             future = self._waiting.pop(answer["id"])
-            if "error" in answer:
-                future.set_exception(PeerError(answer["error"]))
-            else:
-                future.set_result(answer["result"])
+            error = PeerError(answer["error"]) if "error" in answer else None
+            self._settle(future, answer.get("result"), error)
         while self._waiting:
-            self._waiting.popitem()[1].set_exception(PeerError("the peer is gone"))
+            self._settle(self._waiting.popitem()[1], error=PeerError("the peer is gone"))
+
+    @staticmethod
+    def _settle(future: Future[Any], result: Any = None, error: PeerError | None = None) -> None:
+        if not future.set_running_or_notify_cancel():
+            return  # the test has stopped waiting
+        if error is None:
+            future.set_result(result)
+        else:
+            future.set_exception(error)
 
     def tell(self, do: str, **arguments: Any) -> Future[Any]:
         """Give a command; the answer comes later."""

@@ -8,18 +8,17 @@ import hashlib
 import itertools
 import json
 import random
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from peer_process import Peer
 from random_messages import RandomMessages
 
 from rosidl_py_gen import get_action, get_message, get_service, to_json
 
+T = TypeVar("T")
 _numbers = itertools.count()
-LONG = 4096
-"""Longer byte arrays travel between test and peer as digests, see `peers/messages.py`."""
 
 
 def fresh(name: str) -> str:
@@ -69,3 +68,14 @@ async def until(condition: Callable[[], bool], timeout_s: float = 10) -> None:
     while not condition():
         assert asyncio.get_running_loop().time() < deadline, "never happened"
         await asyncio.sleep(0.01)
+
+
+async def repeated(send: Callable[[], Awaitable[None] | None], arrival: Coroutine[Any, Any, T]) -> T:
+    """Send what may be lost until `arrival` has returned; its result."""
+    task = asyncio.ensure_future(arrival)
+    while not task.done():
+        sending = send()
+        if sending is not None:
+            await sending
+        await asyncio.wait([task], timeout=0.2)
+    return task.result()

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Any
 
 import pytest
 from peer_process import Peer
-from rclpy_worlds import digest, fresh, message, plain, random_bytes, random_values, until
+from rclpy_worlds import digest, fresh, message, plain, random_bytes, random_values, repeated, until
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.runtime import Node, QoSProfile
+from rosidl_py_gen.runtime import Node, QoSProfile, WaitTimeoutError
 from rosidl_py_gen.runtime.qos import SENSOR_DATA
 
 TYPES = [
@@ -73,9 +72,13 @@ async def test_random_messages_arrive_as_sent(dds: Any, shared_peer: Peer, name:
 
 
 @pytest.mark.parametrize("name", KEYED)
-async def test_messages_with_keys_arrive_as_sent(dds: Any, shared_peer: Peer, name: str) -> None:
+async def test_messages_with_keys_arrive_as_sent(
+    dds: Any, shared_peer: Peer, name: str, request: pytest.FixtureRequest
+) -> None:
     if shared_peer.distro == "jazzy":
         pytest.skip("Jazzy's test_msgs have no keys")
+    if name != "test_msgs/msg/NonKeyedWithNestedKey":
+        request.applymarker(pytest.mark.xfail(reason="our topics have no keys", strict=True))
     await exchange(dds.node("tester"), shared_peer, name, random_values(shared_peer.share, name))
 
 
@@ -89,17 +92,25 @@ async def test_a_megabyte_arrives_whole(dds: Any, shared_peer: Peer) -> None:
     taken = await shared_peer.ask("take", topic=topic, count=3)
     assert [one["data"] for one in taken] == [digest(data)] * 3
     subscription = await hearing_peer(node, shared_peer, cls, back, KEEP, THEY_KEEP)
-    await shared_peer.ask("publish", topic=back, messages_=[{}])  # see the test below
-    assert await subscription.receive(timeout_s=10) == cls()
     order = {"data": {"random_bytes": MEGABYTE, "seed": 1}}
+
+    async def send() -> None:
+        await shared_peer.ask("publish", topic=back, messages_=[order])
+
+    await repeated(send, subscription.receive(timeout_s=20))  # the first one is lost, see below
     await shared_peer.ask("publish", topic=back, messages_=[order] * 3)
     for _ in range(3):
         assert (await subscription.receive(timeout_s=20)).data.tobytes() == data
 
 
-@pytest.mark.xfail(reason="Cyclone takes a sample for old when its writer's first heartbeat comes among its fragments")
+FIRST_IS_LOST = "Cyclone takes a sample of which it has only fragments at a writer's first heartbeat for old"
+
+
+@pytest.mark.xfail(reason=FIRST_IS_LOST, strict=True, raises=WaitTimeoutError)
 async def test_a_megabyte_that_is_the_first_message_of_a_publisher_arrives(dds: Any, shared_peer: Peer) -> None:
-    """Fast DDS sends 64 KB a packet. Its heartbeat at the match comes before Cyclone knows the writer."""
+    """Fast DDS cuts messages into packets of 64 KB. It has sent a heartbeat when it found our subscription, but that
+    was before Cyclone knew the publisher; and when nothing was published, it sends none when asked.
+    """
     cls, topic = message(shared_peer, "std_msgs/msg/UInt8MultiArray"), fresh("big_at_once")
     subscription = await hearing_peer(dds.node("tester"), shared_peer, cls, topic, KEEP, THEY_KEEP)
     await shared_peer.ask("publish", topic=topic, messages_=[{"data": {"random_bytes": MEGABYTE, "seed": 1}}])
@@ -123,17 +134,14 @@ async def test_best_effort_topics_deliver(dds: Any, shared_peer: Peer) -> None:
     topic, back = fresh("lossy_to_them"), fresh("lossy_to_us")
     theirs = {"depth": 5, "reliability": "BEST_EFFORT"}
     publisher = await heard_by_peer(node, shared_peer, cls, topic, SENSOR_DATA, theirs)
-    answer = asyncio.wrap_future(shared_peer.tell("take", topic=topic))
-    while not answer.done():
-        publisher.publish(cls(data="out"))
-        await asyncio.wait([answer], timeout=0.1)
-    assert answer.result() == [{"data": "out"}]
+    taken = shared_peer.ask("take", topic=topic)
+    assert await repeated(lambda: publisher.publish(cls(data="out")), taken) == [{"data": "out"}]
     subscription = await hearing_peer(node, shared_peer, cls, back, SENSOR_DATA, theirs)
-    arrival = asyncio.ensure_future(subscription.receive(timeout_s=10))
-    while not arrival.done():
+
+    async def send() -> None:
         await shared_peer.ask("publish", topic=back, messages_=[{"data": "back"}])
-        await asyncio.wait([arrival], timeout=0.1)
-    assert arrival.result() == cls(data="back")
+
+    assert await repeated(send, subscription.receive(timeout_s=10)) == cls(data="back")
 
 
 LATCHED = QoSProfile().keep_last(3).transient_local()

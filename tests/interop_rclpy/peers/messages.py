@@ -16,9 +16,11 @@ LONG = 4096
 
 
 def load(name):
-    """The class of ``std_msgs/msg/String``."""
+    """The class of ``std_msgs/msg/String``, or ``std_srvs/srv/SetBool_Event``."""
     package, kind, short = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), short)
+    outer, _, inner = short.partition("_")
+    cls = getattr(importlib.import_module(f"{package}.{kind}"), outer)
+    return getattr(cls, inner) if inner else cls
 
 
 def random_bytes(size, seed):

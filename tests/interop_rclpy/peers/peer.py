@@ -19,10 +19,12 @@ from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 
+import actions  # isort: skip
+import nodes  # isort: skip
 import services  # isort: skip
 import topics  # isort: skip
 
-MODULES = (topics, services)
+MODULES = (topics, services, actions, nodes)
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 

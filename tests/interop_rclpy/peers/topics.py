@@ -1,6 +1,7 @@
 """Commands about topics."""
 
 import messages
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
 POLICIES = {
@@ -11,9 +12,18 @@ POLICIES = {
 }
 
 
+DURATIONS = {"deadline_s": "deadline", "lifespan_s": "lifespan", "lease_s": "liveliness_lease_duration"}
+
+
 def profile(depth=10, **policies):
-    """``profile(depth=1, durability="TRANSIENT_LOCAL")``."""
-    return QoSProfile(depth=depth, **{name: POLICIES[name][value] for name, value in policies.items()})
+    """``profile(depth=1, durability="TRANSIENT_LOCAL", deadline_s=2)``."""
+    made = QoSProfile(depth=depth)
+    for name, value in policies.items():
+        if name in DURATIONS:
+            setattr(made, DURATIONS[name], Duration(seconds=value))
+        else:
+            setattr(made, name, POLICIES[name][value])
+    return made
 
 
 class Received:
