@@ -1,6 +1,6 @@
 """Real rclpy nodes on Fast DDS as peers, in a network of this test process alone.
 
-Where the system lets us have no such network, the peers are told to stay on this machine instead.
+Where the system lets us have no such network all of them are told to stay on this machine, as our nodes always are.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -81,22 +81,43 @@ def _inside(_network: PrivateNetwork | None) -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def start_peer(distro: str, peer_python: Path, _network: PrivateNetwork | None) -> Iterator[Callable[..., Peer]]:
-    """Starts peers, which are ended when all tests with this distribution are done, if not earlier."""
-    started: list[Peer] = []
+    """Starts peers, which are ended when all tests with this distribution are done, if not earlier.
 
-    def start(name: str, *arguments: str, **settings: str) -> Peer:
-        if _network is None:
-            settings.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-        with nullcontext() if _network is None else _network.entered():
-            started.append(Peer(peer_python, name, distro, *arguments, domain_id=domain_id(), **settings))
-        return started[-1]
+    A peer that is `wide` looks for others in the whole network if that is ours alone. Started before our node it is
+    found at once, started later not at all.
+    """
+    with ExitStack() as started:
 
-    yield start
-    for peer in started:
-        peer.close()
+        def start(name: str, *arguments: str, wide: bool = False, **settings: str) -> Peer:
+            if _network is None or not wide:
+                settings["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+            with nullcontext() if _network is None else _network.entered():
+                peer = Peer(peer_python, name, distro, *arguments, domain_id=domain_id(), **settings)
+            started.callback(peer.close)
+            return peer
+
+        yield start
 
 
 @pytest.fixture(scope="session")
 def shared_peer(start_peer: Callable[..., Peer]) -> Peer:
-    """One peer for many tests; each uses names of its own."""
-    return start_peer("shared_peer")
+    """One peer for many tests; each uses names of its own. It is found at once, others within a second."""
+    return start_peer("shared_peer", wide=True)
+
+
+_SHORT_LEASE = """<?xml version="1.0" encoding="UTF-8" ?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="mortal" is_default_profile="true"><rtps><builtin><discovery_config>
+    <leaseDuration><sec>3</sec></leaseDuration><leaseAnnouncement><sec>1</sec></leaseAnnouncement>
+  </discovery_config></builtin></rtps></participant>
+</profiles>
+"""
+
+
+@pytest.fixture
+def start_mortal(start_peer: Callable[..., Peer], tmp_path: Path) -> Callable[[str], Peer]:
+    """Starts peers that may be killed: they are missed after 3 seconds, not 20 as they come."""
+    file = tmp_path / "profiles.xml"
+    file.write_text(_SHORT_LEASE)
+    names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # of Fast DDS 2 and 3
+    return lambda name: start_peer(name, **dict.fromkeys(names, str(file)))

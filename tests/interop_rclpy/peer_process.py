@@ -46,6 +46,7 @@ class Peer:
             **settings,
         }
         environment.pop("AMENT_PREFIX_PATH", None)
+        self.stays_local = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "LOCALHOST"
         self._process = subprocess.Popen(
             [str(python), str(SCRIPT), name, *arguments],
             env=environment,
@@ -112,7 +113,9 @@ class Peer:
             pipe.close()
 
     def close(self) -> None:
-        """Let it end in an orderly way; kill it when it does not."""
+        """Let it end in an orderly way; kill it when it does not. Without effect when it has ended."""
+        if self._process.poll() is not None:
+            return
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:

@@ -16,8 +16,6 @@ from rosidl_py_gen.runtime.qos import INFINITE_NS
 STRING = "std_msgs/msg/String"
 TRIGGER = "std_srvs/srv/Trigger"
 SEEN_S = 10
-MISSED_S = 25
-"""A participant of Fast DDS that was killed is missed after 20 s."""
 PROFILES = [
     (QoSProfile(), {}),
     (QoSProfile().keep_last(5).best_effort(), {"depth": 5, "reliability": "BEST_EFFORT"}),
@@ -184,15 +182,15 @@ def _pairs(found: Any) -> list[tuple[str, list[str]]]:
     return [(name, list(types)) for name, types in (found.items() if isinstance(found, dict) else found)]
 
 
-@pytest.mark.parametrize(("end", "within_s"), [("close", 5), ("kill", MISSED_S)])
-async def test_we_miss_a_peer_that_ends(dds: Any, start_peer: Callable[..., Peer], end: str, within_s: float) -> None:
+@pytest.mark.parametrize("end", ["close", "kill"])
+async def test_we_miss_a_peer_that_ends(dds: Any, start_mortal: Callable[[str], Peer], end: str) -> None:
     node, topic = dds.node("tester"), fresh("mortal")
-    peer = start_peer("mortal_node")
+    peer = start_mortal("mortal_node")
     await peer.ask("publisher", topic=topic, type=STRING)
     assert await node.wait_for_node("/mortal_node", timeout_s=SEEN_S)
     await until(lambda: node.count_publishers(topic) == 1)
     getattr(peer, end)()
-    await until(lambda: node.count_publishers(topic) == 0, within_s)
+    await until(lambda: node.count_publishers(topic) == 0)
     await until(lambda: "/mortal_node" not in node.get_node_names())
 
 
@@ -205,3 +203,21 @@ async def test_they_miss_our_context_when_it_closes(dds: Any, shared_peer: Peer)
     context.close()
     await shared_peer.ask("until_infos", topic=topic, what="publishers", nodes=[])
     await shared_peer.ask("until_node", name=name, there=False)
+
+
+@pytest.mark.xfail(reason="our announcements end after 30 s, and the second of them would come then", strict=True)
+async def test_a_peer_that_looks_for_the_whole_network_is_found_when_it_comes_later(
+    dds: Any, start_peer: Callable[..., Peer]
+) -> None:
+    """A peer that is told nothing announces itself by multicast, to which a node that stays local does not listen.
+
+    The shared peer is one that is found, because it was there first.
+    """
+    node = dds.node("tester")
+    peer = start_peer("wide", wide=True)
+    try:
+        if peer.stays_local:
+            pytest.skip("needs a network of its own")
+        assert await node.wait_for_node("/wide", timeout_s=5)
+    finally:
+        peer.close()

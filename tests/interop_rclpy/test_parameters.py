@@ -27,7 +27,7 @@ TYPES = [ParameterType[name] for name in ("BOOL", "INTEGER", "DOUBLE", "STRING")
 TYPES += [ParameterType[f"{one.name}_ARRAY"] for one in TYPES]
 NEW: dict[str, Any] = {"flag": False, "count": 7, "label": "new", "counts": [9]}
 THEIR_QOS = {"depth": 1000}
-FILE = "{}:\n  ros__parameters:\n    count: 11\n    arm:\n      left:\n        labels: [x, y]\n"
+FILE = "{}:\n  ros__parameters:\n    count: 11\n    arm:\n      left:\n        labels: [ab, cd]\n"
 
 
 def held(node: Node, names: list[str]) -> list[Any]:
@@ -91,7 +91,7 @@ async def test_their_client_loads_a_file_into_our_node(ours: Node, shared_peer: 
     file = tmp_path / "parameters.yaml"
     file.write_text(FILE.format(ours.fully_qualified_name))
     await ask_ours(shared_peer, ours, "load_parameter_file", str(file))
-    assert held(ours, ["count", "arm.left.labels"]) == [11, ["x", "y"]]
+    assert held(ours, ["count", "arm.left.labels"]) == [11, ["ab", "cd"]]
 
 
 async def test_their_client_undeclares_our_dynamic_parameter(ours: Node, shared_peer: Peer) -> None:
@@ -176,7 +176,7 @@ async def test_our_client_loads_and_dumps_a_file_of_their_node(theirs: Any, shar
     file = tmp_path / "parameters.yaml"
     file.write_text(FILE.format(theirs.node))
     assert all(result.successful for result in (await theirs.load_yaml(file, WAIT_S)).values())
-    assert await held_by_them(shared_peer, theirs, ["count", "arm.left.labels"]) == [11, ["x", "y"]]
+    assert await held_by_them(shared_peer, theirs, ["count", "arm.left.labels"]) == [11, ["ab", "cd"]]
     assert "count: 11" in await theirs.dump_yaml(WAIT_S)
 
 

@@ -10,23 +10,21 @@ from peer_process import Peer
 from rclpy_worlds import fresh, service, until
 
 KIND = "std_srvs/srv/Trigger"
-LEASE_S = 20
-"""A participant that was killed is missed after its lease: 20 s with Fast DDS, 10 s with Cyclone."""
 
 
 @pytest.mark.parametrize("end", ["close", "kill"])
 async def test_a_server_of_theirs_that_ends_is_missed_and_may_return(
-    dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer], end: str
+    dds: Any, shared_peer: Peer, start_mortal: Callable[[str], Peer], end: str
 ) -> None:
     name, cls = fresh("mortal"), service(shared_peer, KIND)
     client = dds.node("tester").create_client(cls, name)
     for note in ("first", "second"):
-        peer = start_peer("mortal")
+        peer = start_mortal("mortal")
         await peer.ask("serve", name=name, type=KIND, how="trigger", note=note)
         assert await client.wait_for_service(timeout_s=10)
         assert (await client.call(cls.Request(), 10)).message == note
         getattr(peer, end)()
-        await until(lambda: not client.service_is_available(), LEASE_S + 5)
+        await until(lambda: not client.service_is_available())
 
 
 async def test_a_server_of_ours_that_ends_is_missed_and_may_return(dds: Any, shared_peer: Peer) -> None:
@@ -44,12 +42,12 @@ async def test_a_server_of_ours_that_ends_is_missed_and_may_return(dds: Any, sha
 
 
 async def test_our_server_outlives_clients_that_are_killed(
-    dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
+    dds: Any, shared_peer: Peer, start_mortal: Callable[[str], Peer]
 ) -> None:
     name, cls = fresh("survivor"), service(shared_peer, KIND)
     dds.node("server").create_service(cls, name, lambda _: cls.Response(message="still here"))
     for _ in range(3):
-        peer = start_peer("victim")
+        peer = start_mortal("victim")
         await peer.ask("client", name=name, type=KIND)
         assert (await peer.ask("call", name=name, requests_=[{}]))[0]["message"] == "still here"
         peer.tell("call", name=name, requests_=[{}] * 5)

@@ -107,8 +107,13 @@ async def until_infos(peer, topic, what, nodes):
 # --- the rest ---------------------------------------------------------------------------------------------------------
 
 
-def log(peer, level, text):
-    getattr(peer.node.get_logger(), level)(text)
+def log(peer, text):
+    """Once with every level; rclpy wants each level at a line of its own."""
+    logger = peer.node.get_logger()
+    logger.info(text)
+    logger.warning(text)
+    logger.error(text)
+    logger.fatal(text)
 
 
 def logger_level(peer, name):
