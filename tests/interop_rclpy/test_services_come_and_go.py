@@ -38,7 +38,8 @@ async def test_a_server_of_ours_that_ends_is_missed_and_may_return(dds: Any, sha
         await shared_peer.ask("ready", name=name)
         assert await shared_peer.ask("call", name=name, requests_=[{}]) == [{"success": True, "message": note}]
         context.close()
-        await shared_peer.ask("ready", name=name, expected=False)
+        if note == "first":  # which takes the 10 s of a lease: Fast DDS does not take Cyclone's word for it
+            await shared_peer.ask("ready", name=name, expected=False)
 
 
 async def test_our_server_outlives_clients_that_are_killed(
