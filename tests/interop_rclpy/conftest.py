@@ -1,0 +1,123 @@
+"""Real rclpy nodes on Fast DDS as peers, in a network of this test process alone.
+
+Where the system lets us have no such network all of them are told to stay on this machine, as our nodes always are.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from contextlib import ExitStack, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from environments import environment
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from peer_process import Peer
+from private_network import PrivateNetwork
+
+_spec = importlib.util.spec_from_file_location(
+    "runtime_conftest", Path(__file__).parent.parent / "runtime" / "conftest.py"
+)
+assert _spec is not None and _spec.loader is not None
+_runtime = sys.modules["runtime_conftest"] = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(_runtime)
+only_loopback = _runtime.only_loopback
+dds = _runtime.dds
+pytest_pyfunc_call = _runtime.pytest_pyfunc_call
+domain_id: Callable[[], int] = _runtime.domain_id
+
+
+@pytest.fixture(scope="session", params=["jazzy", "kilted"])
+def distro(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+_REQUIREMENTS = {
+    "jazzy": (
+        *("ros-jazzy-rclpy==7.1.6", "ros-jazzy-rmw-fastrtps-cpp==8.4.3", "ros-jazzy-std-msgs==5.3.6"),
+        *("ros-jazzy-std-srvs==5.3.6", "ros-jazzy-test-msgs==2.0.3", "ros-jazzy-sensor-msgs==5.3.6"),
+        "ros-jazzy-nav-msgs==5.3.6",
+    ),
+    "kilted": (
+        *("ros-kilted-rclpy==9.1.2", "ros-kilted-rmw-fastrtps-cpp==9.3.3", "ros-kilted-test-msgs==2.3.0"),
+        *("ros-std-msgs==5.5.1", "ros-std-srvs==5.5.1"),
+    ),
+}
+
+
+@pytest.fixture(scope="session")
+def peer_python(distro: str) -> Path:
+    """A Python that can import rclpy; $ROSIDL_PEER_JAZZY and ..._KILTED name environments that are there already."""
+    if made := os.environ.get(f"ROSIDL_PEER_{distro.upper()}"):
+        return Path(made) / "bin" / "python"
+    return environment(f"rclpy-{distro}", _REQUIREMENTS[distro])
+
+
+@pytest.fixture(scope="session")
+def _network() -> Iterator[PrivateNetwork | None]:
+    try:
+        made = PrivateNetwork()
+    except OSError:
+        yield None
+        return
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _inside(_network: PrivateNetwork | None) -> Iterator[None]:
+    """The tests of this folder run inside, the others do not; nodes of either never see each other."""
+    with nullcontext() if _network is None else _network.entered():
+        yield
+
+
+@pytest.fixture(scope="session")
+def start_peer(distro: str, peer_python: Path, _network: PrivateNetwork | None) -> Iterator[Callable[..., Peer]]:
+    """Starts peers, which are ended when all tests with this distribution are done, if not earlier.
+
+    A peer that is `wide` looks for others in the whole network if that is ours alone. Started before our node it is
+    found at once, started later not at all.
+    """
+    with ExitStack() as started:
+
+        def start(name: str, *arguments: str, wide: bool = False, **settings: str) -> Peer:
+            if _network is None or not wide:
+                settings["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+            with nullcontext() if _network is None else _network.entered():
+                peer = Peer(peer_python, name, distro, *arguments, domain_id=domain_id(), **settings)
+            started.callback(peer.close)
+            return peer
+
+        yield start
+
+
+@pytest.fixture(scope="session")
+def shared_peer(start_peer: Callable[..., Peer]) -> Peer:
+    """One peer for many tests; each uses names of its own. It is found at once, others within a second."""
+    return start_peer("shared_peer", wide=True)
+
+
+_SHORT_LEASE = """<?xml version="1.0" encoding="UTF-8" ?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <participant profile_name="mortal" is_default_profile="true"><rtps><builtin><discovery_config>
+    <leaseDuration><sec>3</sec></leaseDuration><leaseAnnouncement><sec>1</sec></leaseAnnouncement>
+  </discovery_config></builtin></rtps></participant>
+</profiles>
+"""
+
+
+@pytest.fixture
+def start_mortal(start_peer: Callable[..., Peer], tmp_path: Path) -> Callable[[str], Peer]:
+    """Starts peers that may be killed: they are missed after 3 seconds, not 20 as they come."""
+    file = tmp_path / "profiles.xml"
+    file.write_text(_SHORT_LEASE)
+    names = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")  # of Fast DDS 2 and 3
+    return lambda name: start_peer(name, **dict.fromkeys(names, str(file)))

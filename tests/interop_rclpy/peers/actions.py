@@ -1,0 +1,81 @@
+"""Commands about actions."""
+
+import messages
+from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
+
+
+def action_server(peer, name, type, how, feedback=(), result=None, cancels=True):
+    """Serves goals: every item of `feedback`, then the end that `how` says.
+
+    `how`: `succeed`, `abort`, `raise`, or `cancel`, which waits for a cancel; `reject` refuses goals.
+    """
+    cls = messages.load(type)
+    goals = peer.things["goals", name] = []
+
+    def decide(goal):
+        goals.append(messages.to_plain(goal))
+        return GoalResponse.REJECT if how == "reject" else GoalResponse.ACCEPT
+
+    async def execute(goal):
+        for values in feedback:
+            goal.publish_feedback(messages.build(cls.Feedback, values))
+        if how == "raise":
+            raise ValueError("on purpose")
+        if how == "cancel":
+            await peer.until(lambda: goal.is_cancel_requested)
+            goal.canceled()
+        else:
+            getattr(goal, how)()
+        return messages.build(cls.Result, result or {})
+
+    peer.things["action server", name] = ActionServer(
+        peer.node,
+        cls,
+        name,
+        execute,
+        goal_callback=decide,
+        cancel_callback=lambda _: CancelResponse.ACCEPT if cancels else CancelResponse.REJECT,
+    )
+
+
+def goals(peer, name):
+    """What the server was asked, oldest first."""
+    return peer.things["goals", name]
+
+
+async def action_client(peer, name, type):
+    made = peer.things["action client", name] = ActionClient(peer.node, messages.load(type), name)
+    await peer.until(made.server_is_ready)
+
+
+async def send_goal(peer, name, key, goal):
+    """`key` is a name for the goal; the answer is whether it was accepted."""
+    made = peer.things["action client", name]
+    heard = peer.things["feedback", key] = []
+    handle = await made.send_goal_async(
+        messages.build(made._action_type.Goal, goal), lambda one: heard.append(messages.to_plain(one.feedback))
+    )
+    peer.things["goal", key] = handle
+    return handle.accepted
+
+
+async def feedback(peer, key, count):
+    """All feedback, as soon as there is as much."""
+    heard = peer.things["feedback", key]
+    await peer.until(lambda: len(heard) >= count)
+    return heard
+
+
+async def goal_status(peer, key, expected):
+    """Waits until the status topic has said so."""
+    await peer.until(lambda: peer.things["goal", key].status == expected)
+
+
+async def cancel(peer, key):
+    response = await peer.things["goal", key].cancel_goal_async()
+    return {"code": response.return_code, "goals": len(response.goals_canceling)}
+
+
+async def result(peer, key):
+    answer = await peer.things["goal", key].get_result_async()
+    return {"status": answer.status, "result": messages.to_plain(answer.result)}

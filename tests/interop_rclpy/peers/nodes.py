@@ -1,0 +1,165 @@
+"""Commands about nodes: parameters, the graph, logging, time, lifecycle, introspection."""
+
+import messages
+import rclpy
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.parameter_client import AsyncParameterClient
+from rclpy.qos import qos_profile_system_default
+from rclpy.service_introspection import ServiceIntrospectionState
+
+
+def add_node(peer, name, namespace="", parameters=None, **options):
+    overrides = [Parameter(key, value=value) for key, value in (parameters or {}).items()]
+    peer.add_node(rclpy.create_node(name, namespace=namespace, parameter_overrides=overrides, **options))
+
+
+def remove_node(peer, name):
+    node = peer.nodes.pop(name)
+    peer.executor.remove_node(node)
+    node.destroy_node()
+
+
+# --- parameters -------------------------------------------------------------------------------------------------------
+
+
+def declare(peer, parameters, node=""):
+    for name, value in parameters.items():
+        peer.nodes.get(node, peer.node).declare_parameter(name, value)
+
+
+def parameters(peer, names, node=""):
+    found = peer.nodes.get(node, peer.node).get_parameters(names)
+    return [list(one.value) if isinstance(one.value, bytes) else messages.to_plain(one.value) for one in found]
+
+
+async def remote(peer, node, method, argument):
+    """A method of rclpy's client for the parameters of another node; the answer is the service's response."""
+    made = AsyncParameterClient(peer.node, node)
+    await peer.until(made.services_are_ready)
+    if method.startswith("set_"):
+        argument = [Parameter(name, value=value) for name, value in argument.items()]
+    response = await getattr(made, method)(argument)
+    for one in ("_list_parameter_client", "_get_parameter_client", "_set_parameter_client"):
+        peer.node.destroy_client(getattr(made, one))
+    return messages.to_plain(response)
+
+
+# --- graph ------------------------------------------------------------------------------------------------------------
+
+
+async def until_node(peer, name, there=True):
+    """Waits until a node is known, or is not."""
+    await peer.until(lambda: (name in peer.node.get_fully_qualified_node_names()) == there)
+
+
+async def until_by_node(peer, what, name, thing, there=True):
+    """Waits until a node in the root namespace has it, or has not, and answers its types.
+
+    `what`: publisher, subscriber, service or client.
+    """
+
+    def found():
+        return dict(getattr(peer.node, f"get_{what}_names_and_types_by_node")(name, "/"))
+
+    await peer.until(lambda: (thing in found()) == there)
+    return found().get(thing)
+
+
+def names_and_types(peer, what):
+    """`what`: topic or service."""
+    return dict(getattr(peer.node, f"get_{what}_names_and_types")())
+
+
+def counts(peer, topic):
+    return [peer.node.count_publishers(topic), peer.node.count_subscribers(topic)]
+
+
+def service_counts(peer, name):
+    return [peer.node.count_services(name), peer.node.count_clients(name)]
+
+
+async def until_infos(peer, topic, what, nodes):
+    """All about the endpoints of a topic, as soon as they belong to these nodes; `what`: publishers, subscriptions."""
+
+    def look():
+        return getattr(peer.node, f"get_{what}_info_by_topic")(topic)
+
+    await peer.until(lambda: [f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in look()] == nodes)
+    found = look()
+    return [
+        {
+            "node": f"{one.node_namespace.rstrip('/')}/{one.node_name}",
+            "type": one.topic_type,
+            "hash": str(one.topic_type_hash),
+            "kind": one.endpoint_type.name,
+            "gid": list(one.endpoint_gid),
+            **{name: getattr(one.qos_profile, name).name for name in ("reliability", "durability", "liveliness")},
+            **{
+                name: getattr(one.qos_profile, name).nanoseconds
+                for name in ("lifespan", "deadline", "liveliness_lease_duration")
+            },
+        }
+        for one in found
+    ]
+
+
+# --- the rest ---------------------------------------------------------------------------------------------------------
+
+
+def log(peer, text):
+    """Once with every level; rclpy wants each level at a line of its own."""
+    logger = peer.node.get_logger()
+    logger.info(text)
+    logger.warning(text)
+    logger.error(text)
+    logger.fatal(text)
+
+
+def logger_level(peer, name):
+    return rclpy.logging.get_logger_effective_level(name).name
+
+
+async def now_ns(peer, node, at_least):
+    """The time of a node, as soon as it has come so far."""
+    clock = peer.nodes[node].get_clock()
+    await peer.until(lambda: clock.now().nanoseconds >= at_least)
+    return clock.now().nanoseconds
+
+
+def introspect(peer, kind, name, state):
+    """`kind`: service or client."""
+    peer.things[kind, name].configure_introspection(
+        peer.node.get_clock(), qos_profile_system_default, getattr(ServiceIntrospectionState, state)
+    )
+
+
+class Lifecycle(LifecycleNode):
+    """Notes its transitions; activating fails when `fail` is set."""
+
+    def __init__(self, name):
+        super().__init__(name)
+        self.declare_parameter("fail", False)
+        self.done = []
+
+    def on_configure(self, state):
+        self.done.append("configure")
+        return super().on_configure(state)
+
+    def on_activate(self, state):
+        self.done.append("activate")
+        if self.get_parameter("fail").value:
+            return TransitionCallbackReturn.FAILURE
+        return super().on_activate(state)
+
+    def on_shutdown(self, state):
+        self.done.append("shutdown")
+        return super().on_shutdown(state)
+
+
+def lifecycle_node(peer, name):
+    peer.add_node(Lifecycle(name))
+
+
+def transitions(peer, name):
+    return peer.nodes[name].done

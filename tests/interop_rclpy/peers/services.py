@@ -1,0 +1,96 @@
+"""Commands about services."""
+
+import messages
+
+
+def _answer(values):
+    def handler(request, response):
+        return messages.build(type(response), values)
+
+    return handler
+
+
+def _set_bool(request, response):
+    response.success, response.message = request.data, f"got {request.data}"
+    return response
+
+
+def _echo(request, response):
+    """The fields both have."""
+    for name in response.get_fields_and_field_types():
+        setattr(response, name, getattr(request, name))
+    return response
+
+
+def serve(peer, name, type, how, values=None, node="", note=""):
+    """`how`: `echo` answers with the request's fields, `fixed` with `values`, `set_bool` and `trigger` with `note`."""
+    requests = peer.things["requests", name] = []
+    handlers = {"echo": _echo, "fixed": _answer(values), "set_bool": _set_bool}
+
+    def handler(request, response):
+        requests.append(messages.to_plain(request))
+        if note:
+            response.success, response.message = True, note
+            return response
+        return handlers[how](request, response)
+
+    node = peer.nodes.get(node, peer.node)
+    peer.things["service", name] = node.create_service(messages.load(type), name, handler)
+
+
+def unserve(peer, name):
+    made = peer.things.pop(("service", name))
+    peer.owner("services", made).destroy_service(made)
+
+
+def requests(peer, name):
+    """What the service was asked, oldest first."""
+    return peer.things["requests", name]
+
+
+async def client(peer, name, type, node="", wait=True):
+    node = peer.nodes.get(node, peer.node)
+    made = peer.things["client", name] = node.create_client(messages.load(type), name)
+    if wait:
+        await peer.until(made.service_is_ready)
+
+
+async def ready(peer, name, expected=True):
+    """Waits until the service of a client is there, or is not."""
+    await peer.until(lambda: peer.things["client", name].service_is_ready() == expected)
+
+
+def unclient(peer, name):
+    made = peer.things.pop(("client", name))
+    peer.owner("clients", made).destroy_client(made)
+
+
+async def call(peer, name, requests_):
+    """Ask all at once and wait for all answers."""
+    made = peer.things["client", name]
+    futures = [made.call_async(messages.build(made.srv_type.Request, values)) for values in requests_]
+    return [messages.to_plain(await future) for future in futures]
+
+
+async def many_clients(peer, name, type, clients, calls):
+    """Calls of test_msgs/srv/BasicTypes from several clients at once, each call behind its client's last.
+
+    More requests in flight than the ten that services and clients keep would be lost. Returns how many answers were
+    those to their request.
+    """
+    made = [peer.node.create_client(messages.load(type), name) for _ in range(clients)]
+    for one in made:
+        await peer.until(one.service_is_ready)
+    tasks = [peer.executor.create_task(_call_often, one, index, calls) for index, one in enumerate(made)]
+    right = [await task for task in tasks]
+    for one in made:
+        peer.node.destroy_client(one)
+    return sum(right)
+
+
+async def _call_often(client, index, calls):
+    right = 0
+    for number in range(calls):
+        response = await client.call_async(client.srv_type.Request(int64_value=number, int32_value=index))
+        right += (response.int64_value, response.int32_value) == (number, index)
+    return right

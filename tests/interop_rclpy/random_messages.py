@@ -1,0 +1,68 @@
+"""Random plain values of any message, the same in every run, with the edges of every type among them.
+
+Not by Hypothesis: messages like test_msgs/MultiNested are larger than it draws, and what goes over a network is sent in
+bulk, so nothing could be made smaller. Strings have no NUL, because those of rclpy are C strings.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from reference_cdr import NUMBERS
+
+from rosidl_py_gen.fieldtype import INTEGER_RANGES, Arity, FieldType
+from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.spec.model import MessageDef
+from rosidl_py_gen.spec.resolve import Library
+
+FLOATS: tuple[float | str, ...] = (0.0, -0.0, 1.5, 1e-40, "NaN", "Infinity", "-Infinity")
+LETTERS = "aZ09 '\"\\/{}%\n\t\x01é€ハ😀\u200d\uffff"
+
+
+class RandomMessages:
+    """Values for messages of the packages in a folder."""
+
+    def __init__(self, share: Path) -> None:
+        self._library = Library(search_path([share], ament="", bundled=False))
+
+    def make(self, name: str, count: int) -> list[dict[str, Any]]:
+        """Values as `to_json` writes them."""
+        random = Random(name)
+        return [self._message(random, name) for _ in range(count)]
+
+    def _message(self, random: Random, name: str) -> dict[str, Any]:
+        found: MessageDef | None = self._library.message(name)
+        assert found is not None, name
+        return {field.name: self._field(random, field.type) for field in found.fields}
+
+    def _field(self, random: Random, kind: FieldType) -> Any:
+        match kind.arity:
+            case Arity.SCALAR:
+                return self._one(random, kind)
+            case Arity.ARRAY:
+                count = kind.capacity
+            case Arity.BOUNDED:
+                count = random.choice((0, kind.capacity, random.randint(0, kind.capacity)))
+            case _:
+                count = random.choice((0, 1, 4))
+        return [self._one(random, kind) for _ in range(count)]
+
+    def _one(self, random: Random, kind: FieldType) -> Any:
+        if kind.is_string:
+            most = min(kind.string_bound or 30, 30)
+            text = "".join(random.choices(LETTERS, k=random.choice((0, most, random.randint(0, most)))))
+            # Bounds count bytes in rclpy and characters in the standard.
+            return text.encode()[:most].decode(errors="ignore") if kind.string_bound else text
+        if kind.base not in NUMBERS:
+            return self._message(random, kind.base)
+        if kind.base == "bool":
+            return random.random() < 0.5
+        letter = NUMBERS[kind.base][0]
+        if letter in "fd":
+            value = random.choice((*FLOATS, random.uniform(-1e6, 1e6)))
+            return value if isinstance(value, str) else struct.unpack(letter, struct.pack(letter, value))[0]
+        low, high = INTEGER_RANGES[letter]
+        return random.choice((low, high, 0, random.randint(low, high)))

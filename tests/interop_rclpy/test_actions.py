@@ -1,0 +1,177 @@
+"""Actions between our node and rclpy's on Fast DDS, both ways."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+from peer_process import Peer
+from rclpy_worlds import action, fresh, plain, random_values, until
+
+from rosidl_py_gen import from_dict
+from rosidl_py_gen.runtime import CancelRejected, GoalRejected, GoalStatus, ServerGoal
+
+FIBONACCI = "test_msgs/action/Fibonacci"
+NESTED = "test_msgs/action/NestedMessage"
+WAIT_S = 10
+STEPS = [{"sequence": list(range(count))} for count in range(1, 5)]
+DONE = {"sequence": [0, 1, 1, 2, 3]}
+
+
+async def client_of_theirs(dds: Any, peer: Peer, kind: str, how: str, **settings: Any) -> Any:
+    """Our client of a new action of the peer."""
+    name = fresh("action")
+    await peer.ask("action_server", name=name, type=kind, how=how, **settings)
+    client = dds.node("tester").create_action_client(action(peer, kind), name)
+    assert await client.wait_for_server(timeout_s=WAIT_S)
+    return client
+
+
+async def server_for_theirs(dds: Any, peer: Peer, kind: str, execute: Any, **settings: Any) -> str:
+    """A new action of ours with a client of the peer; its name."""
+    name = fresh("action")
+    dds.node("tester").create_action_server(action(peer, kind), name, execute, **settings)
+    await peer.ask("action_client", name=name, type=kind)
+    return name
+
+
+ENDS = [("succeed", GoalStatus.SUCCEEDED), ("abort", GoalStatus.ABORTED)]
+
+
+@pytest.mark.parametrize(("how", "status"), ENDS)
+async def test_a_goal_of_ours_ends_as_their_server_says(
+    dds: Any, shared_peer: Peer, how: str, status: GoalStatus
+) -> None:
+    client = await client_of_theirs(dds, shared_peer, FIBONACCI, how, feedback=STEPS, result=DONE)
+    goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=5), timeout_s=WAIT_S)
+    assert [plain(one) async for one in goal.feedback()] == STEPS
+    ended, result = await goal.result(timeout_s=WAIT_S)
+    assert (ended, plain(result)) == (status, DONE)
+
+
+@pytest.mark.parametrize(("how", "status"), ENDS)
+async def test_a_goal_of_theirs_ends_as_our_server_says(
+    dds: Any, shared_peer: Peer, how: str, status: GoalStatus
+) -> None:
+    """The goal goes on until its feedback was heard: rclpy's client forgets callbacks for feedback with the result."""
+    cls = action(shared_peer, FIBONACCI)
+
+    async def execute(goal: ServerGoal[Any]) -> Any:
+        assert goal.request == cls.Goal(order=5)
+        for values in STEPS:
+            goal.publish_feedback(from_dict(cls.Feedback, values))
+        assert await shared_peer.ask("feedback", key=name, count=len(STEPS)) == STEPS
+        return getattr(goal, how)(from_dict(cls.Result, DONE))
+
+    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute)
+    assert await shared_peer.ask("send_goal", name=name, key=name, goal={"order": 5})
+    assert await shared_peer.ask("result", key=name) == {"status": status, "result": DONE}
+
+
+async def test_an_error_in_their_server_aborts_our_goal(dds: Any, shared_peer: Peer) -> None:
+    client = await client_of_theirs(dds, shared_peer, FIBONACCI, "raise")
+    goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
+    assert (await goal.result(timeout_s=WAIT_S))[0] == GoalStatus.ABORTED
+
+
+async def test_an_error_in_our_server_aborts_their_goal(dds: Any, shared_peer: Peer) -> None:
+    async def execute(goal: ServerGoal[Any]) -> Any:
+        raise ValueError("on purpose")
+
+    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute)
+    assert await shared_peer.ask("send_goal", name=name, key=name, goal={"order": 5})
+    answer = await shared_peer.ask("result", key=name)
+    assert answer == {"status": GoalStatus.ABORTED, "result": {"sequence": []}}
+
+
+async def test_their_server_rejects_our_goal(dds: Any, shared_peer: Peer) -> None:
+    client = await client_of_theirs(dds, shared_peer, FIBONACCI, "reject")
+    with pytest.raises(GoalRejected):
+        await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
+
+
+async def test_our_server_rejects_their_goal(dds: Any, shared_peer: Peer) -> None:
+    async def execute(goal: ServerGoal[Any]) -> Any:
+        return goal.succeed()
+
+    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute, accept=lambda goal: goal.order > 0)
+    assert not await shared_peer.ask("send_goal", name=name, key=f"{name} no", goal={"order": 0})
+    assert await shared_peer.ask("send_goal", name=name, key=f"{name} yes", goal={"order": 1})
+
+
+async def test_our_client_cancels_a_goal_of_their_server(dds: Any, shared_peer: Peer) -> None:
+    client = await client_of_theirs(dds, shared_peer, FIBONACCI, "cancel", result=DONE)
+    goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
+    await until(lambda: goal.status == GoalStatus.EXECUTING)
+    await goal.cancel(timeout_s=WAIT_S)
+    status, result = await goal.result(timeout_s=WAIT_S)
+    assert (status, plain(result)) == (GoalStatus.CANCELED, DONE)
+
+
+async def test_their_client_cancels_a_goal_of_our_server(dds: Any, shared_peer: Peer) -> None:
+    cls = action(shared_peer, FIBONACCI)
+
+    async def execute(goal: ServerGoal[Any]) -> Any:
+        await goal.wait_for_cancel()
+        return goal.canceled(from_dict(cls.Result, DONE))
+
+    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute)
+    assert await shared_peer.ask("send_goal", name=name, key=name, goal={"order": 1})
+    await shared_peer.ask("goal_status", key=name, expected=GoalStatus.EXECUTING)
+    assert await shared_peer.ask("cancel", key=name) == {"code": 0, "goals": 1}
+    assert await shared_peer.ask("result", key=name) == {"status": GoalStatus.CANCELED, "result": DONE}
+
+
+async def test_their_server_refuses_to_cancel(dds: Any, shared_peer: Peer) -> None:
+    client = await client_of_theirs(dds, shared_peer, FIBONACCI, "cancel", cancels=False)
+    goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
+    with pytest.raises(CancelRejected):
+        await goal.cancel(timeout_s=WAIT_S)
+
+
+async def test_our_server_refuses_to_cancel(dds: Any, shared_peer: Peer) -> None:
+    refused = asyncio.Event()
+
+    async def execute(goal: ServerGoal[Any]) -> Any:
+        await refused.wait()
+        return goal.succeed()
+
+    name = await server_for_theirs(dds, shared_peer, FIBONACCI, execute, on_cancel=lambda goal: False)
+    assert await shared_peer.ask("send_goal", name=name, key=name, goal={"order": 1})
+    assert (await shared_peer.ask("cancel", key=name))["goals"] == 0
+    refused.set()
+    assert (await shared_peer.ask("result", key=name))["status"] == GoalStatus.SUCCEEDED
+
+
+async def test_nested_messages_go_to_their_server_and_back(dds: Any, shared_peer: Peer) -> None:
+    share, cls = shared_peer.share, action(shared_peer, NESTED)
+    feedback, results = (random_values(share, f"{NESTED}_{part}", 5) for part in ("Feedback", "Result"))
+    goals = random_values(share, f"{NESTED}_Goal", 5)
+    client = await client_of_theirs(dds, shared_peer, NESTED, "succeed", feedback=feedback, result=results[0])
+    for values in goals:
+        goal = await client.send_goal(from_dict(cls.Goal, values), timeout_s=WAIT_S)
+        assert [plain(one) async for one in goal.feedback()] == feedback
+        assert plain((await goal.result(timeout_s=WAIT_S))[1]) == results[0]
+    assert await shared_peer.ask("goals", name=client.name) == goals
+
+
+async def test_nested_messages_go_to_our_server_and_back(dds: Any, shared_peer: Peer) -> None:
+    share, cls = shared_peer.share, action(shared_peer, NESTED)
+    feedback, results = (random_values(share, f"{NESTED}_{part}", 5) for part in ("Feedback", "Result"))
+    goals, arrived = random_values(share, f"{NESTED}_Goal", 5), []
+
+    async def execute(goal: ServerGoal[Any]) -> Any:
+        arrived.append(plain(goal.request))
+        for values in feedback:
+            goal.publish_feedback(from_dict(cls.Feedback, values))
+        key = f"{name} {len(arrived) - 1}"
+        assert await shared_peer.ask("feedback", key=key, count=len(feedback)) == feedback
+        return from_dict(cls.Result, results[len(arrived) - 1])
+
+    name = await server_for_theirs(dds, shared_peer, NESTED, execute)
+    for number, values in enumerate(goals):
+        key = f"{name} {number}"
+        assert await shared_peer.ask("send_goal", name=name, key=key, goal=values)
+        assert (await shared_peer.ask("result", key=key))["result"] == results[number]
+    assert arrived == goals

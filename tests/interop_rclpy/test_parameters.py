@@ -1,0 +1,198 @@
+"""Parameters: rclpy's own client and our node, our client and rclpy's node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from peer_process import Peer
+from rclpy_worlds import fresh, repeated, until
+
+from rosidl_py_gen.runtime import Node, ParameterDescriptor, ParameterNotDeclared, ParameterType
+
+WAIT_S = 10
+VALUES: dict[str, Any] = {
+    "flag": True,
+    "count": -(2**62),
+    "gain": 0.1,
+    "label": "grüße",
+    "flags": [True, False],
+    "counts": [1, -2, 3],
+    "gains": [1.5, -0.5],
+    "arm.left.labels": ["a", "", "ü"],
+}
+TYPES = [ParameterType[name] for name in ("BOOL", "INTEGER", "DOUBLE", "STRING")]
+TYPES += [ParameterType[f"{one.name}_ARRAY"] for one in TYPES]
+NEW: dict[str, Any] = {"flag": False, "count": 7, "label": "new", "counts": [9]}
+THEIR_QOS = {"depth": 1000}
+FILE = "{}:\n  ros__parameters:\n    count: 11\n    arm:\n      left:\n        labels: [ab, cd]\n"
+
+
+def held(node: Node, names: list[str]) -> list[Any]:
+    """Our node's values, arrays as lists."""
+    return [list(value) if isinstance(value, tuple) else value for value in node.get_parameters(names)]
+
+
+def member(answer: dict[str, Any]) -> Any:
+    """The value inside a rcl_interfaces/msg/ParameterValue."""
+    names = "bool_value integer_value double_value string_value byte_array_value bool_array_value"
+    names += " integer_array_value double_array_value string_array_value"
+    return answer[names.split()[answer["type"] - 1]]
+
+
+def ours_with_all_kinds(dds: Any) -> Node:
+    """Our node with all kinds of parameters, of a name no other test has."""
+    node: Node = dds.node(fresh("ours").strip("/"))
+    for name, value in VALUES.items():
+        node.declare_parameter(name, value)
+    return node
+
+
+async def ask_ours(peer: Peer, node: Node, method: str, argument: Any) -> Any:
+    """What rclpy's AsyncParameterClient gets from our node."""
+    return await peer.ask("remote", node=node.fully_qualified_name, method=method, argument=argument)
+
+
+async def test_their_client_gets_our_values_types_and_descriptions(dds: Any, shared_peer: Peer) -> None:
+    ours = ours_with_all_kinds(dds)
+    names = list(VALUES)
+    answer = await ask_ours(shared_peer, ours, "get_parameters", names)
+    assert [member(value) for value in answer["values"]] == list(VALUES.values())
+    assert (await ask_ours(shared_peer, ours, "get_parameter_types", names))["types"] == TYPES
+    described = (await ask_ours(shared_peer, ours, "describe_parameters", names))["descriptors"]
+    assert [(one["name"], one["type"]) for one in described] == list(zip(names, TYPES, strict=True))
+    assert (await ask_ours(shared_peer, ours, "get_parameters", ["flag", "missing"]))["values"] == []
+
+
+async def test_their_client_lists_our_parameters(dds: Any, shared_peer: Peer) -> None:
+    ours = ours_with_all_kinds(dds)
+    result = (await ask_ours(shared_peer, ours, "list_parameters", None))["result"]
+    assert set(VALUES) <= set(result["names"])
+    result = (await ask_ours(shared_peer, ours, "list_parameters", ["arm"]))["result"]
+    assert (result["names"], result["prefixes"]) == (["arm.left.labels"], ["arm.left"])
+
+
+async def test_their_client_sets_our_parameters(dds: Any, shared_peer: Peer) -> None:
+    ours = ours_with_all_kinds(dds)
+    answer = await ask_ours(shared_peer, ours, "set_parameters", {**NEW, "missing": 1, "gain": "text"})
+    assert [one["successful"] for one in answer["results"]] == [True] * 4 + [False] * 2
+    assert held(ours, list(NEW)) == list(NEW.values())
+
+
+async def test_their_client_sets_ours_all_or_none(dds: Any, shared_peer: Peer) -> None:
+    ours = ours_with_all_kinds(dds)
+    answer = await ask_ours(shared_peer, ours, "set_parameters_atomically", {"count": 8, "gain": "text"})
+    assert not answer["result"]["successful"] and ours.get_parameter("count") == VALUES["count"]
+    answer = await ask_ours(shared_peer, ours, "set_parameters_atomically", NEW)
+    assert answer["result"] == {"successful": True, "reason": ""}
+    assert held(ours, list(NEW)) == list(NEW.values())
+
+
+async def test_their_client_loads_a_file_into_our_node(dds: Any, shared_peer: Peer, tmp_path: Path) -> None:
+    ours = ours_with_all_kinds(dds)
+    file = tmp_path / "parameters.yaml"
+    file.write_text(FILE.format(ours.fully_qualified_name))
+    await ask_ours(shared_peer, ours, "load_parameter_file", str(file))
+    assert held(ours, ["count", "arm.left.labels"]) == [11, ["ab", "cd"]]
+
+
+async def test_their_client_undeclares_our_dynamic_parameter(dds: Any, shared_peer: Peer) -> None:
+    ours = ours_with_all_kinds(dds)
+    ours.declare_parameter("dynamic", 1, ParameterDescriptor(dynamic_typing=True))
+    answer = await ask_ours(shared_peer, ours, "delete_parameters", ["dynamic"])
+    assert [one["successful"] for one in answer["results"]] == [True] and not ours.has_parameter("dynamic")
+
+
+async def test_they_hear_of_changes_of_our_parameters(dds: Any, shared_peer: Peer) -> None:
+    ours = ours_with_all_kinds(dds)
+    topic, name = "/parameter_events", ours.fully_qualified_name
+    await shared_peer.ask("subscribe", topic=topic, type="rcl_interfaces/msg/ParameterEvent", qos=THEIR_QOS)
+    await shared_peer.ask("matched", topic=topic, count=2)  # their own node is one
+    await until(lambda: any(one.node_name == shared_peer.name for one in ours.get_subscriptions_info_by_topic(topic)))
+
+    async def from_us() -> list[Any]:
+        while True:
+            (event,) = await shared_peer.ask("take", topic=topic)
+            if event["node"] == name:
+                return [(one["name"], member(one["value"])) for one in event["changed_parameters"]]
+
+    assert await repeated(lambda: ours.set_parameter("count", 3), from_us()) == [("count", 3)]
+    await shared_peer.ask("unsubscribe", topic=topic)
+
+
+# --- our client -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def theirs(dds: Any, shared_peer: Peer) -> Iterator[Any]:
+    """Our client for the parameters of a new node of theirs with all kinds of them."""
+    name = fresh("theirs")
+    shared_peer.tell("add_node", name=name.strip("/")).result(WAIT_S)
+    shared_peer.tell("declare", node=name.strip("/"), parameters=VALUES).result(WAIT_S)
+    yield dds.node("tester").create_parameter_client(name)
+    shared_peer.tell("remove_node", name=name.strip("/")).result(WAIT_S)
+
+
+async def held_by_them(peer: Peer, client: Any, names: list[str]) -> Any:
+    """The values in their node."""
+    return await peer.ask("parameters", node=client.node.strip("/"), names=names)
+
+
+def listed(values: Any) -> list[Any]:
+    """Arrays as lists."""
+    return [list(value) if isinstance(value, tuple) else value for value in values]
+
+
+async def test_our_client_gets_their_values_types_and_descriptions(theirs: Any) -> None:
+    names = list(VALUES)
+    assert listed(await theirs.get(names, WAIT_S)) == list(VALUES.values())
+    assert await theirs.types(names, WAIT_S) == TYPES
+    assert [one.type for one in await theirs.describe(names, WAIT_S)] == TYPES
+    with pytest.raises(ParameterNotDeclared):
+        await theirs.get("missing", WAIT_S)
+
+
+async def test_our_client_lists_their_parameters(theirs: Any) -> None:
+    assert set(VALUES) <= set((await theirs.list(timeout_s=WAIT_S)).names)
+    listing = await theirs.list("arm", timeout_s=WAIT_S)
+    assert (list(listing.names), list(listing.prefixes)) == (["arm.left.labels"], ["arm.left"])
+
+
+async def test_our_client_sets_their_parameters(theirs: Any, shared_peer: Peer) -> None:
+    results = await theirs.set({**NEW, "missing": 1, "gain": "text"}, WAIT_S)
+    assert [one.successful for one in results] == [True] * 4 + [False] * 2
+    assert await held_by_them(shared_peer, theirs, list(NEW)) == list(NEW.values())
+
+
+async def test_our_client_sets_theirs_all_or_none(theirs: Any, shared_peer: Peer) -> None:
+    assert not (await theirs.set_atomically({"count": 8, "gain": "text"}, WAIT_S)).successful
+    assert await held_by_them(shared_peer, theirs, ["count"]) == [VALUES["count"]]
+    assert (await theirs.set_atomically(NEW, WAIT_S)).successful
+    assert await held_by_them(shared_peer, theirs, list(NEW)) == list(NEW.values())
+
+
+async def test_our_client_loads_and_dumps_a_file_of_their_node(theirs: Any, shared_peer: Peer, tmp_path: Path) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(FILE.format(theirs.node))
+    assert all(result.successful for result in (await theirs.load_yaml(file, WAIT_S)).values())
+    assert await held_by_them(shared_peer, theirs, ["count", "arm.left.labels"]) == [11, ["ab", "cd"]]
+    assert "count: 11" in await theirs.dump_yaml(WAIT_S)
+
+
+async def test_we_hear_of_changes_of_their_parameters(theirs: Any) -> None:
+    events = theirs.events()
+    assert await events.wait_for_publishers(WAIT_S)
+
+    async def changed() -> Any:
+        async for event in events:
+            if event.event.changed:
+                return event
+
+    async def change() -> None:
+        assert (await theirs.set({"count": 3}, WAIT_S))[0].successful
+
+    event = await repeated(change, changed())
+    assert event.node == theirs.node
+    assert [(one.name, one.value.value) for one in event.event.changed] == [("count", 3)]

@@ -1,0 +1,203 @@
+"""Services between our node and rclpy's on Fast DDS, both ways."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from peer_process import Peer
+from rclpy_worlds import fresh, plain, random_values, service, until
+
+from rosidl_py_gen import from_dict
+
+TEST_SERVICES = ["test_msgs/srv/Arrays", "test_msgs/srv/BasicTypes", "test_msgs/srv/Empty"]
+CALL_S = 15
+SIZES = [1, 1_000, 60_000, 100_000, 1_048_576]
+
+
+async def client_of_theirs(node: Any, peer: Peer, name: str, kind: str, how: str, **settings: Any) -> Any:
+    """Our client of a new service of the peer."""
+    await peer.ask("serve", name=name, type=kind, how=how, **settings)
+    client = node.create_client(service(peer, kind), name)
+    assert await client.wait_for_service(timeout_s=10)
+    return client
+
+
+async def test_our_client_calls_set_bool(dds: Any, shared_peer: Peer) -> None:
+    client = await client_of_theirs(
+        dds.node("tester"), shared_peer, fresh("set_bool"), "std_srvs/srv/SetBool", "set_bool"
+    )
+    for flag in (True, False):
+        response = await client.call(client_request(shared_peer, "std_srvs/srv/SetBool", data=flag), CALL_S)
+        assert plain(response) == {"success": flag, "message": f"got {flag}"}
+
+
+def client_request(peer: Peer, kind: str, **fields: Any) -> Any:
+    """A request of ours."""
+    return service(peer, kind).Request(**fields)
+
+
+async def test_our_server_answers_set_bool(dds: Any, shared_peer: Peer) -> None:
+    name, cls = fresh("set_bool"), service(shared_peer, "std_srvs/srv/SetBool")
+    dds.node("tester").create_service(
+        cls, name, lambda request: cls.Response(success=request.data, message=f"got {request.data}")
+    )
+    await shared_peer.ask("client", name=name, type="std_srvs/srv/SetBool")
+    answers = await shared_peer.ask("call", name=name, requests_=[{"data": True}, {"data": False}])
+    assert answers == [{"success": flag, "message": f"got {flag}"} for flag in (True, False)]
+
+
+async def test_our_client_calls_trigger(dds: Any, shared_peer: Peer) -> None:
+    client = await client_of_theirs(
+        dds.node("tester"), shared_peer, fresh("trigger"), "std_srvs/srv/Trigger", "trigger", note="pulled"
+    )
+    response = await client.call(client_request(shared_peer, "std_srvs/srv/Trigger"), CALL_S)
+    assert plain(response) == {"success": True, "message": "pulled"}
+
+
+async def test_our_server_answers_trigger(dds: Any, shared_peer: Peer) -> None:
+    name, cls = fresh("trigger"), service(shared_peer, "std_srvs/srv/Trigger")
+    dds.node("tester").create_service(cls, name, lambda _: cls.Response(success=True, message="pulled"))
+    await shared_peer.ask("client", name=name, type="std_srvs/srv/Trigger")
+    assert await shared_peer.ask("call", name=name, requests_=[{}]) == [{"success": True, "message": "pulled"}]
+
+
+@pytest.mark.parametrize("kind", TEST_SERVICES)
+async def test_their_server_gets_and_sends_random_values(dds: Any, shared_peer: Peer, kind: str) -> None:
+    node, cls, share = dds.node("tester"), service(shared_peer, kind), shared_peer.share
+    sent = random_values(share, f"{kind}_Request", 5)
+    for values in random_values(share, f"{kind}_Response", 3):
+        name = fresh("random")
+        client = await client_of_theirs(node, shared_peer, name, kind, "fixed", values=values)
+        for request in sent:
+            assert plain(await client.call(from_dict(cls.Request, request), CALL_S)) == values
+        assert await shared_peer.ask("requests", name=name) == sent
+
+
+@pytest.mark.parametrize("kind", TEST_SERVICES)
+async def test_their_client_sends_and_gets_random_values(dds: Any, shared_peer: Peer, kind: str) -> None:
+    name, cls, share = fresh("random"), service(shared_peer, kind), shared_peer.share
+    answers = random_values(share, f"{kind}_Response", 10)
+    sent = random_values(share, f"{kind}_Request", 10)
+    arrived: list[Any] = []
+
+    def handler(request: Any) -> Any:
+        arrived.append(plain(request))
+        return from_dict(cls.Response, answers[len(arrived) - 1])
+
+    dds.node("tester").create_service(cls, name, handler)
+    await shared_peer.ask("client", name=name, type=kind)
+    got = [(await shared_peer.ask("call", name=name, requests_=[values]))[0] for values in sent]
+    assert (arrived, got) == (sent, answers)
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_messages_of_any_size_go_both_ways_with_our_client(dds: Any, shared_peer: Peer, size: int) -> None:
+    """Strings of test_msgs/srv/BasicTypes; 1 MB is some 750 packets."""
+    name, cls = fresh("size"), service(shared_peer, "test_msgs/srv/BasicTypes")
+    client = await client_of_theirs(dds.node("tester"), shared_peer, name, "test_msgs/srv/BasicTypes", "echo")
+    for letter in "ab":
+        response = await client.call(cls.Request(string_value=letter * size), CALL_S)
+        assert response.string_value == letter * size
+
+
+@pytest.mark.parametrize("size", SIZES)
+async def test_messages_of_any_size_go_both_ways_with_our_server(dds: Any, shared_peer: Peer, size: int) -> None:
+    name, cls = fresh("size"), service(shared_peer, "test_msgs/srv/BasicTypes")
+    dds.node("tester").create_service(
+        cls, name, lambda request: cls.Response(string_value=request.string_value[::-1], int64_value=size)
+    )
+    await shared_peer.ask("client", name=name, type="test_msgs/srv/BasicTypes")
+    for letter in "ab":
+        (answer,) = await shared_peer.ask("call", name=name, requests_=[{"string_value": letter * size + "."}])
+        assert (answer["string_value"], answer["int64_value"]) == ("." + letter * size, size)
+
+
+async def test_many_calls_of_ours_at_once_get_their_own_answers(dds: Any, shared_peer: Peer) -> None:
+    cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("many")
+    client = await client_of_theirs(dds.node("tester"), shared_peer, name, "test_msgs/srv/BasicTypes", "echo")
+    calls = [client.call(cls.Request(int64_value=number), CALL_S) for number in range(300)]
+    assert [response.int64_value for response in await asyncio.gather(*calls)] == list(range(300))
+
+
+async def test_clients_of_several_of_our_nodes_get_their_own_answers(dds: Any, shared_peer: Peer) -> None:
+    cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("several")
+    nodes = [dds.node(f"tester{number}") for number in range(3)]
+    clients = [await client_of_theirs(nodes[0], shared_peer, name, "test_msgs/srv/BasicTypes", "echo")]
+    clients += [node.create_client(cls, name) for node in nodes]
+    for client in clients:
+        assert await client.wait_for_service(timeout_s=10)
+    wanted = [(index, number) for number in range(50) for index in range(len(clients))]
+    calls = [clients[i].call(cls.Request(int32_value=i, int64_value=n), CALL_S) for i, n in wanted]
+    got = [(response.int32_value, response.int64_value) for response in await asyncio.gather(*calls)]
+    assert got == wanted
+
+
+async def test_several_clients_of_theirs_at_once_get_their_own_answers(
+    dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
+) -> None:
+    """One call of each at a time: more answers than the ten a client of theirs keeps would be lost on their side."""
+    cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("crowd")
+
+    async def handler(request: Any) -> Any:
+        await asyncio.sleep(0.01 * (request.int64_value % 3))  # answers overtake each other
+        return cls.Response(int32_value=request.int32_value, int64_value=request.int64_value)
+
+    dds.node("tester").create_service(cls, name, handler)
+    others = [start_peer(f"caller{number}") for number in range(2)]
+    asked = {"name": name, "type": "test_msgs/srv/BasicTypes", "clients": 3, "calls": 30}
+    assert await asyncio.gather(*(peer.ask("many_clients", **asked) for peer in (shared_peer, *others))) == [90] * 3
+    for peer in others:
+        peer.close()
+
+
+async def test_a_service_with_servers_of_both_kinds_answers_every_client(dds: Any, shared_peer: Peer) -> None:
+    """As in ROS every server answers; a client takes the first answer."""
+    name, cls = fresh("both_servers"), service(shared_peer, "std_srvs/srv/Trigger")
+    node, other = dds.node("tester"), dds.node("server")
+    client = await client_of_theirs(node, shared_peer, name, "std_srvs/srv/Trigger", "trigger", note="theirs")
+    other.create_service(cls, name, lambda _: cls.Response(success=True, message="ours"))
+    await until(lambda: len(node.get_subscriptions_info_by_topic(f"rq{name}Request", no_mangle=True)) == 2)
+    answers = {(await client.call(cls.Request(), CALL_S)).message for _ in range(20)}
+    assert answers and answers <= {"ours", "theirs"}
+    await shared_peer.ask("client", name=name, type="std_srvs/srv/Trigger")
+    got = [(await shared_peer.ask("call", name=name, requests_=[{}]))[0]["message"] for _ in range(20)]
+    assert set(got) <= {"ours", "theirs"}
+    await shared_peer.ask("unserve", name=name)
+    await until(lambda: len(node.get_subscriptions_info_by_topic(f"rq{name}Request", no_mangle=True)) == 1)
+    assert {(await client.call(cls.Request(), CALL_S)).message for _ in range(5)} == {"ours"}
+
+
+async def both_kinds_call(peer: Peer, client: Any, name: str) -> None:
+    """Three clients of theirs and one of ours call an echoing server at the same time.
+
+    Ours leaves a millisecond between its calls: every reply goes to every client, and those of theirs keep ten, so that
+    thousands a second would drown the others.
+    """
+    many = {"name": name, "type": "test_msgs/srv/BasicTypes", "clients": 3, "calls": 30}
+    theirs = asyncio.wrap_future(peer.tell("many_clients", **many))
+    request = service(peer, "test_msgs/srv/BasicTypes").Request
+    number = 0
+    while not theirs.done() or number < 50:
+        assert (await client.call(request(int64_value=number), CALL_S)).int64_value == number
+        await asyncio.sleep(0.001)
+        number += 1
+    assert theirs.result() == 90
+
+
+async def test_a_server_of_ours_serves_clients_of_both_kinds_at_once(dds: Any, shared_peer: Peer) -> None:
+    name, cls = fresh("both_clients"), service(shared_peer, "test_msgs/srv/BasicTypes")
+    dds.node("server").create_service(
+        cls, name, lambda request: cls.Response(int32_value=request.int32_value, int64_value=request.int64_value)
+    )
+    client = dds.node("tester").create_client(cls, name)
+    assert await client.wait_for_service(timeout_s=10)
+    await both_kinds_call(shared_peer, client, name)
+
+
+async def test_a_server_of_theirs_serves_clients_of_both_kinds_at_once(dds: Any, shared_peer: Peer) -> None:
+    name = fresh("both_clients")
+    client = await client_of_theirs(dds.node("tester"), shared_peer, name, "test_msgs/srv/BasicTypes", "echo")
+    await both_kinds_call(shared_peer, client, name)
