@@ -54,15 +54,23 @@ _REQUIREMENTS = {
 
 
 @pytest.fixture(scope="session")
-def peer_python(distro: str) -> Path:
-    """A Python that can import rclpy; $ROSIDL_PEER_JAZZY and ..._KILTED name environments that are there already."""
-    if made := os.environ.get(f"ROSIDL_PEER_{distro.upper()}"):
-        return Path(made) / "bin" / "python"
-    return environment(f"rclpy-{distro}", _REQUIREMENTS[distro])
+def _pythons() -> dict[str, Path]:
+    """One for each distribution, made before anything is in the private network, from which no index can be reached."""
+    pythons = {}
+    for name, requirements in _REQUIREMENTS.items():
+        made = os.environ.get(f"ROSIDL_PEER_{name.upper()}")
+        pythons[name] = Path(made, "bin", "python") if made else environment(f"rclpy-{name}", requirements)
+    return pythons
 
 
 @pytest.fixture(scope="session")
-def _network() -> Iterator[PrivateNetwork | None]:
+def peer_python(distro: str, _pythons: dict[str, Path]) -> Path:
+    """A Python that can import rclpy; $ROSIDL_PEER_JAZZY and ..._KILTED name environments that are there already."""
+    return _pythons[distro]
+
+
+@pytest.fixture(scope="session")
+def _network(_pythons: dict[str, Path]) -> Iterator[PrivateNetwork | None]:
     try:
         made = PrivateNetwork()
     except OSError:

@@ -1,0 +1,192 @@
+"""Calls, goals and parameters in all mixtures while packets are lost and a peer is killed every 20 seconds.
+
+SOAK_MINUTES=10 makes it last ten minutes. Cyclone loses the packets it would send; Fast DDS has no such setting.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import os
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import Any
+
+import pytest
+from peer_process import Peer, PeerError
+from rclpy_worlds import action, fresh, service
+
+from rosidl_py_gen.runtime import ServerGoal, cyclone
+
+MINUTES = float(os.environ.get("SOAK_MINUTES", "0.4"))
+KILLED_EVERY_S = 20.0
+WAIT_S = 25
+BASIC, TRIGGER, FIBONACCI = "test_msgs/srv/BasicTypes", "std_srvs/srv/Trigger", "test_msgs/action/Fibonacci"
+_PAUSE_S = 0.05
+"""Every reply goes to every client of a service, and rclpy's keep ten: more at once, and theirs are overwritten."""
+_LOSSES = (
+    "<CycloneDDS><Domain><Internal><Test><XmitLossiness>50</XmitLossiness></Test></Internal></Domain></CycloneDDS>"
+)
+
+
+def rss_mb() -> float:
+    """Resident memory of this process now."""
+    with open("/proc/self/statm") as statm:
+        return int(statm.read().split()[1]) * 4096 / 1e6
+
+
+class Soak:
+    """What goes on at the same time, and how often it did."""
+
+    def __init__(self, dds: Any, stays: Peer) -> None:
+        self.stays = stays
+        self.ours = dds.node(fresh("ours").strip("/"))
+        self.basic, self.trigger = service(stays, BASIC), service(stays, TRIGGER)
+        self.fibonacci = action(stays, FIBONACCI)
+        self.names = {name: fresh(name) for name in ("theirs", "mixed", "ours", "goals_theirs", "goals_ours")}
+        self.count: Counter[str] = Counter()
+        self.is_over = False
+
+    async def prepare(self) -> None:
+        """Both sides serve, and `mixed` has a server on each."""
+        names, stays = self.names, self.stays
+        await stays.ask("serve", name=names["theirs"], type=BASIC, how="echo")
+        await stays.ask("serve", name=names["mixed"], type=BASIC, how="echo")
+        for name in ("ours", "mixed"):
+            self.ours.create_service(self.basic, names[name], self.echo)
+        await stays.ask(
+            "action_server", name=names["goals_theirs"], type=FIBONACCI, how="succeed", result={"sequence": [7]}
+        )
+        self.ours.create_action_server(self.fibonacci, names["goals_ours"], self.execute)
+        self.ours.declare_parameter("number", 0)
+        await stays.ask("declare", parameters={"number": 0})
+        await stays.ask("client", name=names["ours"], type=BASIC)
+        await stays.ask("client", name=names["mixed"], type=BASIC)
+        await stays.ask("action_client", name=names["goals_ours"], type=FIBONACCI)
+
+    def echo(self, request: Any) -> Any:
+        return self.basic.Response(int64_value=request.int64_value, string_value=request.string_value)
+
+    async def execute(self, goal: ServerGoal[Any]) -> Any:
+        goal.publish_feedback(self.fibonacci.Feedback(sequence=[goal.request.order]))
+        await asyncio.sleep(0)
+        return goal.succeed(self.fibonacci.Result(sequence=[goal.request.order]))
+
+    # Each of these has to succeed, whatever is lost: its peers live on.
+
+    def our_calls(self, name: str) -> Callable[[int], Awaitable[None]]:
+        client = self.ours.create_client(self.basic, self.names[name])
+
+        async def call(number: int) -> None:
+            text = "x" * (number * 7919 % 3000)
+            answer = await client.call(self.basic.Request(int64_value=number, string_value=text), WAIT_S)
+            assert (answer.int64_value, answer.string_value) == (number, text)
+
+        return call
+
+    def their_calls(self, name: str) -> Callable[[int], Awaitable[None]]:
+        async def call(number: int) -> None:
+            request = {"int64_value": number, "string_value": "y" * (number * 7919 % 3000)}
+            (answer,) = await self.stays.ask("call", name=self.names[name], requests_=[request])
+            assert (answer["int64_value"], answer["string_value"]) == tuple(request.values())
+
+        return call
+
+    def our_goals(self) -> Callable[[int], Awaitable[None]]:
+        client = self.ours.create_action_client(self.fibonacci, self.names["goals_theirs"])
+
+        async def goal(number: int) -> None:
+            handle = await client.send_goal(self.fibonacci.Goal(order=number % 100), timeout_s=WAIT_S)
+            assert list((await handle.result(timeout_s=WAIT_S))[1].sequence) == [7]
+
+        return goal
+
+    async def their_goals(self, number: int) -> None:
+        key, order = f"goal{number}", number % 100
+        assert await self.stays.ask("send_goal", name=self.names["goals_ours"], key=key, goal={"order": order})
+        assert (await self.stays.ask("result", key=key))["result"] == {"sequence": [order]}
+
+    def our_parameters(self) -> Callable[[int], Awaitable[None]]:
+        remote = self.ours.create_parameter_client(f"/{self.stays.name}")
+
+        async def set_and_get(number: int) -> None:
+            await remote.set({"number": number}, timeout_s=WAIT_S)
+            assert await remote.get(["number"], timeout_s=WAIT_S) == [number]
+
+        return set_and_get
+
+    async def their_parameters(self, number: int) -> None:
+        node = self.ours.fully_qualified_name
+        (answer,) = (await self.stays.ask("remote", node=node, method="set_parameters", argument={"number": number}))[
+            "results"
+        ]
+        assert answer["successful"]
+        assert self.ours.get_parameter("number") == number
+
+    async def repeat(self, name: str, once: Callable[[int], Awaitable[None]]) -> None:
+        """Do it until the end; what fails says what it was."""
+        while not self.is_over:
+            try:
+                await once(self.count[name])
+            except BaseException as err:
+                raise AssertionError(f"{name}, number {self.count[name]}: {err!r}") from err
+            self.count[name] += 1
+            await asyncio.sleep(_PAUSE_S)
+
+    async def kill(self, start_mortal: Callable[[str], Peer]) -> None:
+        """Peers that serve, call and are killed in the middle of it; only those calls may be lost."""
+        name = fresh("mortal")
+        client = self.ours.create_client(self.trigger, name)
+        while not self.is_over:
+            peer = start_mortal("mortal")
+            await peer.ask("serve", name=name, type=TRIGGER, how="trigger", note="alive")
+            await peer.ask("client", name=self.names["ours"], type=BASIC)
+            assert (await client.call(self.trigger.Request(), WAIT_S)).message == "alive"
+            end = asyncio.get_running_loop().time() + KILLED_EVERY_S
+            while asyncio.get_running_loop().time() < end and not self.is_over:
+                (answer,) = await peer.ask("call", name=self.names["ours"], requests_=[{"int64_value": 5}])
+                assert answer["int64_value"] == 5
+            cut_off = peer.tell("call", name=self.names["ours"], requests_=[{}] * 5)
+            lost = asyncio.ensure_future(client.call(self.trigger.Request(), 3))
+            await asyncio.sleep(0)
+            await asyncio.to_thread(peer.kill)
+            with suppress(PeerError):
+                cut_off.result(WAIT_S)
+            await asyncio.wait([lost])
+            lost.exception()
+            self.count["killed"] += 1
+
+
+@pytest.mark.timeout(60 * MINUTES + 240)
+async def test_soak_nothing_that_was_answered_is_lost(
+    dds: Any, shared_peer: Peer, start_mortal: Callable[[str], Peer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CYCLONEDDS_URI", _LOSSES)
+    soak = Soak(dds, shared_peer)
+    await soak.prepare()
+    work = {
+        "our calls to theirs": soak.our_calls("theirs"),
+        "our calls to both": soak.our_calls("mixed"),
+        "their calls to ours": soak.their_calls("ours"),
+        "their calls to both": soak.their_calls("mixed"),
+        "our goals": soak.our_goals(),
+        "their goals": soak.their_goals,
+        "our parameters": soak.our_parameters(),
+        "their parameters": soak.their_parameters,
+    }
+    tasks = [asyncio.ensure_future(soak.repeat(name, once)) for name, once in work.items()]
+    tasks.append(asyncio.ensure_future(soak.kill(start_mortal)))
+    await asyncio.wait(tasks, timeout=60 * MINUTES / 3, return_when=asyncio.FIRST_EXCEPTION)
+    gc.collect()
+    before_mb, before_count = rss_mb(), soak.count.total()
+    await asyncio.wait(tasks, timeout=60 * MINUTES * 2 / 3, return_when=asyncio.FIRST_EXCEPTION)
+    soak.is_over = True
+    await asyncio.gather(*tasks)
+    gc.collect()
+    grown_mb, done = rss_mb() - before_mb, soak.count.total() - before_count
+    print(dict(soak.count), f"grown {grown_mb:.1f} MB in {done}")
+    assert min(soak.count[name] for name in work) >= 5
+    assert soak.count["killed"] >= 1
+    assert grown_mb < 8 + 2 * MINUTES
+    assert cyclone._fast_dds.refusal is None
