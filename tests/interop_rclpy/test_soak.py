@@ -147,6 +147,7 @@ class Soak:
             while asyncio.get_running_loop().time() < end and not self.is_over:
                 (answer,) = await peer.ask("call", name=self.names["ours"], requests_=[{"int64_value": 5}])
                 assert answer["int64_value"] == 5
+                await asyncio.sleep(_PAUSE_S)
             cut_off = peer.tell("call", name=self.names["ours"], requests_=[{}] * 5)
             lost = asyncio.ensure_future(client.call(self.trigger.Request(), 3))
             await asyncio.sleep(0)
