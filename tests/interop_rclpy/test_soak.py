@@ -24,7 +24,9 @@ KILLED_EVERY_S = 20.0
 WAIT_S = 25
 BASIC, TRIGGER, FIBONACCI = "test_msgs/srv/BasicTypes", "std_srvs/srv/Trigger", "test_msgs/action/Fibonacci"
 _PAUSE_S = 0.05
-"""Every reply goes to every client of a service, and rclpy's keep ten: more at once, and theirs are overwritten."""
+"""Every reply goes to every client of a service, and rclpy's keep ten: when more come in the time that a lost packet
+takes to be sent again, or that rclpy is busy, they are overwritten. So services with such clients have few others.
+"""
 _LOSSES = (
     "<CycloneDDS><Domain><Internal><Test><XmitLossiness>50</XmitLossiness></Test></Internal></Domain></CycloneDDS>"
 )
@@ -44,16 +46,17 @@ class Soak:
         self.ours = dds.node(fresh("ours").strip("/"))
         self.basic, self.trigger = service(stays, BASIC), service(stays, TRIGGER)
         self.fibonacci = action(stays, FIBONACCI)
-        self.names = {name: fresh(name) for name in ("theirs", "mixed", "ours", "goals_theirs", "goals_ours")}
+        names = ("theirs", "ours", "ours_mortal", "both_for_us", "both_for_them", "goals_theirs", "goals_ours")
+        self.names = {name: fresh(name) for name in names}
         self.count: Counter[str] = Counter()
         self.is_over = False
 
     async def prepare(self) -> None:
-        """Both sides serve, and `mixed` has a server on each."""
+        """Both sides serve, and what is called both has a server on each."""
         names, stays = self.names, self.stays
-        await stays.ask("serve", name=names["theirs"], type=BASIC, how="echo")
-        await stays.ask("serve", name=names["mixed"], type=BASIC, how="echo")
-        for name in ("ours", "mixed"):
+        for name in ("theirs", "both_for_us", "both_for_them"):
+            await stays.ask("serve", name=names[name], type=BASIC, how="echo")
+        for name in ("ours", "ours_mortal", "both_for_us", "both_for_them"):
             self.ours.create_service(self.basic, names[name], self.echo)
         await stays.ask(
             "action_server", name=names["goals_theirs"], type=FIBONACCI, how="succeed", result={"sequence": [7]}
@@ -62,7 +65,7 @@ class Soak:
         self.ours.declare_parameter("number", 0)
         await stays.ask("declare", parameters={"number": 0})
         await stays.ask("client", name=names["ours"], type=BASIC)
-        await stays.ask("client", name=names["mixed"], type=BASIC)
+        await stays.ask("client", name=names["both_for_them"], type=BASIC)
         await stays.ask("action_client", name=names["goals_ours"], type=FIBONACCI)
 
     def echo(self, request: Any) -> Any:
@@ -141,14 +144,14 @@ class Soak:
         while not self.is_over:
             peer = start_mortal("mortal")
             await peer.ask("serve", name=name, type=TRIGGER, how="trigger", note="alive")
-            await peer.ask("client", name=self.names["ours"], type=BASIC)
+            await peer.ask("client", name=self.names["ours_mortal"], type=BASIC)
             assert (await client.call(self.trigger.Request(), WAIT_S)).message == "alive"
             end = asyncio.get_running_loop().time() + KILLED_EVERY_S
             while asyncio.get_running_loop().time() < end and not self.is_over:
-                (answer,) = await peer.ask("call", name=self.names["ours"], requests_=[{"int64_value": 5}])
+                (answer,) = await peer.ask("call", name=self.names["ours_mortal"], requests_=[{"int64_value": 5}])
                 assert answer["int64_value"] == 5
                 await asyncio.sleep(_PAUSE_S)
-            cut_off = peer.tell("call", name=self.names["ours"], requests_=[{}] * 5)
+            cut_off = peer.tell("call", name=self.names["ours_mortal"], requests_=[{}] * 5)
             lost = asyncio.ensure_future(client.call(self.trigger.Request(), 3))
             await asyncio.sleep(0)
             await asyncio.to_thread(peer.kill)
@@ -168,9 +171,10 @@ async def test_soak_nothing_that_was_answered_is_lost(
     await soak.prepare()
     work = {
         "our calls to theirs": soak.our_calls("theirs"),
-        "our calls to both": soak.our_calls("mixed"),
+        "our calls beside clients that are killed": soak.our_calls("ours_mortal"),
+        "our calls to both": soak.our_calls("both_for_us"),
         "their calls to ours": soak.their_calls("ours"),
-        "their calls to both": soak.their_calls("mixed"),
+        "their calls to both": soak.their_calls("both_for_them"),
         "our goals": soak.our_goals(),
         "their goals": soak.their_goals,
         "our parameters": soak.our_parameters(),
