@@ -35,6 +35,21 @@ pytest_pyfunc_call = _runtime.pytest_pyfunc_call
 domain_id: Callable[[], int] = _runtime.domain_id
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", "only_with(distro): there is no such test with the other distribution")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave tests out that need what one distribution does not have."""
+
+    def exists(item: pytest.Item) -> bool:
+        marker = item.get_closest_marker("only_with")
+        return marker is None or f"[{marker.args[0]}" in item.name
+
+    config.hook.pytest_deselected(items=[item for item in items if not exists(item)])
+    items[:] = filter(exists, items)
+
+
 @pytest.fixture(scope="session", params=["jazzy", "kilted"])
 def distro(request: pytest.FixtureRequest) -> str:
     return str(request.param)
