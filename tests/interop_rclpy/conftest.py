@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from peer_process import Peer
+from rclpy_peer import Peer
 from private_network import PrivateNetwork
 
 _spec = importlib.util.spec_from_file_location(

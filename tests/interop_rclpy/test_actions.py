@@ -6,7 +6,7 @@ import asyncio
 from typing import Any
 
 import pytest
-from peer_process import Peer
+from rclpy_peer import Peer
 from rclpy_worlds import action, fresh, plain, random_values, until
 
 from rosidl_py_gen import from_dict

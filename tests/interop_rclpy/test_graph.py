@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from peer_process import Peer
+from rclpy_peer import Peer
 from rclpy_worlds import fresh, message, service, until
 
 from rosidl_py_gen import type_hash

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from peer_process import Peer
+from rclpy_peer import Peer
 from rclpy_worlds import fresh, message, plain, service
 
 from rosidl_py_gen import from_dict

@@ -6,7 +6,7 @@ import logging
 from typing import Any
 
 import pytest
-from peer_process import Peer
+from rclpy_peer import Peer
 from rclpy_worlds import fresh, message, plain, repeated, service, until
 
 from rosidl_py_gen import from_dict, get_message, type_hash

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from peer_process import Peer
+from rclpy_peer import Peer
 from rclpy_worlds import fresh, repeated, until
 
 from rosidl_py_gen.runtime import Node, ParameterDescriptor, ParameterNotDeclared, ParameterType

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from peer_process import Peer
+from rclpy_peer import Peer
 from rclpy_worlds import fresh, service, until
 
 KIND = "std_srvs/srv/Trigger"

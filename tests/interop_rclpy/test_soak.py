@@ -14,7 +14,7 @@ from contextlib import suppress
 from typing import Any
 
 import pytest
-from peer_process import Peer, PeerError
+from rclpy_peer import Peer, PeerError
 from rclpy_worlds import action, fresh, service
 
 from rosidl_py_gen.runtime import ServerGoal, cyclone
