@@ -1,6 +1,7 @@
 """Commands about services."""
 
 import messages
+from rclpy.qos import QoSProfile
 
 
 def _answer(values):
@@ -75,10 +76,11 @@ async def call(peer, name, requests_):
 async def many_clients(peer, name, type, clients, calls):
     """Calls of test_msgs/srv/BasicTypes from several clients at once, each call behind its client's last.
 
-    More requests in flight than the ten that services and clients keep would be lost. Returns how many answers were
-    those to their request.
+    Every answer goes to every client. By default those keep ten, so that a client that is not scheduled for a moment
+    would lose its own among those of the others; these keep more. Returns how many answers were those to their request.
     """
-    made = [peer.node.create_client(messages.load(type), name) for _ in range(clients)]
+    deep = QoSProfile(depth=1000)
+    made = [peer.node.create_client(messages.load(type), name, qos_profile=deep) for _ in range(clients)]
     for one in made:
         await peer.until(one.service_is_ready)
     tasks = [peer.executor.create_task(_call_often, one, index, calls) for index, one in enumerate(made)]
