@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from rclpy_peer import Peer
 from private_network import PrivateNetwork
+from rclpy_peer import Peer
 
 _spec = importlib.util.spec_from_file_location(
     "runtime_conftest", Path(__file__).parent.parent / "runtime" / "conftest.py"

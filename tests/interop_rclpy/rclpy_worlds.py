@@ -12,8 +12,8 @@ from collections.abc import Awaitable, Callable, Coroutine
 from pathlib import Path
 from typing import Any, TypeVar
 
-from rclpy_peer import Peer
 from random_messages import RandomMessages
+from rclpy_peer import Peer
 
 from rosidl_py_gen import get_action, get_message, get_service, to_json
 

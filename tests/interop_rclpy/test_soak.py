@@ -61,7 +61,7 @@ class Soak:
         await stays.ask(
             "action_server", name=names["goals_theirs"], type=FIBONACCI, how="succeed", result={"sequence": [7]}
         )
-        self.ours.create_action_server(self.fibonacci, names["goals_ours"], self.execute)
+        self.ours.create_action_server(self.fibonacci, names["goals_ours"], self.execute, result_timeout_s=5)
         self.ours.declare_parameter("number", 0)
         await stays.ask("declare", parameters={"number": 0})
         await stays.ask("client", name=names["ours"], type=BASIC)
@@ -164,10 +164,14 @@ class Soak:
 
 @pytest.mark.timeout(60 * MINUTES + 240)
 async def test_soak_nothing_that_was_answered_is_lost(
-    dds: Any, shared_peer: Peer, start_mortal: Callable[[str], Peer], monkeypatch: pytest.MonkeyPatch
+    dds: Any,
+    start_peer: Callable[..., Peer],
+    start_mortal: Callable[[str], Peer],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", _LOSSES)
-    soak = Soak(dds, shared_peer)
+    stays = start_peer("soak_peer", wide=True)
+    soak = Soak(dds, stays)
     await soak.prepare()
     work = {
         "our calls to theirs": soak.our_calls("theirs"),
@@ -195,3 +199,4 @@ async def test_soak_nothing_that_was_answered_is_lost(
     assert soak.count["killed"] >= 1
     assert grown_mb < 8 + 2 * MINUTES
     assert cyclone._fast_dds.refusal is None
+    stays.kill()
