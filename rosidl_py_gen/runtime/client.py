@@ -222,19 +222,27 @@ class Client(Generic[RequestT, ResponseT]):
 
     def _send(self, encoded: bytes, sequence: int) -> bool:
         """Write a request; False when the servers are so far behind that it has to wait."""
-        if not self._serves_fast_dds:
-            with self._sending:
-                sent = send(self._writer, encoded, self._writer.handle, sequence)
-                self._sent += sent
-                return sent
-        if len(self._sent_as) > 2 * len(self._pending) + _FORGOTTEN_CALLS:
-            self._sent_as = {sent: number for sent, number in self._sent_as.items() if number in self._pending}
         with self._sending:
             number = self._sent + 1
-            self._sent_as[number] = sequence
-            sent = send(self._writer, encoded, self._reader.guid, number)
+            client: ClientId = self._writer.handle
+            shown = sequence
+            if self._serves_fast_dds:
+                client, shown = self._reader.guid, number
+                self._note_number(number, sequence)
+            try:
+                sent = send(self._writer, encoded, client, shown)
+            except RosidlError:
+                raise
+            except BaseException:
+                self._sent = number  # it was written; what interrupted us came behind
+                raise
             self._sent += sent
         return sent
+
+    def _note_number(self, number: int, sequence: int) -> None:
+        if len(self._sent_as) > 2 * len(self._pending) + _FORGOTTEN_CALLS:
+            self._sent_as = {sent: known for sent, known in self._sent_as.items() if known in self._pending}
+        self._sent_as[number] = sequence
 
     def _expire(self, sequence: int, timeout_s: float) -> None:
         future = self._pending.pop(sequence, None)

@@ -11,6 +11,8 @@ Every function releases the GIL for its duration (ctypes.CFUNCTYPE), so that a D
 from __future__ import annotations
 
 import ctypes as ct
+import signal
+import threading
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime.transport import TransportError
@@ -164,3 +166,21 @@ class Api:
             words = self.strretcode(code)
             raise TransportError(f"Cyclone DDS could not {doing}: {words.decode()} ({code})")
         return code
+
+
+def undisturbed(function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call into Cyclone, from where it may call functions of ours, and let Ctrl-C wait until it is back.
+
+    Python runs signal handlers in the main thread, in whatever Python function is next. One that raises in a function
+    that C has called leaves C with a result that nobody made.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return function(*arguments)
+    noted: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: noted.append(number))
+    try:
+        return function(*arguments)
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+        for number in noted[:1]:
+            signal.raise_signal(number)

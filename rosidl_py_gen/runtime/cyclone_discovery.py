@@ -16,6 +16,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime import cyclone_abi as abi
+from rosidl_py_gen.runtime.cyclone_greeting import greet
 from rosidl_py_gen.runtime.cyclone_qos import read_profile, read_user_data
 from rosidl_py_gen.runtime.logging import get_root_logger
 from rosidl_py_gen.runtime.transport import FAST_DDS_VENDOR, EndpointFound, Lost, ParticipantFound
@@ -78,8 +79,8 @@ class DiscoveryReaders:
                 if reader == participants:
                     self._fast_dds.settle(participants, news)
                 self._events.extend(news)
-            if self._strangers:
-                self._fast_dds.greet(self._domain_id, self._strangers)
+            if self._strangers and self._fast_dds.refusal is None:
+                greet(self._domain_id, self._strangers)
 
     def report(self) -> None:
         """Pass all news to the sink."""
@@ -87,7 +88,8 @@ class DiscoveryReaders:
         if self._strangers:
             # Again: Cyclone tells of a writer a moment before it connects it with our readers.
             strangers, self._strangers = self._strangers, []
-            self._fast_dds.greet(self._domain_id, strangers)
+            if self._fast_dds.refusal is None:
+                greet(self._domain_id, strangers)
         complaint = self._fast_dds.complaint()
         if complaint is not None:
             get_root_logger().warning(complaint)

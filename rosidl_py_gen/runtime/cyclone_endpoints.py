@@ -68,6 +68,8 @@ class CycloneWriter:
         if identity is None:
             code = self._dds_write(self._entity, _by_reference(_Container(data, len(data))))
         else:
+            if self._entity == 0:
+                raise ClosedError(f"the writer of {self._topic} is closed")
             type_object = self._owner.type_object(self._type)
             code = self._owner.fast_dds.write(self._entity, self.guid, type_object, data, identity)
         if code == 0:
@@ -106,6 +108,7 @@ class CycloneWriter:
         if entity:
             self._api.delete(entity)
             self._owner.release_topic(self._topic, self._type)
+            self._owner.fast_dds.sweep()
 
 
 # -------------------------------------------------------------------------------------------------------------- reader
@@ -143,6 +146,7 @@ class CycloneReader:
         self.sink: Sink | None = None
         self._api = owner.api
         self._take = owner.api.bare_take
+        self._samples = owner.fast_dds.samples(owner.type_object(type))
         self._free = owner.api.free
         self._buffers = owner.buffers
         self._big_endian = owner.big_endian
@@ -186,7 +190,11 @@ class CycloneReader:
         found = False
         count = _BATCH
         while count == _BATCH:
-            count = self._take(self.entity, buffers.pointers, buffers.infos, buffers.size, _BATCH)
+            arguments = (self.entity, buffers.pointers, buffers.infos, buffers.size, _BATCH)
+            if self._samples is not None and self._samples.sends:
+                count = abi.undisturbed(self._take, *arguments)
+            else:
+                count = self._take(*arguments)
             now = _time_ns()
             for index in range(count):
                 pointer, size = _container_fields(buffers.container_bytes, 16 * index)

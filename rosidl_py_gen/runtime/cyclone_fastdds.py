@@ -26,25 +26,21 @@ Source: fastdds.md 3 to 6; protocol.md 5.3.
 
 from __future__ import annotations
 
-import contextlib
 import ctypes as ct
-import os
 import platform
-import socket
-import stat
 import struct
 import threading
 from collections import deque
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
+from rosidl_py_gen.runtime import cyclone_abi as abi
 from rosidl_py_gen.runtime import rtps
 from rosidl_py_gen.runtime.transport import FAST_DDS_VENDOR, IDENTITY_BYTES, Lost, identified
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from rosidl_py_gen.runtime.cyclone_abi import Api
     from rosidl_py_gen.runtime.transport import DiscoveryEvent, Identity
 
 
@@ -62,7 +58,10 @@ class _Layout(NamedTuple):
     fragment_message: int = 24
     packet: int = 48
     out_iov: int = 40
+    out_room: int = 8
     out_size: int = 16
+    out_has_parameters: int = 24
+    out_payload: int = 32
     out_data: int = 152
     out_head: int = 40
 
@@ -90,19 +89,6 @@ _TwoIov = ct.c_uint64 * 4
 _address_of = ct.PYFUNCTYPE(_Ptr, ct.py_object)(("PyBytes_AsString", ct.pythonapi))
 _ensure_thread_state = ct.PYFUNCTYPE(ct.c_int)(("PyGILState_Ensure", ct.pythonapi))
 _bytes_at = ct.PYFUNCTYPE(ct.py_object, _Ptr, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
-
-
-def _data_ports(domain_id: int) -> list[int]:
-    """Source: protocol.md 10.6."""
-    first = 7400 + 250 * domain_id + 11
-    ports = []
-    for descriptor in os.listdir("/proc/self/fd"):
-        with contextlib.suppress(OSError):  # closed in the meantime
-            if stat.S_ISSOCK(os.fstat(int(descriptor)).st_mode):
-                with socket.socket(fileno=os.dup(int(descriptor))) as own:
-                    if (own.family, own.type) == (socket.AF_INET, socket.SOCK_DGRAM):
-                        ports.append(own.getsockname()[1])
-    return [port for port in ports if port in range(first, first + 239, 2)]
 
 
 class _Threads(threading.local):
@@ -145,7 +131,8 @@ class _Samples:
         self._to_ser_ref_function = ct.CFUNCTYPE(*_ToSerRef)(self._to_ser_ref)
         self._to_sample_function = ct.CFUNCTYPE(*_ToSample)(self._to_sample)
         self._receivers = (self.table[layout.from_ser], ct.cast(self._receive_function, _Ptr).value)
-        self._sends = False
+        self.sends = False
+        """Whether samples with an identity were written. From then on taking samples calls a function of ours."""
 
     def look_into_received(self, look: bool) -> None:
         """Whether received samples are looked into."""
@@ -153,8 +140,8 @@ class _Samples:
 
     def prepare_sending(self) -> None:
         """To be called before a sample with an identity is written."""
-        if not self._sends:
-            self._sends = True
+        if not self.sends:
+            self.sends = True
             self.table[self._layout.to_ser_ref] = ct.cast(self._to_ser_ref_function, _Ptr).value
             self.table[self._layout.to_sample] = ct.cast(self._to_sample_function, _Ptr).value
 
@@ -283,7 +270,7 @@ class FastDds:
 
     # -------------------------------------------------------------------------------------------- participants
 
-    def listener(self, api: Api) -> int | None:
+    def listener(self, api: abi.Api) -> int | None:
         """A listener for a reader of participants; to be deleted once the reader has it. None where there is no use."""
         if self.refusal is not None:
             return None
@@ -324,16 +311,11 @@ class FastDds:
         for samples in self._samples.values():
             samples.look_into_received(look)
 
-    def greet(self, domain_id: int, writer_guids: Iterable[bytes]) -> None:
-        """Send greetings of these writers to the socket of this process on which the domain's samples arrive."""
-        if self.refusal is not None:
-            return
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
-            for port in _data_ports(domain_id):
-                for guid in writer_guids:
-                    out.sendto(rtps.greeting(guid), ("127.0.0.1", port))
-
     # -------------------------------------------------------------------------------------------------- sending
+
+    def samples(self, type_object: int) -> _Samples | None:
+        """The functions for samples of that type, if some of them are ours."""
+        return self._tables.get(_Ptr.from_address(type_object + self.layout.sertype_table).value or 0)
 
     def write(self, entity: int, writer_guid: bytes, type_object: int, data: bytes, identity: Identity) -> int:
         """Send a sample with its identity; returns Cyclone's code, as `dds_write` does.
@@ -355,7 +337,7 @@ class FastDds:
         samples.prepare_sending()
         self._ref(sample)
         self.outgoing[sample] = _Outgoing(packed, address, writer_guid[12:], identity)
-        code: int = self._write(entity, sample)
+        code: int = abi.undisturbed(self._write, entity, sample)
         self._to_forget.append(sample)
         self.sweep(_PATIENCE)
         return code
@@ -385,7 +367,12 @@ class FastDds:
         out = _bytes_at(iov - layout.out_iov, layout.out_data + 8)
         size = int.from_bytes(out[layout.out_size : layout.out_size + 8], "little")
         address = int.from_bytes(out[layout.out_data :], "little")
-        if address and rtps.DATA_FRAG_BYTES <= size < 65536:
+        room = int.from_bytes(out[layout.out_room : layout.out_room + 8], "little")
+        if any(out[layout.out_payload : layout.out_payload + 8]) or not rtps.DATA_FRAG_BYTES <= size <= room:
+            return False  # no packet is being made: the sample is copied for somebody
+        if any(out[layout.out_has_parameters : layout.out_has_parameters + 4]):
+            return False  # Cyclone has put some in, for a reader that wants hashes of keys
+        if address:
             data = _bytes_at(address, layout.out_head + size)
             if data[0] == rtps.INFO_SRC and data[24] == rtps.INFO_DST:
                 for kind, length in ((rtps.DATA, rtps.DATA_BYTES), (rtps.DATA_FRAG, rtps.DATA_FRAG_BYTES)):

@@ -48,7 +48,8 @@ def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> Iden
 
     Args:
         packet: the first 20 bytes, the RTPS header.
-        submessage: DATA or DATA_FRAG with its parameters, up to the payload.
+        submessage: DATA or DATA_FRAG with its parameters, up to the payload, as Cyclone leaves it: the numbers of the
+            header in the byte order of this machine (little-endian), the id of the writer turned round with them.
 
     Returns:
         None when there is none: a sample of another middleware, or a reply nobody asked for that way.
@@ -56,22 +57,23 @@ def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> Iden
     Raises:
         ValueError: these are no such bytes.
     """
-    if packet[:4] != b"RTPS" or len(submessage) < DATA_BYTES or submessage[0] not in (DATA, DATA_FRAG):
+    if packet[:4] != b"RTPS" or not submessage or submessage[0] not in (DATA, DATA_FRAG):
         raise ValueError(f"no RTPS data: {packet.hex()} {submessage[:DATA_BYTES].hex()}")
+    if len(submessage) < DATA_BYTES:
+        return None  # of a peer that lets its payload begin inside the header
     flags, vendor = submessage[1], packet[6:8]
-    order = flags & _LITTLE
     found = None
     if flags & HAS_PARAMETERS:
-        after_header = 8 + int.from_bytes(submessage[6:8], "little" if order else "big")
-        found = _find_identity(submessage, after_header, order, vendor in _VENDORS_OF_EARLIER)
+        after_header = 8 + int.from_bytes(submessage[6:8], "little")
+        found = _find_identity(submessage, after_header, flags & _LITTLE, vendor in _VENDORS_OF_EARLIER)
     if is_reply:
         return found
-    high, low = _sequence_numbers[order](submessage, 16)
+    high, low = _sequence_numbers[_LITTLE](submessage, 16)
     if found is not None and any(found[0]):
         return found[0], high << 32 | low
     if vendor != FAST_DDS_VENDOR:
         return None
-    return packet[8:20] + submessage[12:16], high << 32 | low
+    return packet[8:20] + submessage[15:11:-1], high << 32 | low
 
 
 def _find_identity(submessage: bytes, offset: int, order: int, knows_earlier: bool) -> Identity | None:

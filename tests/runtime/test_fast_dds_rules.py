@@ -10,6 +10,7 @@ import _thread
 import asyncio
 import ctypes as ct
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -376,7 +377,7 @@ class Packet:
             bytes((source,)).ljust(24, b"\0") + bytes((rtps.INFO_DST,)).ljust(16, b"\0") + submessage
         )
         self.words = (ct.c_uint64 * 20)()
-        self.words[2] = len(submessage)
+        self.words[1] = self.words[2] = len(submessage)  # room, and how much is in it
         self.words[19] = ct.addressof(self.data)
         self.iov = ct.addressof(self.words) + 40
 
@@ -393,9 +394,8 @@ WRITTEN = bytes(8) + b"\0\0\0\0" + WRITER + bytes(8)
         (Packet(bytes(12) + bytes((0x17, 1)) + WRITTEN[2:]), False),
         (Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:12] + b"\0\0\x15\x03" + bytes(8)), False),
         (Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:], source=0), False),
-        (Packet(bytes((rtps.DATA, 1)) + WRITTEN[2:] + bytes(4)), False),
     ],
-    ids=["DATA", "DATA_FRAG", "another submessage", "of another writer", "another head", "too short"],
+    ids=["DATA", "DATA_FRAG", "another submessage", "of another writer", "another head"],
 )
 def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: Packet, is_known: bool) -> None:
     fast_dds = FastDds(cyclone._library)
@@ -404,6 +404,45 @@ def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: P
     changed = [index for index, (old, new) in enumerate(zip(before, packet.data.raw, strict=True)) if old != new]
     assert len(changed) == is_known
     assert (fast_dds.refusal is None) is is_known
+
+
+@pytest.mark.parametrize(("word", "value"), [(1, 1), (3, 1), (4, 1)], ids=["room", "other parameters", "has a message"])
+def test_what_is_no_packet_being_made_is_left_alone_without_distrust(word: int, value: int) -> None:
+    fast_dds = FastDds(cyclone._library)
+    packet = Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:])
+    packet.words[word] = value
+    before = packet.data.raw
+    assert not fast_dds.announce_parameters(packet.iov, WRITER)
+    assert packet.data.raw == before and fast_dds.refusal is None
+
+
+async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None) -> None:
+    client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
+    fast_dds: Any = cyclone._fast_dds
+    await client.call(SetBool.Request(), timeout_s=10)
+    samples = next(one for one in fast_dds._tables.values() if one.sends)
+    plain, inside = samples._plain_to_ser_ref, []
+
+    def interrupted(*arguments: int) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        inside.append(arguments)
+        return plain(*arguments)
+
+    with program(SERVER):
+        types = dds.node("other").create_client(GetParameterTypes, "types")
+        assert await types.wait_for_service(timeout_s=20)
+        for one in fast_dds._tables.values():
+            one._plain_to_ser_ref = interrupted
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                types._send(GetParameterTypes.Request(names=["x"]).encode(), 1)
+        finally:
+            signal.signal(signal.SIGINT, before)
+            for one in fast_dds._tables.values():
+                one._plain_to_ser_ref = plain
+        assert inside
+        assert (await types.call(GetParameterTypes.Request(names=["abc"]), timeout_s=10)).types.tolist() == [3]
 
 
 async def test_after_something_that_is_not_as_known_calls_are_refused_instead_of_lost(

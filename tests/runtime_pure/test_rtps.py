@@ -22,12 +22,11 @@ def packet(vendor: bytes) -> bytes:
 
 
 def submessage(parameters: bytes = b"", *, big: bool = False, number: int = 7, kind: int = rtps.DATA) -> bytes:
-    """DATA or DATA_FRAG up to the payload."""
-    order = ">" if big else "<"
+    """DATA or DATA_FRAG up to the payload, as Cyclone leaves it: all but the parameters in our byte order."""
     flags = (0 if big else 1) | (rtps.HAS_PARAMETERS if parameters else 0)
     length = rtps.DATA_BYTES if kind == rtps.DATA else rtps.DATA_FRAG_BYTES
-    head = struct.pack(f"{order}BBHHH", kind, flags, 0, 0, length - 8)
-    head += b"\0\0\0\0" + WRITER_ID + struct.pack(f"{order}iI", number >> 32, number & 0xFFFFFFFF)
+    head = struct.pack("<BBHHH", kind, flags, 0, 0, length - 8)
+    head += b"\0\0\0\0" + WRITER_ID[::-1] + struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)
     return head.ljust(length, b"\0") + parameters
 
 
@@ -76,6 +75,11 @@ def test_requests_that_name_nobody_are_answered_to_their_writer(parameters: byte
 @pytest.mark.parametrize("is_reply", [False, True])
 def test_samples_of_others_have_no_identity(vendor: bytes, is_reply: bool) -> None:
     assert rtps.read_submessage(packet(vendor), submessage(), is_reply=is_reply) is None
+
+
+@pytest.mark.parametrize("length", [1, 8, 20, 23])
+def test_a_payload_inside_the_header_has_no_identity_and_is_no_reason_for_distrust(length: int) -> None:
+    assert rtps.read_submessage(packet(FAST), submessage()[:length], is_reply=False) is None
 
 
 def test_other_parameters_are_passed_over() -> None:
