@@ -82,8 +82,9 @@ def referenced_classes(subject: object) -> dict[str, type]:
 def constants(cls: type) -> dict[str, bool | int | float | str]:
     """The constants of a generated class by name."""
     annotations: dict[str, object] = getattr(cls, "__annotations__", {})
-    names = (name for name, kind in annotations.items() if "ClassVar" in str(kind) and name != "_TYPE")
-    return {name: getattr(cls, name) for name in names}
+    # The annotation of a field shows the same word when its type is called so; what the class holds for it is no value.
+    held = {name: getattr(cls, name) for name, kind in annotations.items() if "ClassVar" in str(kind)}
+    return {name: value for name, value in held.items() if isinstance(value, (bool, int, float, str))}
 
 
 def _referenced(cls: type) -> list[type]:

@@ -30,6 +30,7 @@ from rosidl_py_gen import (
     type_hash,
     type_name,
 )
+from rosidl_py_gen.typesupport import constants
 
 HASHES: dict[str, str] = json.loads((TESTS / "vectors" / "type_hashes.json").read_text(encoding="utf-8"))
 DERIVED = ("_Request", "_Response", "_Event", "_Goal", "_Result", "_Feedback", "_FeedbackMessage")
@@ -242,3 +243,14 @@ def test_a_foreign_package_of_the_same_name_is_not_imported(tmp_path: Any) -> No
         env={"PYTHONPATH": f"{tmp_path}:{TESTS.parent}"},
     )  # fmt: skip
     assert done.stdout.strip() == "00010000020000007800", done.stderr
+
+
+def test_a_field_whose_type_is_called_class_var_is_no_constant() -> None:
+    """It made a second class of the type, and values of the one were no values of the other."""
+    cls = compile_text(
+        "b_msgs/msg/Outer",
+        f"Inner inner\n{'=' * 80}\nMSG: b_msgs/Inner\nClassVar a\nint8 N=1\n{'=' * 80}\nMSG: b_msgs/ClassVar\n",
+    )
+    inner = type(cls().inner)
+    assert constants(inner) == {"N": 1}
+    assert decode(cls, encode(cls(inner=inner()))) == cls()
