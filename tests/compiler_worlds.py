@@ -109,7 +109,7 @@ def run(folder: Path, out: Path, wanted: list[str] | None = None) -> Run:
 @contextmanager
 def importable(out: Path) -> Iterator[None]:
     """Generated packages in `out` can be imported inside the block and are forgotten behind it."""
-    before = set(sys.modules)
+    out, before = out.absolute(), set(sys.modules)
     sys.path.insert(0, str(out))
     importlib.invalidate_caches()
     try:

@@ -13,6 +13,7 @@ import os
 import subprocess
 import threading
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -113,15 +114,14 @@ class Peer:
             pipe.close()
 
     def close(self) -> None:
-        """Let it end in an orderly way; kill it when it does not. Without effect when it has ended."""
+        """Let it end in an orderly way; kill it when it does not: what rclpy does at its end is not what is tested."""
         if self._process.poll() is not None:
             return
         assert self._process.stdin is not None
         self._process.stdin.close()
-        try:
-            assert self._process.wait(10) == 0, f"peer {self.name} did not end well"
-        finally:
-            self.kill()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(10)
+        self.kill()
 
 
 _abandoned: set[Path] = set()

@@ -170,8 +170,7 @@ async def test_soak_nothing_that_was_answered_is_lost(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("CYCLONEDDS_URI", _LOSSES)
-    stays = start_peer("soak_peer", wide=True)
-    soak = Soak(dds, stays)
+    soak = Soak(dds, start_peer("soak_peer", wide=True))
     await soak.prepare()
     work = {
         "our calls to theirs": soak.our_calls("theirs"),
@@ -199,4 +198,3 @@ async def test_soak_nothing_that_was_answered_is_lost(
     assert soak.count["killed"] >= 1
     assert grown_mb < 8 + 2 * MINUTES
     assert cyclone._fast_dds.refusal is None
-    stays.kill()

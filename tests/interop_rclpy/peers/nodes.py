@@ -2,6 +2,7 @@
 
 import messages
 import rclpy
+from rclpy.client import Client
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
@@ -40,8 +41,9 @@ async def remote(peer, node, method, argument):
     if method.startswith("set_"):
         argument = [Parameter(name, value=value) for name, value in argument.items()]
     response = await getattr(made, method)(argument)
-    for one in ("_list_parameter_client", "_get_parameter_client", "_set_parameter_client"):
-        peer.node.destroy_client(getattr(made, one))
+    for one in list(vars(made).values()):
+        if isinstance(one, Client):
+            peer.node.destroy_client(one)
     return messages.to_plain(response)
 
 
