@@ -44,9 +44,12 @@ _IDENTIFIED = b"\xfd\x5d"
 _identity = struct.Struct("<16sq")
 
 
+_FILL = (b"", b"\0\0\0", b"\0\0", b"\0")
+
+
 def in_fours(data: Payload) -> bytes:
     """The sample as it is on the wire, in multiples of four bytes: DDS would add what lies behind it in memory."""
-    return b"".join((data, bytes(-len(data) & 3)))
+    return bytes(data) + _FILL[len(data) & 3]
 
 
 def identified(data: Payload, identity: Identity) -> bytes:
