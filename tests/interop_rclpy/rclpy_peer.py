@@ -13,7 +13,6 @@ import os
 import subprocess
 import threading
 from concurrent.futures import Future
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -114,14 +113,15 @@ class Peer:
             pipe.close()
 
     def close(self) -> None:
-        """Let it end in an orderly way; kill it when it does not: what rclpy does at its end is not what is tested."""
+        """Let it end in an orderly way; kill it when it does not. Without effect when it has ended."""
         if self._process.poll() is not None:
             return
         assert self._process.stdin is not None
         self._process.stdin.close()
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(10)
-        self.kill()
+        try:
+            assert self._process.wait(10) == 0, f"peer {self.name} did not end well"
+        finally:
+            self.kill()
 
 
 _abandoned: set[Path] = set()
