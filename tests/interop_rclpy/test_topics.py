@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from rclpy_peer import Peer
@@ -12,6 +12,9 @@ from rclpy_worlds import digest, fresh, message, plain, random_bytes, random_val
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.runtime import Node, QoSProfile
 from rosidl_py_gen.runtime.qos import SENSOR_DATA
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 TYPES = [
     *(f"std_msgs/msg/{name}" for name in ("String", "Empty", "Header", "ColorRGBA", "Float64MultiArray")),
@@ -76,6 +79,23 @@ async def test_random_messages_arrive_as_sent(dds: Any, shared_peer: Peer, name:
 async def test_a_key_of_a_nested_message_alone_makes_no_difference(dds: Any, shared_peer: Peer) -> None:
     name = "test_msgs/msg/NonKeyedWithNestedKey"
     await exchange(dds.node("tester"), shared_peer, name, random_values(shared_peer.share, name))
+
+
+async def test_endpoints_are_found_after_peers_told_each_other_their_types(
+    dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer]
+) -> None:
+    """Peers of Kilted ask each other for the definitions of types, and Cyclone hears the answers. It takes arrays in
+    them for wrong, and from then on ignores endpoints of such types; so it is told to look at no type information.
+    """
+    node, name = dds.node("tester"), "test_msgs/msg/Arrays"
+    cls, first = message(shared_peer, name), fresh("before")
+    await hearing_peer(node, shared_peer, cls, first, KEEP, THEY_KEEP)
+    other = start_peer("other_peer")  # asks for the types of all that shared_peer has
+    await hearing_peer(node, other, message(shared_peer, "std_msgs/msg/String"), first + "_other", KEEP, THEY_KEEP)
+    await other.ask("subscribe", topic=first + "_both", type="std_msgs/msg/String")
+    await shared_peer.ask("publisher", topic=first + "_both", type="std_msgs/msg/String")
+    await other.ask("matched", topic=first + "_both")
+    await hearing_peer(node, shared_peer, cls, fresh("after"), KEEP, THEY_KEEP)
 
 
 @pytest.mark.only_with("kilted")  # Jazzy's test_msgs have no keys
