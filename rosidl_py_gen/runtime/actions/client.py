@@ -143,7 +143,7 @@ class ActionClient(Generic[ActionT_co]):
             ActionTimeoutError: no answer in `timeout_s` seconds; a `TimeoutError`.
             EncodeError, TypeError: the goal does not fit its type.
             ActionArgumentError: no goal id, or one of a goal of this client that has not ended.
-            ForeignServiceError, ClosedError.
+            ForeignServiceError, ClosedError: as their names say.
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
         require_timeout(timeout_s)

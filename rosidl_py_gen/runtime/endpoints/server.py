@@ -73,7 +73,7 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
 
         Raises:
             EncodeError: the response does not fit its type; the request stays unanswered and may be tried again.
-            AlreadyRespondedError, ClosedError.
+            AlreadyRespondedError, ClosedError: as their names say.
         """
         if self._responded:
             raise AlreadyRespondedError(f"this request to {self._server.name} was answered already")

@@ -91,7 +91,7 @@ class NodeActions:
         Goals that have not started (waiting in line, or deferred) end as CANCELED when a cancel is accepted.
 
         Raises:
-            InvalidNameError, TypeNotFoundError, ClosedError.
+            InvalidNameError, TypeNotFoundError, ClosedError: as their names say.
             TypeError, ActionArgumentError, ValueError: an argument is of no use, or `accept` comes without `execute`.
         """
         from rosidl_py_gen.runtime.actions.server import ActionServer

@@ -78,7 +78,7 @@ class Context:
         transport: None means DDS; a `MemoryTransport` stays inside this process.
 
     Raises:
-        EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError.
+        EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError: as their names say.
         TransportError: DDS refused, the domain is open with other settings, or this process was forked from one that
             uses DDS.
     """

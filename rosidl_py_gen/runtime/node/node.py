@@ -169,7 +169,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         """Publish on `topic`. A type given as text makes the messages dicts.
 
         Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError.
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
         publisher = Publisher(self.scope, message_type(msg_type), self._names.resolve_topic(topic), as_profile(qos))
@@ -226,7 +226,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
             ignore_local: nothing from publishers of this context.
 
         Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError.
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
         known = message_type(msg_type)
@@ -269,7 +269,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         """Serve `name`: with a handler ``(request) -> response``, plain or async; without, iterate over the requests.
 
         Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError.
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
         known = service_type(srv_type)
@@ -289,7 +289,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         """Call the service `name`.
 
         Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError.
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
         known = service_type(srv_type)

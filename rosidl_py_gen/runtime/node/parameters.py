@@ -147,7 +147,7 @@ class NodeParameters:
         """Declare one parameter and return its value, which is the override's if there is one.
 
         Raises:
-            ParameterAlreadyDeclared, InvalidParameterName, InvalidParameterValue, WrongParameterType.
+            ParameterAlreadyDeclared, InvalidParameterName, InvalidParameterValue, WrongParameterType: as their names say.
             TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
         self.scope.require_open(self._closed, "the node")
@@ -184,7 +184,7 @@ class NodeParameters:
             type: ``bool``, ``int``, ``float``, ``str``, ``bytes``, or a list of one of the first four. None: any.
 
         Raises:
-            ParameterNotDeclared, WrongParameterType (names both types).
+            ParameterNotDeclared, WrongParameterType: as their names say.
         """
         value = self._store.peek(require_name(name))
         kind = None if type is None else _kind_of(type)
@@ -341,7 +341,7 @@ class NodeParameters:
 
         Raises:
             TypeDescriptionError: the node's own reason; or it announces no hash for that type, or several.
-            CallTimeoutError. InvalidNameError.
+            CallTimeoutError, InvalidNameError: as their names say.
         """
         node = self._names.resolve_topic(remote_node)
         service = self._names.resolve_service(f"{node}/get_type_description")
