@@ -1,0 +1,90 @@
+"""Read Markdown pages: their code blocks, headings, links, and the tests they name.
+
+Knows the little Markdown that README.md and docs/ use. Code between ``<!-- test`` and ``-->`` is a block that readers
+do not see: it prepares the page's code or checks what it did.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+_FENCE = re.compile(r"^(?P<indent> *)```(?P<language>\w*)(?P<info>[^`]*)$")
+_TITLE = re.compile(r'title="([^"]*)"')
+_CODE = re.compile(r"`[^`\n]*`")
+_LINK = re.compile(r"\[[^\]]*\]\(([^()\s]+)\)")
+_NAMED_TEST = re.compile(r"`((?:…|[\w/]*test_\w+\.py)(?:::test_\w+…?)?)`")
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block; `line` is the 1-based line of its first line of code."""
+
+    language: str
+    title: str
+    text: str
+    line: int
+    hidden: bool = False
+
+
+def blocks(page: Path) -> list[Block]:
+    """All blocks of a page, in order."""
+    found = []
+    lines = iter(enumerate(page.read_text(encoding="utf-8").splitlines(), 1))
+    for number, line in lines:
+        if line == "<!-- test":
+            found.append(Block("python", "", _until(lines, "-->"), number + 1, hidden=True))
+        elif match := _FENCE.match(line):
+            title = _TITLE.search(match["info"])
+            text = _until(lines, match["indent"] + "```")
+            found.append(Block(match["language"], title[1] if title else "", text, number + 1))
+    return found
+
+
+def _until(lines: object, end: str) -> str:
+    taken = []
+    for _, line in lines:  # type: ignore[attr-defined]
+        if line == end:
+            return textwrap.dedent("\n".join(taken)) + "\n"
+        taken.append(line)
+    raise ValueError(f"a block without {end!r}")
+
+
+def prose(page: Path) -> str:
+    """The page without its blocks."""
+    kept: list[str] = []
+    inside = False
+    for line in page.read_text(encoding="utf-8").splitlines():
+        if line.strip().startswith("```"):
+            inside = not inside
+        elif not inside:
+            kept.append(line)
+    return "\n".join(kept)
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link may name behind ``#``: headings as GitHub and mkdocs spell them."""
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower()) for heading in headings}
+
+
+def links(page: Path) -> list[str]:
+    """Targets of all links that do not leave the repository."""
+    targets = _LINK.findall(_CODE.sub("", prose(page)))
+    return [target for target in targets if not re.match(r"[a-z]+:", target)]
+
+
+def named_tests(page: Path) -> list[tuple[str, str]]:
+    """(file, function) of every test a page names; ``…::`` means the file named before, a last ``…`` any ending."""
+    found = []
+    file = ""
+    for name in _NAMED_TEST.findall(prose(page)):
+        first, _, function = name.partition("::")
+        file = file if first == "…" else first
+        found.append((file, function))
+    return found

@@ -1,0 +1,172 @@
+"""Run all code of one page, in order: python run_page.py PAGE.md, in an empty folder.
+
+A block with a title is a file. Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
+background, so that a server of one block answers the client of the next. Shell blocks run what they say to
+``rosidl-py-gen``, and to Python and pytest about files of the page. A text block says what the block before it prints.
+"""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import contextlib
+import importlib
+import inspect
+import io
+import os
+import re
+import shlex
+import sys
+import types
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from doc_pages import ROOT, Block, blocks
+
+import rosidl_py_gen.runtime as runtime
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+PATIENCE_S = float(os.environ.get("PAGE_PATIENCE_S", "30"))
+
+
+class PageError(Exception):
+    """The page is wrong, or its code is."""
+
+
+class Page:
+    """The state between two blocks."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.module = types.ModuleType("page")
+        sys.modules["page"] = self.module
+        self.programs: list[asyncio.Future[Any]] = []
+        self.output = io.StringIO()
+        runtime.run = self.run  # type: ignore[assignment]
+        runtime.spin = lambda *nodes: None
+
+    def run(self, main: Callable[[], Coroutine[Any, Any, Any]]) -> None:
+        """What `rosidl_py_gen.runtime.run` is to the blocks."""
+        self.programs.append(asyncio.ensure_future(main()))
+
+    async def run_all(self) -> None:
+        """Run the page; raises what went wrong."""
+        for block in blocks(self.path):
+            try:
+                await self.run_block(block)
+                for program in self.programs:
+                    if program.done():
+                        program.result()
+            except Exception as error:
+                reason = error if isinstance(error, PageError) else repr(error)
+                raise PageError(f"{self.path.name}:{block.line}: {reason}") from error
+        for program in self.programs:
+            program.cancel()
+        results = await asyncio.gather(*self.programs, return_exceptions=True)
+        for result in results:
+            if isinstance(result, Exception):
+                raise PageError(f"{self.path.name}: {result!r}") from result
+
+    async def run_block(self, block: Block) -> None:
+        """Do what the language and the title say."""
+        if block.title:
+            await self.write(block)
+        elif block.text.startswith("--8<--"):
+            included_example(block)
+        elif block.language == "python":
+            if not block.hidden:
+                self.output = io.StringIO()
+            await self.execute(block)
+        elif block.language == "sh":
+            self.output = io.StringIO()
+            for line in block.text.replace("\\\n", "").splitlines():
+                await self.shell(line)
+        elif block.language == "text":
+            await self.expect(block.text.splitlines())
+        elif block.language not in ("json", "yaml"):
+            raise PageError(f"nobody knows how to test {block.language!r}")
+
+    async def execute(self, block: Block) -> None:
+        """Run Python code that may await; line numbers are those of the page."""
+        source = "\n" * (block.line - 1) + block.text
+        code = compile(source, str(self.path), "exec", ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
+        with contextlib.redirect_stdout(Tee(self)):
+            result = eval(code, self.module.__dict__)
+            if inspect.iscoroutine(result):
+                await asyncio.wait_for(result, PATIENCE_S)
+            await asyncio.sleep(0)  # programs begin
+
+    async def write(self, block: Block) -> None:
+        """Make the file; tests are run, modules imported."""
+        path = Path(block.title)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(block.text, encoding="utf-8")
+        if path.name.startswith("test_"):
+            await self.command([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", block.title])
+        elif path.suffix == ".py":
+            compile(block.text, block.title, "exec")
+
+    async def shell(self, line: str) -> None:
+        """Run what is ours; check that what it names is there."""
+        words = [os.path.expanduser(word) for word in shlex.split(line, comments=True)]
+        for word in words:
+            if re.match(r"(examples|bench|tests|docs)/", word) and not (ROOT / word).exists():
+                raise PageError(f"{word} does not exist")
+        if not words:
+            return
+        ours = words[0] == "rosidl-py-gen" or (words[0] == "python" and Path(words[-1]).is_file())
+        if ours:
+            program = [sys.executable, "-m", "rosidl_py_gen.cli"] if words[0] == "rosidl-py-gen" else [sys.executable]
+            await self.command([*program, *words[1:]], ends_with=int(line.endswith("# ends with 1")))
+
+    async def command(self, command: list[str], ends_with: int = 0) -> None:
+        """Run a program to its end, while the page's own programs go on."""
+        process = await asyncio.create_subprocess_exec(
+            *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+        )
+        output, _ = await asyncio.wait_for(process.communicate(), PATIENCE_S)
+        self.output.write(output.decode())
+        importlib.invalidate_caches()  # it may have made packages
+        if process.returncode != ends_with:
+            raise PageError(f"{shlex.join(command)} ended with {process.returncode}: {output.decode()}")
+
+    async def expect(self, lines: list[str]) -> None:
+        """Wait until the block before has printed these lines first; ``…`` stands for anything."""
+        pattern = "\n".join(re.escape(line).replace("…", ".*") for line in lines) + "\n"
+        for _ in range(int(PATIENCE_S / 0.02)):
+            if re.match(pattern, self.output.getvalue()):
+                return
+            await asyncio.sleep(0.02)
+        raise PageError(f"expected {lines}, printed {self.output.getvalue()!r}")
+
+
+class Tee(io.TextIOBase):
+    """Where programs that go on print to: the output of the block at hand."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+
+    def write(self, text: str) -> int:
+        return self.page.output.write(text)
+
+
+def included_example(block: Block) -> None:
+    """Examples are run by a test of their own."""
+    for line in block.text.splitlines():
+        match = re.fullmatch(r'--8<-- "(examples/[\w./]+)"', line)
+        if match is None or not (ROOT / match[1]).is_file():
+            raise PageError(f"{line} includes no example")
+
+
+async def main() -> None:
+    """Run the page that the command line names."""
+    page = Page(Path(sys.argv.pop(1)).resolve())
+    sys.path[:0] = [os.getcwd(), str(Path("generated").resolve())]
+    with contextlib.redirect_stdout(Tee(page)):
+        await page.run_all()
+
+
+if __name__ == "__main__":
+    asyncio.run(main())

@@ -1,0 +1,54 @@
+"""All code of README.md and docs/ runs and prints what the page says."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from doc_pages import PAGES, ROOT, blocks
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    RunPage = Callable[[Path], subprocess.CompletedProcess[str]]
+
+WITH_CODE = [page for page in PAGES if blocks(page)]
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_code_of_a_page_runs(page: Path, run_page: RunPage) -> None:
+    done = run_page(page)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_shell_blocks_can_be_parsed(page: Path) -> None:
+    for block in blocks(page):
+        if block.language == "sh":
+            done = subprocess.run(["bash", "-n"], input=block.text, text=True, capture_output=True)
+            assert done.returncode == 0, f"{page.name}:{block.line}: {done.stderr}"
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("```python\n1 / 0\n```", "ZeroDivisionError"),
+        ("```python\nprint(1)\n```\n\n```text\n2\n```", "expected ['2'], printed '1\\n'"),
+        ("```python\nasync def main():\n    raise KeyError\n\n\nrun(main)\n```", "KeyError"),
+        ("```sh\nrosidl-py-gen --filter no_such_package --out generated\n```", "no_such_package"),
+        ("```sh\npython examples/no_such_example.py\n```", "no_such_example"),
+        ('```python title="test_one.py"\ndef test_one():\n    assert False\n```', "test_one.py ended with 1"),
+        ('```python\n--8<-- "examples/no_such_example.py"\n```', "includes no example"),
+        ("<!-- test\nassert False\n-->", "AssertionError"),
+    ],
+)
+def test_a_page_that_is_wrong_fails(
+    text: str, error: str, run_page: RunPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- test\nfrom rosidl_py_gen.runtime import run\n-->\n\n" + text + "\n", encoding="utf-8")
+    monkeypatch.setenv("PAGE_PATIENCE_S", "5")
+    done = run_page(page)
+    assert done.returncode == 1 and error in done.stderr, done.stderr

@@ -1,0 +1,75 @@
+"""README.md and docs/ agree with the repository: links, named tests, public names, and what a newcomer has to read."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+from doc_pages import PAGES, ROOT, anchors, links, named_tests, prose
+
+import rosidl_py_gen
+import rosidl_py_gen.runtime
+
+TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
+LINKING = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+API = "\n".join(prose(page) for page in PAGES if page.parent.name == "api")
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("page", LINKING, ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in links(page):
+        target, _, anchor = link.partition("#")
+        path = (page.parent / target).resolve() if target else page
+        assert path.exists(), f"{link}: no such file"
+        assert not anchor or anchor in anchors(path), f"{link}: no such heading"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_tests_that_a_page_names_exist(page: Path) -> None:
+    """A file is named by the end of its path; of several the page means those that have the function."""
+    below = "interop_rclpy" if page.name == "interop.md" else "runtime"
+    for file, function in named_tests(page):
+        paths = [path for path in TESTS if f"/{path.relative_to(ROOT)}".endswith(f"/{file}") and below in str(path)]
+        assert paths, f"no test file {file}"
+        if function:
+            assert any(_has(path, function) for path in paths), f"no test {function} in {file}"
+
+
+def _has(path: Path, function: str) -> bool:
+    names = [node.name for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if hasattr(node, "name")]
+    if function.endswith("…"):
+        return any(name.startswith(function[:-1]) for name in names)
+    return function in names
+
+
+def test_pages_do_name_tests() -> None:
+    counts = {page.name: len(named_tests(page)) for page in PAGES}
+    assert counts["r2r.md"] > 90 and counts["interop.md"] > 15
+
+
+@pytest.mark.parametrize("package", [rosidl_py_gen, rosidl_py_gen.runtime], ids=lambda package: package.__name__)
+def test_every_public_name_has_its_place_on_an_api_page(package: object) -> None:
+    shown = set(re.findall(r"^::: rosidl_py_gen(?:\.runtime)?\.(\w+)$", API, re.MULTILINE))
+    assert sorted(set(package.__all__) - shown) == []  # type: ignore[attr-defined]
+
+
+def test_api_pages_show_only_what_exists() -> None:
+    for name in re.findall(r"^::: (\S+)$", API, re.MULTILINE):
+        module, _, attribute = name.rpartition(".")
+        assert hasattr(__import__(module, fromlist=["_"]), attribute), name
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    listed = set(re.findall(r"^ +- (\S+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE))
+    assert listed == {str(page.relative_to(ROOT / "docs")) for page in PAGES if page.name != "README.md"}
+
+
+def test_the_readme_is_short() -> None:
+    shown = re.sub(r"<!-- test\n.*?-->\n\n", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+    assert len(shown.splitlines()) <= 125
