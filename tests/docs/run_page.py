@@ -73,8 +73,6 @@ class Page:
         """Do what the language and the title say."""
         if block.title:
             await self.write(block)
-        elif block.text.startswith("--8<--"):
-            included_example(block)
         elif block.language == "python":
             if not block.hidden:
                 self.output = io.StringIO()
@@ -150,14 +148,6 @@ class Tee(io.TextIOBase):
 
     def write(self, text: str) -> int:
         return self.page.output.write(text)
-
-
-def included_example(block: Block) -> None:
-    """Examples are run by a test of their own."""
-    for line in block.text.splitlines():
-        match = re.fullmatch(r'--8<-- "(examples/[\w./]+)"', line)
-        if match is None or not (ROOT / match[1]).is_file():
-            raise PageError(f"{line} includes no example")
 
 
 async def main() -> None:

@@ -40,7 +40,6 @@ def test_shell_blocks_can_be_parsed(page: Path) -> None:
         ("```sh\nrosidl-py-gen --filter no_such_package --out generated\n```", "no_such_package"),
         ("```sh\npython examples/no_such_example.py\n```", "no_such_example"),
         ('```python title="test_one.py"\ndef test_one():\n    assert False\n```', "test_one.py ended with 1"),
-        ('```python\n--8<-- "examples/no_such_example.py"\n```', "includes no example"),
         ("<!-- test\nassert False\n-->", "AssertionError"),
     ],
 )

@@ -63,3 +63,16 @@ def test_every_page_is_in_the_navigation() -> None:
 def test_the_readme_is_short() -> None:
     shown = re.sub(r"<!-- test\n.*?-->\n\n", "", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
     assert len(shown.splitlines()) <= 125
+
+
+def test_the_figures_of_the_readme_are_those_of_the_speed_page() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    table = readme.partition("## Figures")[2].partition("## ")[0]
+    figures = re.findall(r"\d+\.?\d*", "".join(line for line in table.splitlines() if line.startswith("|")))
+    measured = set(re.findall(r"\d+\.?\d*", (ROOT / "docs/speed.md").read_text(encoding="utf-8")))
+    assert len(figures) > 8 and set(figures) - measured == set()
+
+
+def test_the_readme_counts_the_bundled_packages() -> None:
+    packages = [path for path in (ROOT / "interfaces").iterdir() if path.is_dir()]
+    assert f"{len(packages)} packages of ROS 2 Jazzy" in (ROOT / "README.md").read_text(encoding="utf-8")
