@@ -147,7 +147,8 @@ class NodeParameters:
         """Declare one parameter and return its value, which is the override's if there is one.
 
         Raises:
-            ParameterAlreadyDeclared, InvalidParameterName, InvalidParameterValue, WrongParameterType: as their names say.
+            ParameterAlreadyDeclared, InvalidParameterName: as their names say.
+            InvalidParameterValue, WrongParameterType: the default, or the override.
             TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
         self.scope.require_open(self._closed, "the node")
