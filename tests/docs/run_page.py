@@ -83,7 +83,7 @@ class Page:
                 await self.shell(line)
         elif block.language == "text":
             await self.expect(block.text.splitlines())
-        elif block.language not in ("json", "yaml"):
+        else:
             raise PageError(f"nobody knows how to test {block.language!r}")
 
     async def execute(self, block: Block) -> None:
@@ -114,7 +114,7 @@ class Page:
                 raise PageError(f"{word} does not exist")
         if not words:
             return
-        ours = words[0] == "rosidl-py-gen" or (words[0] == "python" and Path(words[-1]).is_file())
+        ours = words[0] == "rosidl-py-gen" or (words[0] == "python" and Path(words[1]).is_file())
         if ours:
             program = [sys.executable, "-m", "rosidl_py_gen.cli"] if words[0] == "rosidl-py-gen" else [sys.executable]
             await self.command([*program, *words[1:]], ends_with=int(line.endswith("# ends with 1")))
