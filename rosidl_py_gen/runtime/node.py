@@ -22,6 +22,7 @@ from rosidl_py_gen.runtime.names_rules import normalize_namespace, validate_node
 from rosidl_py_gen.runtime.node_actions import NodeActions
 from rosidl_py_gen.runtime.node_graph import NodeGraph
 from rosidl_py_gen.runtime.node_parameters import NodeParameters
+from rosidl_py_gen.runtime.node_time import NodeTime
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import as_profile
 from rosidl_py_gen.runtime.remap_rules import NodeNames
@@ -29,8 +30,6 @@ from rosidl_py_gen.runtime.rosout_publisher import RosoutPublisher
 from rosidl_py_gen.runtime.scope import Scope
 from rosidl_py_gen.runtime.service import ServiceServer
 from rosidl_py_gen.runtime.subscription import Subscription
-from rosidl_py_gen.runtime.timer import Timer
-from rosidl_py_gen.runtime.timer_rule import period_to_ns
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
@@ -47,7 +46,7 @@ ResponseT = TypeVar("ResponseT", bound=Message)
 _DEFAULT_DEPTH = 10
 
 
-class Node(NodeGraph, NodeActions, NodeParameters):
+class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
     """A ROS 2 node.
 
     Callbacks run on the asyncio event loop. The loop is attached by the first use of the node inside it: ``async with
@@ -297,25 +296,6 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         client = Client(self.scope, known, self._names.resolve_service(name), as_profile(qos), run)
         self.scope.own(client)
         return client
-
-    # ------------------------------------------------------------------------------------------------------- timers
-
-    def create_timer(
-        self, period_s: float, callback: Callable[[], object] | None = None, *, clock: Clock | None = None
-    ) -> Timer:
-        """Every `period_s` seconds of this node's clock, which may be simulated, or of `clock`.
-
-        Raises:
-            TypeError: no number, function or clock. TimeRangeError: a negative period. ClosedError.
-        """
-        self._require_open()
-        timer = Timer(self.scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
-        self.scope.own(timer)
-        return timer
-
-    def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:
-        """Every `period_s` seconds of the steady clock, which nothing can turn back."""
-        return self.create_timer(period_s, callback, clock=Clock(ClockType.STEADY_TIME))
 
     # ----------------------------------------------------------------------------------------------------- lifetime
 

@@ -1,4 +1,4 @@
-"""The parameter, time and introspection methods of a node.
+"""The parameter methods of a node.
 
 Decides names, defaults and the order in which a node brings up what every ROS node has (protocol.md 9.1): parameter
 events, `use_sim_time`, the six services, logger levels, type description. What each does is in its own file; what not
@@ -26,23 +26,19 @@ from rosidl_py_gen.runtime.parameter_values import (
 )
 from rosidl_py_gen.runtime.parameters import ParameterStore, SetResult
 from rosidl_py_gen.runtime.stream import Stream
-from rosidl_py_gen.runtime.time_source import SimTimePublisher, TimeSource
-from rosidl_py_gen.runtime.time_values import ClockType, Time
-from rosidl_py_gen.runtime.type_description_service import TypeDescriptionService, announced_hash, ask_type_description
+from rosidl_py_gen.runtime.time_source import TimeSource
+from rosidl_py_gen.runtime.type_description_service import TypeDescriptionService
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
     from rosidl_py_gen.runtime.clock import Clock
-    from rosidl_py_gen.runtime.clock_sleep import Rate
     from rosidl_py_gen.runtime.context import Context
     from rosidl_py_gen.runtime.parameter_client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameter_values import ParametersToSet
     from rosidl_py_gen.runtime.parameters import ParameterEvent
     from rosidl_py_gen.runtime.remap_rules import NodeNames
     from rosidl_py_gen.runtime.scope import Scope
-    from rosidl_py_gen.runtime.timer import Timer
 
 T = TypeVar("T")
 
@@ -292,64 +288,6 @@ class NodeParameters:
         client = ParameterClient(self.scope, self._names, wanted, self.context.run_until_complete)
         self.scope.own(client)
         return client
-
-    # -------------------------------------------------------------------------------------------------------- time
-
-    def create_rate(self, frequency_hz: float) -> Rate:
-        """``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
-        from rosidl_py_gen.runtime.clock_sleep import Rate
-
-        return Rate(self.clock, frequency_hz)
-
-    def create_sim_time_publisher(
-        self, *, rate: float = 0.0, start: Time | None = None, period_s: float = 0.01
-    ) -> SimTimePublisher:
-        """Publish ``/clock`` by hand (`advance`, `set_time`), or by itself with `rate` simulated seconds a second."""
-        from rosidl_py_gen.runtime.clock import Clock
-        from rosidl_py_gen.runtime.timer import Timer
-        from rosidl_py_gen.runtime.timer_rule import period_to_ns
-
-        self.scope.require_open(self._closed, "the node")
-
-        def make_timer(callback: Callable[[], None]) -> Timer:
-            return Timer(self.scope, period_to_ns(period_s), callback, Clock(ClockType.STEADY_TIME))
-
-        begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
-        publisher = SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, make_timer)
-        self.scope.own(publisher)
-        return publisher
-
-    # ----------------------------------------------------------------------------------------------- introspection
-
-    async def get_type_description(
-        self,
-        remote_node: str,
-        type_name: str,
-        type_hash: str | None = None,
-        *,
-        include_type_sources: bool = True,
-        timeout_s: float | None = None,
-    ) -> GetTypeDescription_Response:
-        """Ask another node how one of its types is defined.
-
-        Args:
-            type_name: of an endpoint: ``pkg/msg/Name``, ``pkg/srv/Name_Request``, ``pkg/action/Name_FeedbackMessage``.
-                With a hash, which alone decides then, anything.
-            type_hash: None takes the one that the node announces for its endpoints of that type. Whole services and
-                actions are not announced; they need theirs.
-
-        Raises:
-            TypeDescriptionError: the node's own reason; or it announces no hash for that type, or several.
-            CallTimeoutError. InvalidNameError.
-        """
-        node = self._names.resolve_topic(remote_node)
-        service = self._names.resolve_service(f"{node}/get_type_description")
-        if type_hash is None:
-            type_hash, timeout_s = await announced_hash(self.scope, node, type_name, timeout_s)
-        run = self.context.run_until_complete
-        return await ask_type_description(
-            self.scope, run, service, type_name, type_hash, include_type_sources, timeout_s
-        )
 
 
 class _Changes(Stream[ParameterChange]):
