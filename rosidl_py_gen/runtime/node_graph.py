@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
     from rosidl_py_gen.runtime.context import Context
-    from rosidl_py_gen.runtime.discovery import Discovery
     from rosidl_py_gen.runtime.graph import Graph, NamesAndTypes, NodeInfo, TopicEndpointInfo
     from rosidl_py_gen.runtime.remap_rules import NodeNames
     from rosidl_py_gen.runtime.scope import Scope
@@ -28,9 +27,6 @@ class NodeGraph:
 
     scope: Scope
     context: Context
-    _closed: bool
-    _graph: Graph
-    _discovery: Discovery
     _names: NodeNames
 
     if TYPE_CHECKING:
@@ -40,8 +36,8 @@ class NodeGraph:
     def _look(self) -> Graph:
         """The graph as it is now."""
         self._require_open()
-        self._discovery.refresh()
-        return self._graph
+        self.scope.discovery.refresh()
+        return self.scope.graph
 
     # ------------------------------------------------------------------------------------------------------- topics
 
@@ -109,22 +105,21 @@ class NodeGraph:
         wanted = resolve_node_name(name, self._names.namespace)
 
         def known() -> bool:
-            return any(node.fully_qualified_name == wanted for node in self._graph.nodes())
+            return any(node.fully_qualified_name == wanted for node in self.scope.graph.nodes())
 
-        return await self.scope.wait_until(known, timeout_s, lambda: self._closed)
+        return await self.scope.wait_until(known, timeout_s, lambda: self.scope.closed)
 
     async def graph_changes(self) -> AsyncIterator[int]:
         """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""
-        seen = self._graph.version
-        while not self._closed:
-            change = self._discovery.next_change()
-            if self._graph.version == seen:
+        scope, graph = self.scope, self.scope.graph
+        seen = graph.version
+        while not scope.closed:
+            change = scope.discovery.next_change()
+            if graph.version == seen:
                 await change
             change.cancel()
-            if self._closed:
-                return
-            if self._graph.version != seen:
-                seen = self._graph.version
+            if not scope.closed and graph.version != seen:
+                seen = graph.version
                 yield seen
 
     # -------------------------------------------------------------------------------------------------------- types

@@ -30,10 +30,11 @@ from rosidl_py_gen.runtime.time_source import TimeSource
 from rosidl_py_gen.runtime.type_description_service import TypeDescriptionService
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from rosidl_py_gen.runtime.clock import Clock
     from rosidl_py_gen.runtime.context import Context
+    from rosidl_py_gen.runtime.node_options import NodeOptions
     from rosidl_py_gen.runtime.parameter_client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameter_values import ParametersToSet
     from rosidl_py_gen.runtime.parameters import ParameterEvent
@@ -64,27 +65,16 @@ class NodeParameters:
     scope: Scope
     context: Context
     clock: Clock
-    _closed: bool
     _names: NodeNames
     _store: ParameterStore
     _time_source: TimeSource
     _changes: list[Stream[ParameterChange]]
 
-    def _open_parameters(
-        self,
-        *,
-        overrides: Mapping[str, object] | None = None,
-        allow_undeclared: bool = False,
-        declare_overrides: bool = False,
-        start_services: bool = True,
-        logger_services: bool = False,
-    ) -> None:
+    def _open_parameters(self, options: NodeOptions) -> None:
         """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
         merged = self.context.ros_arguments.overrides_for(self._names.fully_qualified_name)
-        merged.update({item.name: item.value for item in as_parameters(overrides or {})})
-        # Not `self` in the function below: a node must not be part of a cycle, or it outlives its last user.
-        changes: list[Stream[ParameterChange]] = []
-        self._changes = changes
+        merged.update({item.name: item.value for item in as_parameters(options.overrides or {})})
+        self._changes = changes = list[Stream[ParameterChange]]()
         events = ParameterEventPublisher(self.scope, self._names, self.clock)
         self.scope.own(events)
 
@@ -95,15 +85,15 @@ class NodeParameters:
             events.publish(event)
 
         self._store = ParameterStore(
-            merged, allow_undeclared=allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
+            merged, allow_undeclared=options.allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
         )
         self._time_source = TimeSource(self.scope, self._names, self._store, self.clock)
         self.scope.own(self._time_source)
-        if declare_overrides:
+        if options.declare_overrides:
             self._store.declare_overrides()
-        if start_services:
+        if options.start_services:
             self.scope.own(ParameterServices(self.scope, self._names, self._store, events))
-        if logger_services:
+        if options.logger_services:
             from rosidl_py_gen.runtime.logger_service import LoggerServices
 
             self.scope.own(LoggerServices(self.scope, self._names))
@@ -128,7 +118,7 @@ class NodeParameters:
         """
         from rosidl_py_gen.runtime.parameter_classes import bind_class
 
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         return bind_class(self._store, cls, prefix=prefix, initial=initial, validator=validator)
 
     def declare_parameter(
@@ -145,7 +135,7 @@ class NodeParameters:
             ParameterAlreadyDeclared, InvalidParameterName, InvalidParameterValue, WrongParameterType.
             TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         value = parameter_value(default)
         kind = getattr(descriptor, "type", ParameterType.NOT_SET)
         if value.value == b"" and isinstance(kind, ParameterType) and kind.is_array:
@@ -157,7 +147,7 @@ class NodeParameters:
 
         The field of a dataclass keeps showing its last value, until a parameter of that name and type is declared.
         """
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         self._store.undeclare(require_name(name))
 
     def has_parameter(self, name: str) -> bool:
@@ -234,7 +224,7 @@ class NodeParameters:
 
     def _fitted(self, values: ParametersToSet) -> list[Parameter]:
         """An empty list takes the type that was declared; raises `ClosedError`."""
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         fitted = []
         for parameter in as_parameters(values):
             value = parameter.value
@@ -283,7 +273,7 @@ class NodeParameters:
         """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""
         from rosidl_py_gen.runtime.parameter_client import ParameterClient
 
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         wanted = require_name(node, "the name of a node")
         client = ParameterClient(self.scope, self._names, wanted, self.context.run_until_complete)
         self.scope.own(client)

@@ -42,7 +42,7 @@ class NodeTime:
         """
         self._require_open()
         timer = Timer(self.scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
-        self.scope.own(timer)
+        self.scope.own(timer, has_callback=callback is not None)
         return timer
 
     def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:
