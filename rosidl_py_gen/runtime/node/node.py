@@ -116,7 +116,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
     def _open(self, options: NodeOptions) -> None:
         """Bring up what every node has; subclasses add to it. The node is closed when this fails."""
         self.context.bridge.adopt_running_loop()
-        if options.enable_rosout and self.context.ros_arguments.rosout_logs:
+        if options.enable_rosout and self.context.ros_arguments.logs.rosout:
             self.scope.own(RosoutPublisher(self.scope))
         self._open_parameters(options)
 
