@@ -96,7 +96,7 @@ from rosidl_py_gen.runtime.time.clock import Duration as Duration
 from rosidl_py_gen.runtime.time.clock import JumpHandle as JumpHandle
 from rosidl_py_gen.runtime.time.clock import Time as Time
 from rosidl_py_gen.runtime.time.clock import TimeJump as TimeJump
-from rosidl_py_gen.runtime.time.sleep import Rate as Rate
+from rosidl_py_gen.runtime.time.rate import Rate as Rate
 from rosidl_py_gen.runtime.time.values import ClockTypeError as ClockTypeError
 from rosidl_py_gen.runtime.time.values import TimeRangeError as TimeRangeError
 from rosidl_py_gen.runtime.transport.interface import BackendMissingError as BackendMissingError

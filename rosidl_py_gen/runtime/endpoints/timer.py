@@ -18,7 +18,7 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.endpoints.scope import is_async
 from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel
 from rosidl_py_gen.runtime.time.clock import Clock, ClockType
-from rosidl_py_gen.runtime.time.schedule import TimerCall, TimerRule, period_to_ns
+from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
 from rosidl_py_gen.runtime.time.values import Duration
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Timer:
         self._clock = clock
         self._callback = callback
         self._async_callback = callback is not None and is_async(callback)
-        self._rule = TimerRule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
+        self._rule = Schedule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
         self._rule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
         self._closed = False
         self._handle: asyncio.Handle | None = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin, overload
 
 from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.node.time import TimeSource
+from rosidl_py_gen.runtime.node.sim_time import TimeSource
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionService
 from rosidl_py_gen.runtime.parameters.rules import Listing
 from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterServices
@@ -67,7 +67,6 @@ class NodeParameters:
     clock: Clock
     _names: NodeNames
     _store: ParameterStore
-    _time_source: TimeSource
     _changes: list[Stream[ParameterChange]]
 
     def _open_parameters(self, options: NodeOptions) -> None:
@@ -87,8 +86,7 @@ class NodeParameters:
         self._store = ParameterStore(
             merged, allow_undeclared=options.allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
         )
-        self._time_source = TimeSource(self.scope, self._names, self._store, self.clock)
-        self.scope.own(self._time_source)
+        self.scope.own(TimeSource(self.scope, self._names, self._store, self.clock))
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
