@@ -17,7 +17,7 @@ from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.scope import Throttle, WaitTimeoutError, is_async, require_timeout
 from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel, require_callable, settle
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
-from rosidl_py_gen.runtime.transport.qos import resolve_best_available
+from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable

@@ -28,7 +28,8 @@ from rosidl_py_gen.runtime.names.dds import (
 )
 from rosidl_py_gen.runtime.names.rules import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.interface import Lost
-from rosidl_py_gen.runtime.transport.qos import DEFAULT, check_compatible
+from rosidl_py_gen.runtime.transport.matching import check_compatible
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
     import asyncio
