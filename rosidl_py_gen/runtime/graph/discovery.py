@@ -87,6 +87,11 @@ class Discovery:
             if self._nodes.pop(number, None) is not None:
                 self.publish()
 
+    def endpoints_of(self, number: int) -> frozenset[bytes]:
+        """GUIDs of a node's endpoints."""
+        node = self._nodes[number]
+        return node.reader_gids | node.writer_gids
+
     def change_endpoints(
         self, number: int, *, add: tuple[bytes, ...] = (), remove: tuple[bytes, ...] = (), flush: bool = False
     ) -> None:

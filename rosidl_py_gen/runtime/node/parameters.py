@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin
 
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
-from rosidl_py_gen.runtime.node.type_description import TypeDescriptionService
+from rosidl_py_gen.runtime.node.type_description import start_type_descriptions
 from rosidl_py_gen.runtime.parameters.rules import Listing
 from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterServices
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
@@ -92,10 +92,10 @@ class NodeParameters:
         if options.start_services:
             self.scope.own(ParameterServices(self.scope, self._names, self._store, events))
         if options.logger_services:
-            from rosidl_py_gen.runtime.node.logger_levels import LoggerServices
+            from rosidl_py_gen.runtime.node.logger_levels import start_logger_services
 
-            self.scope.own(LoggerServices(self.scope, self._names))
-        TypeDescriptionService.start(self.scope, self._names, self._store)
+            start_logger_services(self.scope, self._names)
+        start_type_descriptions(self.scope, self._names, self._store)
 
     # --------------------------------------------------------------------------------------------------- declaring
 
