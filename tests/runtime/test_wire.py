@@ -6,9 +6,9 @@ import pytest
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
+from rosidl_py_gen.runtime.graph import message as graph_message
 from rosidl_py_gen.runtime.graph.discovery import _TYPE_HASH
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE, Graph, NodeEntities
-from rosidl_py_gen.runtime.graph import message as graph_message
 from rosidl_py_gen.runtime.names import dds as ddsnames
 from rosidl_py_gen.runtime.transport.cyclone.types import member_name, type_blobs
 from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound

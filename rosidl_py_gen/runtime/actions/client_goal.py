@@ -8,8 +8,8 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.actions.states import GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.scope import require_timeout
-from rosidl_py_gen.runtime.loop.latch import Latch
 from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.loop.waiters import Latch
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine

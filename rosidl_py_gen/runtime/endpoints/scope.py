@@ -7,7 +7,6 @@ cycle. Decides how to wait for the graph, how callbacks are run and how their fa
 from __future__ import annotations
 
 import asyncio
-import inspect
 import itertools
 import math
 import time
@@ -140,18 +139,19 @@ class Scope:
             ClosedError: whoever waits is closed, or was meanwhile. TypeError, ValueError: see `require_timeout`.
         """
         require_timeout(timeout_s)
-        self.require_open(is_closed(), "what was waited for")
         loop = self.bridge.running_loop()
-        deadline = None if timeout_s is None else loop.time() + timeout_s
-        while not condition():
-            left = poll_s if deadline is None else min(poll_s, deadline - loop.time())
-            if left <= 0:
-                return False
-            change = self.discovery.next_change()
-            await asyncio.wait((change,), timeout=left)
-            change.cancel()
+        deadline_s = None if timeout_s is None else loop.time() + timeout_s
+
+        def is_over() -> bool:
             self.require_open(is_closed(), "what was waited for")
-        return True
+            return condition()
+
+        while True:
+            left_s = poll_s if deadline_s is None else max(0.0, min(poll_s, deadline_s - loop.time()))
+            if await self.discovery.changes.wait(is_over, left_s):
+                return True
+            if deadline_s is not None and loop.time() >= deadline_s:
+                return False
 
     # --------------------------------------------------------------------------------------------------- callbacks
 
@@ -175,9 +175,3 @@ class Scope:
         for task in self._tasks - {current}:
             if not task.get_loop().is_closed():
                 task.cancel()
-
-
-def is_async(function: object) -> bool:
-    """Whether calling it gives a coroutine: async functions, and objects whose `__call__` is one."""
-    called = getattr(type(function), "__call__", None)  # noqa: B004 - the method itself, not whether there is one
-    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)
