@@ -14,10 +14,11 @@ import inspect
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.scope import Throttle, WaitTimeoutError, require_timeout
+from rosidl_py_gen.runtime.endpoints.scope import Throttle
 from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel, require_callable
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
+from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.qos import resolve_best_available
 
 if TYPE_CHECKING:
@@ -125,16 +126,13 @@ class Subscription(Generic[T]):
 
     async def _next_good(self, timeout_s: float | None) -> tuple[T, Sample]:
         self._require_no_callback()
-        require_timeout(timeout_s)
+        deadline = Deadline(timeout_s)
         self._scope.require_open(self._closed, f"the subscription on {self.topic}")
-        loop = self._scope.bridge.running_loop()
-        deadline_s = None if timeout_s is None else loop.time() + timeout_s
         while not self._closed:
             found = self._take()
             if found is not None:
                 return found
-            left_s = None if deadline_s is None else deadline_s - loop.time()
-            if not await self._arrival(left_s):
+            if not await self._arrival(deadline.left_s()):
                 raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s")
         raise ClosedError(f"the subscription on {self.topic} of node {self._scope.node_name} is closed")
 
