@@ -31,7 +31,6 @@ from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError as CallTimeo
 from rosidl_py_gen.runtime.endpoints.header import ForeignServiceError as ForeignServiceError
 from rosidl_py_gen.runtime.endpoints.introspection import IntrospectionState as IntrospectionState
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher as Publisher
-from rosidl_py_gen.runtime.endpoints.scope import WaitTimeoutError as WaitTimeoutError
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError as AlreadyRespondedError
 from rosidl_py_gen.runtime.endpoints.server import ServiceRequest as ServiceRequest
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer as ServiceServer
@@ -96,6 +95,7 @@ from rosidl_py_gen.runtime.time.clock import Duration as Duration
 from rosidl_py_gen.runtime.time.clock import JumpHandle as JumpHandle
 from rosidl_py_gen.runtime.time.clock import Time as Time
 from rosidl_py_gen.runtime.time.clock import TimeJump as TimeJump
+from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError as WaitTimeoutError
 from rosidl_py_gen.runtime.time.rate import Rate as Rate
 from rosidl_py_gen.runtime.time.values import ClockTypeError as ClockTypeError
 from rosidl_py_gen.runtime.time.values import TimeRangeError as TimeRangeError

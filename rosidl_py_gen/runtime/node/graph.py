@@ -113,12 +113,14 @@ class NodeGraph:
         """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""
         scope, graph = self.scope, self.scope.graph
         seen = graph.version
+
+        def has_changed() -> bool:
+            return scope.closed or graph.version != seen
+
         while not scope.closed:
-            change = scope.discovery.next_change()
-            if graph.version == seen:
-                await change
-            change.cancel()
-            if not scope.closed and graph.version != seen:
+            scope.bridge.running_loop()
+            await scope.discovery.changes.wait(has_changed)
+            if not scope.closed:
                 seen = graph.version
                 yield seen
 
