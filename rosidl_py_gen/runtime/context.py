@@ -23,7 +23,6 @@ from rosidl_py_gen.runtime.environment import cyclone_xml, read_environment
 from rosidl_py_gen.runtime.forked import FORKED
 from rosidl_py_gen.runtime.log_outputs import ContextLogs
 from rosidl_py_gen.runtime.logging import get_root_logger
-from rosidl_py_gen.runtime.sync_calls import SyncCalls
 
 if TYPE_CHECKING:
     import asyncio
@@ -126,7 +125,6 @@ class Context:
         self._shared = False
         self._nodes: weakref.WeakSet[AdoptedNode] = weakref.WeakSet()
         self._node_count = 0
-        self._sync_calls = SyncCalls(self.bridge)
         _open_contexts.add(self)
 
     # ----------------------------------------------------------------------------------------------------- sharing
@@ -195,7 +193,7 @@ class Context:
         if self._closed:
             coroutine.close()
             self.require_open()
-        return self._sync_calls.run(coroutine)
+        return self.bridge.portal.run(coroutine)
 
     @staticmethod
     def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
@@ -230,7 +228,6 @@ class Context:
         self.discovery.close()
         self.bridge.close()
         self.participant.close()
-        self._sync_calls.close()
         self._logs.close()
 
     @staticmethod

@@ -75,7 +75,7 @@ class CycloneWriter:
         if code == 0:
             if self._key in _local_readers:
                 for reader in _local_readers.get(self._key, ()):
-                    reader.pull()
+                    reader.fetch()
             return True
         if code == abi.TIMEOUT:
             return False
@@ -149,11 +149,10 @@ class CycloneReader:
         self._samples = owner.fast_dds.samples(owner.type_object(type))
         self._free = owner.api.free
         self._buffers = owner.buffers
-        self._big_endian = owner.big_endian
         self._push = queue.push
         self._large_bytes = 0
         self.guid = owner.guid_of(entity)
-        self._number = owner.watch(self)
+        owner.watch(self)
         with _local_lock:
             _local_readers[self._key] = (*_local_readers.get(self._key, ()), self)
 
@@ -161,12 +160,7 @@ class CycloneReader:
         """See `transport.Reader`."""
         self.sink = sink
         if sink is not None and (self.fetch() or self.queue.items):
-            self._owner.ready(sink)
-
-    def pull(self) -> None:
-        """Take what a writer of this process has just delivered."""
-        if self.fetch() and self.sink is not None:
-            self._owner.ready(self.sink)
+            self._owner.announce(self.entity)
 
     def fetch(self) -> bool:
         """Move all samples from DDS into the queue; returns whether there were any. From any thread."""
@@ -208,8 +202,6 @@ class CycloneReader:
                 else:
                     data = self._large(pointer, size)
                 if valid:
-                    if self._big_endian:
-                        data = self._with_byte_order(data, writer)
                     self._push((data, source_ns, writer, now))
                     found = True
         return found
@@ -221,12 +213,6 @@ class CycloneReader:
         array = (ct.c_ubyte * size).from_address(pointer)
         weakref.finalize(array, self._free, pointer).atexit = False
         return memoryview(array).cast("B").toreadonly()
-
-    def _with_byte_order(self, data: Payload, writer: int) -> Payload:
-        guid = self.writer_guid(writer)
-        if guid is None or guid[:12] not in self._big_endian:
-            return data
-        return b"\0\0" + bytes(data[2:])
 
     def matched_writers(self) -> list[bytes]:
         """See `transport.Reader`."""
@@ -247,7 +233,7 @@ class CycloneReader:
                 _local_readers[self._key] = left
             else:
                 del _local_readers[self._key]
-        self._owner.unwatch(self, self._number)
+        self._owner.unwatch(entity)
         with self._owner.buffers.lock:
             self.entity = 0
         self._api.delete(entity)

@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from rosidl_py_gen.runtime import cyclone_abi as abi
 from rosidl_py_gen.runtime import rtps
+from rosidl_py_gen.runtime.cyclone_pipe import putw
 from rosidl_py_gen.runtime.transport import FAST_DDS_VENDOR, IDENTITY_BYTES, Lost, identified
 
 if TYPE_CHECKING:
@@ -270,19 +271,25 @@ class FastDds:
 
     # -------------------------------------------------------------------------------------------- participants
 
-    def listener(self, api: abi.Api) -> int | None:
-        """A listener for a reader of participants; to be deleted once the reader has it. None where there is no use."""
+    def listener(self, api: abi.Api, stream: int) -> int | None:
+        """A listener for a reader of participants; to be deleted once the reader has it. None where there is no use.
+
+        Args:
+            stream: of the pipe that gets the reader's name.
+        """
         if self.refusal is not None:
             return None
         listener: int = api.create_listener(None)
-        api.lset_data_available_arg(listener, self._listener_function, None, False)
+        api.lset_data_available_arg(listener, self._listener_function, stream, True)
         return listener
 
-    def notice(self, reader: int, _argument: int | None = None) -> None:
+    def notice(self, reader: int, stream: int | None = None) -> None:
         """That reader of participants has something that nobody has looked at yet; maybe one of Fast DDS."""
         with self._lock:
             self._unread.add(reader)
             self._look_into_received(True)
+        if stream is not None:
+            putw(reader, stream)
 
     def look(self, reader: int) -> None:
         """Somebody is going to take all that reader has, and to call `settle` then."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import inspect
+from contextvars import copy_context
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
@@ -236,7 +237,7 @@ class Subscription(Generic[T]):
                 self._count_undecodable(err)
                 continue
             try:
-                answer = callback(message)
+                answer = copy_context().run(callback, message)
                 if answer is not None and inspect.iscoroutine(answer):  # of a lambda, for example
                     self._async_callback = True
                     self._worker = self._scope.start(self._await_back(callback, answer))

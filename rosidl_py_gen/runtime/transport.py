@@ -3,8 +3,8 @@
 Bytes go in, bytes and discovery events come out; names and types are already the DDS ones, messages are never seen.
 `cyclone.py` carries them over DDS, `memory.py` inside one process; nothing above this file can tell which one it is.
 
-Threads: `write` may be called from any thread. `wait` belongs to the one thread that `bridge.py` chose. A sink is
-called by the bridge on the event loop's thread, and takes what it wants from the queue of its reader.
+Threads: `write` may be called from any thread. A sink is called by the bridge on the event loop's thread, and takes
+what it wants from the queue of its reader.
 """
 
 from __future__ import annotations
@@ -233,10 +233,6 @@ class Participant(Protocol):
         """16 bytes, network order; the first 12 are the prefix of all its endpoints."""
 
     @property
-    def must_wait(self) -> bool:
-        """True: somebody has to sit in `wait`. False: every arrival calls the function given to `set_notify`."""
-
-    @property
     def fast_dds_refusal(self) -> str | None:
         """Why services of Fast DDS peers cannot be used; None when they can. Samples of them then have an identity."""
 
@@ -255,26 +251,16 @@ class Participant(Protocol):
         """Report now what was discovered and not reported yet; on the loop's thread, or where no loop runs."""
 
     def set_notify(self, notify: Callable[[], None] | None) -> None:
-        """Call `notify`, from whatever thread, when `collect` has something that `wait` did not announce."""
+        """Call `notify`, from whatever thread, when `collect` has something. For whoever cannot watch `fileno`."""
 
-    def wait(self, timeout_ns: int) -> bool:
-        """Block without the GIL until something arrives, `wake` is called or the time is over.
-
-        Returns:
-            True when `wake` was called.
-        """
-
-    def wake(self) -> None:
-        """End the current or the next `wait`; from any thread."""
+    def fileno(self) -> int | None:
+        """A descriptor that is readable while `collect` has something; None: only `set_notify` tells."""
 
     def collect(self) -> list[Sink]:
         """The sinks that have something to do, each once; the caller calls them on the loop's thread."""
 
-    def mark_big_endian(self, guid_prefix: bytes) -> None:
-        """All samples of this participant's writers are big-endian: pass them on with a header that says so."""
-
     def close(self) -> None:
-        """Delete everything; wakes `wait`; may be called twice."""
+        """Delete everything; may be called twice."""
 
 
 class Transport(Protocol):
