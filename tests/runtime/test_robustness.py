@@ -10,22 +10,20 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
+from worlds import ROOT
 
 from rosidl_py_gen import compile_text
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, TransportError
-from rosidl_py_gen.runtime.qos import QoSProfile
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:
-    from .conftest import World
-
-ROOT = Path(__file__).parents[2]
+    from worlds import World
 
 
 async def eventually(condition: Any, timeout_s: float = 5) -> None:
@@ -76,7 +74,7 @@ async def test_entering_a_closed_node_of_an_open_context_is_an_error(memory: Wor
 
 
 def test_the_garbage_collector_may_close_a_node_during_a_take(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rosidl_py_gen.runtime import transport
+    from rosidl_py_gen.runtime.transport import interface as transport
 
     context = dds.context()
     node = dds.node("stays", context=context)
@@ -105,7 +103,7 @@ def test_the_garbage_collector_may_close_a_node_during_a_take(dds: World, monkey
 
 def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
     """What the garbage collector may cause in any line."""
-    from rosidl_py_gen.runtime import cyclone_endpoints
+    from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_endpoints
 
     node = dds.node("n")
     first, other = node.create_subscription(String, "first"), node.create_subscription(String, "other")

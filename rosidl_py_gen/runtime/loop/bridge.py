@@ -1,0 +1,218 @@
+"""The one crossing from the transport to asyncio.
+
+Decides which event loop serves a context, and how what arrived gets onto it: the loop watches the transport's file
+descriptor with `add_reader`, or, where there is none or the loop cannot watch it, the transport calls `_notified` from
+any thread. Both end in `dispatch`, batched: one wake-up for all that is ready.
+
+Only public functions of asyncio are used, so that any loop will do. Sinks are called one after the other; one that
+raises is logged and the others still run.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import contextvars
+import itertools
+import logging
+import os
+import threading
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.loop.portal import Portal
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.transport.interface import Participant
+
+_log = logging.getLogger(__name__)
+
+_numbers = itertools.count()
+_MISMATCH = (
+    "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
+    "Node(..., context=Context())"
+)
+
+
+def current_loop() -> asyncio.AbstractEventLoop | None:
+    """The loop that runs in this thread, if one does."""
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None
+
+
+class LoopMismatchError(RosidlError, RuntimeError):
+    """The caller used one context from two running event loops."""
+
+
+class Bridge:
+    """Connects one participant with one event loop at a time."""
+
+    def __init__(self, participant: Participant) -> None:
+        self._participant = participant
+        self.attached: asyncio.AbstractEventLoop | None = None
+        """The newest loop, closed or not; a plain attribute, because every publish looks at it."""
+        self.portal = Portal(self)
+        """Runs coroutines for plain code."""
+        self._watched: int | None = None
+        """A duplicate of the participant's descriptor, so that either of us may close first."""
+        self._context: contextvars.Context | None = None
+        self._scheduled = False
+        self._closed = False
+        self._lock = threading.RLock()
+        self._starts: dict[int, Callable[[], None]] = {}
+
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop | None:
+        """The loop that sinks run on; None while nobody runs one."""
+        loop = self.attached
+        return None if loop is None or loop.is_closed() else loop
+
+    def running_loop(self) -> asyncio.AbstractEventLoop:
+        """The running loop, attached.
+
+        Raises:
+            RuntimeError: no loop runs here. LoopMismatchError: another one is attached and runs.
+            ClosedError: the bridge is closed.
+        """
+        loop = asyncio.get_running_loop()
+        if loop is not self.attached:
+            self.attach(loop)
+        return loop
+
+    def adopt_running_loop(self) -> None:
+        """Attach the loop this thread runs, if it runs one and no other one is in charge."""
+        loop = current_loop()
+        if loop is None or self._closed or loop is self.attached:
+            return
+        if not self.is_running or self.attached is self.portal.loop:
+            self.attach(loop)
+
+    def attach(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Deliver on `loop` from now on; call it on the loop's thread, or while the loop does not run.
+
+        Raises:
+            LoopMismatchError: another loop is attached and still running.
+            ClosedError: the bridge is closed.
+        """
+        if self.attached is loop:
+            return
+        if self._closed:
+            raise ClosedError("this context is closed")
+        if loop is self.portal.loop:
+            self._change_to(loop)
+            return
+        with self.portal.drained() as drained:
+            if not drained or self.is_running:
+                raise LoopMismatchError(_MISMATCH)
+            self._change_to(loop)
+
+    def _change_to(self, loop: asyncio.AbstractEventLoop) -> None:
+        self.detach()
+        self.attached = loop
+        self._context = contextvars.copy_context()
+        if not self._watch(loop):
+            self._participant.set_notify(self._notified)
+        for start in list(self._starts.values()):
+            start()
+
+    def _watch(self, loop: asyncio.AbstractEventLoop) -> bool:
+        """Let the loop wait for the participant's descriptor; False where that cannot be."""
+        descriptor = self._participant.fileno()
+        if descriptor is None:
+            return False
+        watched = os.dup(descriptor)
+        try:
+            loop.add_reader(watched, self.dispatch)
+        except NotImplementedError:  # Windows' proactor
+            os.close(watched)
+            return False
+        self._watched = watched
+        return True
+
+    def detach(self) -> None:
+        """Stop delivering; data stays where it is until another loop comes."""
+        loop, watched = self.attached, self._watched
+        self.attached = self._watched = None
+        self._participant.set_notify(None)
+        self._scheduled = False  # what the old loop was asked to do, it may never come to
+        if watched is None or loop is None:
+            return
+
+        def unwatch() -> None:
+            loop.remove_reader(watched)
+            os.close(watched)
+
+        if loop.is_running() and loop is not current_loop():
+            with contextlib.suppress(RuntimeError):  # closed in the meantime
+                loop.call_soon_threadsafe(unwatch)
+                return
+        unwatch()
+
+    def close(self) -> None:
+        """Stop for good."""
+        self._closed = True
+        self.portal.close()
+        self.detach()
+
+    def on_start(self, start: Callable[[], None]) -> Callable[[], None]:
+        """Call `start` now if a loop is attached, and whenever one will be; returns the function that ends this."""
+        key = next(_numbers)
+        self._starts[key] = start
+        if self.loop is not None:
+            start()
+        starts = self._starts
+        return lambda: (starts.pop(key, None), None)[1]
+
+    def call_soon(self, function: Callable[[], None]) -> None:
+        """Run `function` on the loop, from any thread; dropped when there is no loop."""
+        loop = self.loop
+        if loop is not None:
+            with contextlib.suppress(RuntimeError):  # closed in the meantime
+                if current_loop() is loop:
+                    loop.call_soon(function)
+                else:
+                    loop.call_soon_threadsafe(function)
+
+    @property
+    def is_running(self) -> bool:
+        """Whether a loop is attached and runs, in whatever thread."""
+        loop = self.attached
+        return loop is not None and loop.is_running()
+
+    def in_loop_thread(self) -> bool:
+        """Whether the caller runs on the attached loop's thread, while that loop runs."""
+        # Not a matter of thread numbers: a loop may be run by one thread after the other.
+        loop = self.attached
+        return loop is not None and current_loop() is loop
+
+    def _notified(self) -> None:
+        """Something is ready to be collected; called from any thread."""
+        loop = self.attached
+        if loop is None or loop.is_closed():
+            return
+        with self._lock:
+            if self._scheduled:
+                return
+            self._scheduled = True
+        schedule = loop.call_soon if current_loop() is loop else loop.call_soon_threadsafe
+        try:
+            schedule(self._run_scheduled, context=self._context)
+        except RuntimeError:  # the loop was closed in the meantime
+            self._scheduled = False
+
+    def _run_scheduled(self) -> None:
+        if self._scheduled:
+            self._scheduled = False
+            self.dispatch()
+
+    def dispatch(self) -> None:
+        """Call every sink that has something to do."""
+        for sink in self._participant.collect():
+            try:
+                sink()
+            except (Exception, asyncio.CancelledError):  # the latter would end the loop
+                _log.exception("an internal receive function failed; other endpoints are not affected")

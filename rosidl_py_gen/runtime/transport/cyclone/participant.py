@@ -1,0 +1,247 @@
+"""The DDS transport: Cyclone DDS through the `cyclonedds` wheel. The only file that imports it.
+
+Decides how entities are made, waited for, read and deleted. What stands for the types is in `topics.py` and
+`types.py`; the C functions are in `abi.py`, QoS in `qos.py`, services
+of Fast DDS in `fastdds.py`.
+
+Rules a newcomer would otherwise break:
+
+- Entities are integers. Whoever creates one deletes it in `close`; nothing depends on the garbage collector.
+- A write never blocks: max_blocking_time is 0 and a full writer answers False.
+- Samples are taken into the reader's own queue by whoever comes first: the thread that calls `collect`, or, for writers
+  of this process, the writing thread itself. Cyclone delivers inside the process during the write, so taking at once
+  makes KEEP_LAST and `dropped` exact there, whatever the event loop is busy with.
+- Whoever has something to do is told by the pipe, and by nothing else: a reader that was named and whose queue is not
+  empty, no matter who filled it.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import sys
+import threading
+from contextlib import ExitStack
+from importlib import import_module
+from importlib.util import find_spec, module_from_spec
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
+from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
+from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
+from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
+from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
+from rosidl_py_gen.runtime.transport.interface import BackendMissingError, ReceiveQueue, effective
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import ModuleType
+
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Sink
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+_MAX_IDLE_TOPICS = 256
+
+
+def _load() -> tuple[ModuleType, ct.CDLL]:
+    """The C extension and the C library of the wheel, without the rest of the package.
+
+    ``import cyclonedds`` runs its whole IDL and QoS machinery, 50 ms of which we use nothing. So the package is entered
+    without running its ``__init__``, and taken out of `sys.modules` again: whoever imports it later gets all of it,
+    with the two modules loaded here.
+    """
+    if "cyclonedds" not in sys.modules:
+        spec = find_spec("cyclonedds")
+        if spec is None:
+            raise ModuleNotFoundError("No module named 'cyclonedds'")
+        sys.modules["cyclonedds"] = module_from_spec(spec)
+        try:
+            return import_module("cyclonedds._clayer"), import_module("cyclonedds.internal").load_cyclonedds()
+        finally:
+            del sys.modules["cyclonedds"]
+    return import_module("cyclonedds._clayer"), import_module("cyclonedds.internal").load_cyclonedds()
+
+
+try:
+    _clayer, _library = _load()
+except ImportError as err:
+    raise BackendMissingError(
+        "the node runtime needs Cyclone DDS: pip install 'rosidl-py-gen[node]'. Wheels of cyclonedds exist for CPython "
+        "3.10 to 3.13 on Linux (x86-64, glibc), macOS and Windows (x86-64); MemoryTransport works without it. "
+        f"The import failed with: {err}"
+    ) from err
+_api = abi.Api(_library)
+_fast_dds = FastDds(_library)
+
+
+class CycloneTransport:
+    """Joins DDS domains; see `transport.Transport`. Stateless."""
+
+    def open(self, domain_id: int, user_data: bytes, *, cyclone_xml: str) -> CycloneParticipant:
+        """Join `domain_id`, which all participants of a process configure alike; see `domain.py`."""
+        return CycloneParticipant(domain_id, user_data, cyclone_xml)
+
+
+# --------------------------------------------------------------------------------------------------------- participant
+
+
+class CycloneParticipant:
+    """See `transport.Participant`."""
+
+    def __init__(self, domain_id: int, user_data: bytes, xml: str) -> None:
+        self.api = _api
+        self.fast_dds = _fast_dds
+        self.domain_id = domain_id
+        self._closed = False
+        self._lock = threading.Lock()
+        self._topics: dict[tuple[str, str], list[int]] = {}
+        self._idle_topics: dict[tuple[str, str], None] = {}
+        self._readers: dict[int, CycloneReader] = {}
+        self.buffers = TakeBuffers()
+        with ExitStack() as undo:
+            self._pipe = ArrivalPipe()
+            undo.callback(self._pipe.close)
+            self._domain = Domain.join(_api, _fast_dds, domain_id, xml)
+            undo.callback(self._domain.leave)
+            self._listener: int = _api.create_listener(None)
+            undo.callback(_api.delete_listener, self._listener)
+            _api.lset_data_available_arg(self._listener, putw, self._pipe.stream, True)
+            with participant_qos(_api, user_data) as qos:
+                what = f"create a participant in domain {domain_id}"
+                self.entity = _api.check(_api.create_participant(domain_id, qos, None), what)
+            undo.callback(_api.delete, self.entity)
+            self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
+            self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
+            self.guid = self.guid_of(self.entity)
+            self.discovery = DiscoveryReaders(
+                _api, _fast_dds, domain_id, self.entity, self._listener, self._pipe.stream
+            )
+            self._undo = undo.pop_all()
+
+    @property
+    def fast_dds_refusal(self) -> str | None:
+        """See `transport.Participant`."""
+        return self.fast_dds.refusal
+
+    # ------------------------------------------------------------------------------------------------ endpoints
+
+    def guid_of(self, entity: int) -> bytes:
+        """The entity's GUID in network order."""
+        buffer = ct.create_string_buffer(16)
+        _api.check(_api.get_guid(entity, buffer), "read a GUID")
+        return buffer.raw
+
+    def create_writer(self, topic: str, type: str, qos: QoSProfile, user_data: bytes) -> CycloneWriter:
+        """See `transport.Participant`."""
+        profile = effective(qos, is_writer=True)
+        with endpoint_qos(_api, profile, user_data, is_writer=True) as cqos:
+            entity = self._create(_api.create_writer, self._publisher, topic, type, cqos, None)
+        return CycloneWriter(self, entity, topic, type)
+
+    def create_reader(
+        self, topic: str, type: str, qos: QoSProfile, user_data: bytes, *, ignore_local: bool = False
+    ) -> CycloneReader:
+        """See `transport.Participant`."""
+        profile = effective(qos, is_writer=False)
+        with endpoint_qos(_api, profile, user_data, is_writer=False, ignore_local=ignore_local) as cqos:
+            entity = self._create(_api.create_reader, self._subscriber, topic, type, cqos, self._listener)
+        return CycloneReader(self, entity, topic, type, ReceiveQueue(profile))
+
+    def _create(
+        self, create: Callable[..., int], parent: int, topic: str, type: str, qos: int, listener: int | None
+    ) -> int:
+        if self._closed:
+            raise ClosedError("this participant is closed")
+        handle = self._hold_topic(topic, type)
+        try:
+            return _api.check(create(parent, handle, qos, listener), f"create an endpoint of {topic} ({type})")
+        except BaseException:
+            self.release_topic(topic, type)
+            raise
+
+    def _hold_topic(self, topic: str, type: str) -> int:
+        with self._lock:
+            held = self._topics.get((topic, type))
+            self._idle_topics.pop((topic, type), None)
+            if held is None:
+                handle = self._domain.types.create_topic(_clayer.ddspy_topic_create, self.entity, topic, type)
+                held = self._topics[topic, type] = [handle, 0]
+            held[1] += 1
+            return held[0]
+
+    def type_object(self, type: str) -> int:
+        """What stands for a type that has endpoints."""
+        return self._domain.types[type]
+
+    def release_topic(self, topic: str, type: str) -> None:
+        """Give back what `_hold_topic` took.
+
+        Topics without users are kept for the next one, up to a number: creating and deleting the same topic over and
+        over beside discovery is where the library was once seen to crash.
+        """
+        with self._lock:
+            held = self._topics[topic, type]
+            held[1] -= 1
+            if held[1] == 0:
+                self._idle_topics[topic, type] = None
+                if len(self._idle_topics) > _MAX_IDLE_TOPICS:
+                    oldest = next(iter(self._idle_topics))
+                    del self._idle_topics[oldest]
+                    _api.delete(self._topics.pop(oldest)[0])
+
+    # ------------------------------------------------------------------------------------------------- arrivals
+
+    def watch(self, reader: CycloneReader) -> None:
+        """Let `collect` know a reader."""
+        self._readers[reader.entity] = reader
+
+    def unwatch(self, entity: int) -> None:
+        """Undo `watch`."""
+        self._readers.pop(entity, None)
+
+    def announce(self, entity: int) -> None:
+        """Let `collect` look at a reader that nothing may arrive for any more."""
+        self._pipe.put(entity)
+
+    def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
+        """See `transport.Participant`."""
+        self.discovery.sink = sink
+        self._pipe.put(self.discovery.entities[0])
+
+    def report_discovery(self) -> None:
+        """See `transport.Participant`."""
+        self.discovery.report()
+
+    def fileno(self) -> int | None:
+        """See `transport.Participant`."""
+        return self._pipe.fileno()
+
+    def set_notify(self, notify: Callable[[], None] | None) -> None:
+        """See `transport.Participant`."""
+        if notify is not None or self._pipe.fileno() is None:
+            self._pipe.read_in_thread(notify)
+
+    def collect(self) -> list[Sink]:
+        """See `transport.Participant`."""
+        named = self._pipe.read()
+        sinks: list[Sink] = []
+        for entity in (*self.discovery.entities, *self._readers) if named is None else named:
+            reader = self._readers.get(entity)
+            if reader is None:
+                if entity in self.discovery.entities and self.discovery.report not in sinks:
+                    sinks.append(self.discovery.report)
+            elif (reader.fetch() or reader.queue.items) and reader.sink is not None:
+                sinks.append(reader.sink)
+        return sinks
+
+    def close(self) -> None:
+        """See `transport.Participant`."""
+        if self._closed:
+            return
+        self._closed = True
+        for reader in list(self._readers.values()):
+            reader.close()
+        self._undo.close()
+        self.discovery.close()

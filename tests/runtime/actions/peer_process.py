@@ -1,0 +1,55 @@
+"""The other process of the DDS tests: a node with an action, parameters and nothing else; ends with its stdin."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from rosidl_py_gen import get_action
+from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.runtime.node.environment import cyclone_xml
+from rosidl_py_gen.runtime.parameters.fields import Range
+
+Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
+
+
+@dataclass
+class Drive:
+    speed: Annotated[float, Range(0.0, 2.0)] = 1.0
+    tags: tuple[str, ...] = ("a",)
+
+
+def open_context(domain_id: int) -> Context:
+    """Loopback only, which the configuration must show."""
+    context = Context(domain_id, discovery="localhost", args=[])
+    assert 'address="127.0.0.1"' in cyclone_xml(context.settings, process_id=1)
+    return context
+
+
+async def execute(goal: Any) -> Any:
+    """Counts up to the order, slowly when it is large, without a pause when it is negative."""
+    done: list[int] = []
+    for number in range(-goal.request.order):
+        goal.publish_feedback(Fibonacci.Feedback(sequence=[number]))
+    for number in range(goal.request.order):
+        if goal.cancel_requested:
+            return goal.canceled(Fibonacci.Result(sequence=done))
+        done.append(number)
+        goal.publish_feedback(Fibonacci.Feedback(sequence=done))
+        await asyncio.sleep(0.02 if goal.request.order > 20 else 0)
+    return Fibonacci.Result(sequence=done)
+
+
+async def main(domain_id: int) -> None:
+    with open_context(domain_id) as context:
+        async with Node("peer", context=context) as node:
+            node.declare_parameters(Drive)
+            node.create_action_server(Fibonacci, "fib", execute)
+            print("ready", flush=True)
+            await asyncio.to_thread(sys.stdin.read)
+
+
+if __name__ == "__main__":
+    asyncio.run(main(int(sys.argv[1])))

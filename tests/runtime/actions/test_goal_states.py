@@ -1,0 +1,319 @@
+"""Action goals on the server: protocol.md 8.2 to 8.4, every pair, and a random walk against a model."""
+
+from __future__ import annotations
+
+import itertools
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from rosidl_py_gen.runtime.actions.states import (
+    ZERO_ID,
+    CancelAnswer,
+    CancelCode,
+    CancelSelection,
+    GoalBook,
+    GoalEvent,
+    GoalInfo,
+    GoalStatus,
+    GoalTransitionError,
+    ResultAnswer,
+    UnknownGoalError,
+    next_status,
+)
+
+S, E = GoalStatus, GoalEvent
+ALLOWED = {
+    (S.ACCEPTED, E.EXECUTE): S.EXECUTING,
+    (S.ACCEPTED, E.CANCEL_GOAL): S.CANCELING,
+    (S.EXECUTING, E.CANCEL_GOAL): S.CANCELING,
+    (S.EXECUTING, E.SUCCEED): S.SUCCEEDED,
+    (S.CANCELING, E.SUCCEED): S.SUCCEEDED,
+    (S.EXECUTING, E.ABORT): S.ABORTED,
+    (S.CANCELING, E.ABORT): S.ABORTED,
+    (S.CANCELING, E.CANCELED): S.CANCELED,
+}
+
+
+def test_statuses_have_the_numbers_of_action_msgs() -> None:
+    assert [int(status) for status in S] == list(range(7))
+    assert [s for s in S if s.is_terminal] == [S.SUCCEEDED, S.CANCELED, S.ABORTED]
+    assert [s for s in S if s.is_active] == [S.ACCEPTED, S.EXECUTING, S.CANCELING]
+    assert [s for s in S if s.is_cancelable] == [S.ACCEPTED, S.EXECUTING]
+    assert [int(code) for code in CancelCode] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(("status", "event"), list(itertools.product(S, E)))
+def test_every_pair_of_status_and_event(status: GoalStatus, event: GoalEvent) -> None:
+    expected = ALLOWED.get((status, event))
+    if expected is not None:
+        assert next_status(status, event) is expected
+        return
+    with pytest.raises(GoalTransitionError, match=f"a goal that is {status.name} cannot {event.value}") as caught:
+        next_status(status, event)
+    assert caught.value.code == 2301
+
+
+def gid(number: int) -> bytes:
+    return number.to_bytes(16, "big")
+
+
+Book = GoalBook[str, str]
+
+
+def book(*stamps: int, timeout_ns: int = 100) -> Book:
+    """Goals 1, 2, ... accepted at these times."""
+    made = Book(timeout_ns)
+    for number, stamp in enumerate(stamps, 1):
+        assert made.accept(gid(number), stamp) == GoalInfo(gid(number), stamp)
+    return made
+
+
+def test_a_known_id_is_refused_even_after_the_end() -> None:
+    goals = book(5)
+    assert goals.accept(gid(1), 6) is None
+    goals.apply(gid(1), E.EXECUTE)
+    goals.finish(gid(1), E.SUCCEED, "r", 7)
+    assert goals.accept(gid(1), 8) is None and len(goals) == 1
+
+
+def test_statuses_are_listed_in_the_order_of_acceptance_with_terminal_ones() -> None:
+    goals = book(5, 4, 6)
+    goals.apply(gid(2), E.EXECUTE)
+    goals.finish(gid(2), E.ABORT, "r", 9)
+    assert goals.statuses() == [
+        (GoalInfo(gid(1), 5), S.ACCEPTED),
+        (GoalInfo(gid(2), 4), S.ABORTED),
+        (GoalInfo(gid(3), 6), S.ACCEPTED),
+    ]
+    assert [info.goal_id for info in goals.active()] == [gid(1), gid(3)]
+
+
+def test_results_wait_for_the_end_and_are_there_at_once_afterwards() -> None:
+    goals = book(5)
+    assert goals.request_result(gid(9)) == (ResultAnswer.UNKNOWN, None)
+    with pytest.raises(UnknownGoalError):
+        goals.wait_for_result(gid(9), "z")
+    assert goals.request_result(gid(1)) == (ResultAnswer.WAIT, None)
+    goals.wait_for_result(gid(1), "a")
+    goals.apply(gid(1), E.EXECUTE)
+    assert goals.request_result(gid(1)) == (ResultAnswer.WAIT, None)
+    goals.wait_for_result(gid(1), "b")
+    goals.wait_for_result(gid(1), "gone")
+    assert goals.waiting() == ["a", "b", "gone"]
+    goals.forget_waiting(gid(1), "gone")
+    goals.forget_waiting(gid(1), "gone")
+    goals.forget_waiting(gid(9), "gone")
+    assert goals.finish(gid(1), E.SUCCEED, "result", 7) == ["a", "b"]
+    assert goals.request_result(gid(1)) == (ResultAnswer.READY, "result") and goals.waiting() == []
+
+
+def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
+    goals = book(5)
+    goals.apply(gid(1), E.EXECUTE)
+    goals.finish(gid(1), E.SUCCEED, "first", 7)
+    with pytest.raises(GoalTransitionError):
+        goals.finish(gid(1), E.ABORT, "second", 8)
+    assert goals.request_result(gid(1)) == (ResultAnswer.READY, "first")
+    with pytest.raises(UnknownGoalError):
+        goals.finish(gid(2), E.ABORT, "r", 8)
+    with pytest.raises(UnknownGoalError):
+        goals.apply(gid(2), E.EXECUTE)
+
+
+def test_results_are_forgotten_when_their_time_is_over() -> None:
+    """r2r keeps every result for ever (r2r.md A7)."""
+    goals = book(0, 0, timeout_ns=100)
+    assert goals.next_expiry_ns() is None
+    for number in (1, 2):
+        goals.apply(gid(number), E.EXECUTE)
+    goals.finish(gid(1), E.SUCCEED, "r", 1000)
+    assert goals.expire(1100) == [] and goals.next_expiry_ns() == 1101
+    assert goals.expire(1101) == [gid(1)]
+    assert goals.request_result(gid(1))[0] is ResultAnswer.UNKNOWN
+    assert goals.expire(10**9) == [] and gid(2) in goals
+    assert goals.accept(gid(1), 2000) is not None
+
+
+@pytest.mark.parametrize("timeout", [0, -5])
+def test_without_a_timeout_a_finished_goal_is_forgotten_at_the_next_check(timeout: int) -> None:
+    goals = book(0, timeout_ns=timeout)
+    goals.apply(gid(1), E.EXECUTE)
+    assert goals.expire(5) == []
+    goals.finish(gid(1), E.SUCCEED, "r", 5)
+    assert goals.expire(5) == [gid(1)]
+
+
+def test_without_end_a_finished_goal_is_kept_for_ever() -> None:
+    goals = Book(None)
+    goals.accept(gid(1), 0)
+    goals.apply(gid(1), E.EXECUTE)
+    goals.finish(gid(1), E.SUCCEED, "r", 5)
+    assert goals.expire(10**30) == [] and goals.next_expiry_ns() is None
+
+
+def mixed() -> Book:
+    """Goal 1 accepted at 10, 2 executing since 20, 3 canceling since 30, 4 succeeded, accepted at 40, 5 at 50."""
+    goals = book(10, 20, 30, 40, 50)
+    for number in (2, 3, 4):
+        goals.apply(gid(number), E.EXECUTE)
+    goals.apply(gid(3), E.CANCEL_GOAL)
+    goals.finish(gid(4), E.SUCCEED, "r", 45)
+    return goals
+
+
+@pytest.mark.parametrize(
+    ("goal", "stamp", "code", "chosen"),
+    [
+        (1, 0, 0, [1]),
+        (2, 0, 0, [2]),
+        (3, 0, 3, []),  # canceling already
+        (4, 0, 3, []),  # terminal
+        (9, 0, 2, []),  # unknown
+        (0, 0, 0, [1, 2, 5]),
+        (0, 20, 0, [1, 2]),
+        (0, 5, 0, []),
+        (5, 10, 0, [1, 5]),
+        (1, 10, 0, [1]),
+        (4, 10, 0, [1]),
+        (9, 20, 0, [1, 2]),
+    ],
+)
+def test_who_is_cancelled_with_which_code(goal: int, stamp: int, code: int, chosen: list[int]) -> None:
+    got = mixed().select_for_cancel(gid(goal), stamp)
+    assert (int(got.code), [int.from_bytes(info.goal_id, "big") for info in got.goals]) == (code, chosen)
+    assert all(info.stamp_ns for info in got.goals)
+
+
+@pytest.mark.parametrize(
+    ("goal", "agreed", "ended", "code", "chosen"),
+    [
+        (0, [1, 2], [], 0, [1, 2]),
+        (0, [1], [], 0, [1]),
+        (0, [], [], 1, []),  # rclcpp's REJECTED; rclpy says 0
+        (0, [1, 2], [2], 0, [1]),
+        (0, [2], [2], 1, []),  # 1 is left, and was refused
+        (0, [1, 2], [1, 2], 0, []),  # zero ids always get 0 when nothing is left
+        (0, [], [1, 2], 0, []),
+        (1, [1], [], 0, [1]),
+        (1, [], [], 1, []),
+        (1, [1], [1], 3, []),
+        (1, [], [1], 3, []),
+        (9, [], [], 2, []),
+    ],
+)
+def test_the_answer_to_a_cancel(goal: int, agreed: list[int], ended: list[int], code: int, chosen: list[int]) -> None:
+    """r2r answers REJECTED with an empty list for every request that hits two goals (r2r.md A7)."""
+    goals = book(1, 2)
+    for number in (1, 2):
+        goals.apply(gid(number), E.EXECUTE)
+    selection = goals.select_for_cancel(gid(goal), 0)
+    for number in ended:
+        goals.finish(gid(number), E.SUCCEED, "r", 3)
+    infos = {number: GoalInfo(gid(number), number) for number in (1, 2)}
+    answer = goals.answer_cancel(selection, [infos[number] for number in agreed])
+    assert answer == CancelAnswer(CancelCode(code), tuple(infos[number] for number in chosen))
+
+
+def test_a_goal_named_with_a_stamp_is_one_of_many() -> None:
+    goals = mixed()
+    selection = goals.select_for_cancel(gid(5), 20)
+    for number in (1, 2, 5):
+        goals.apply(gid(number), E.CANCEL_GOAL)
+    assert goals.answer_cancel(selection, selection.goals) == CancelAnswer(CancelCode.NONE)
+    only = goals.select_for_cancel(gid(3), 0)
+    assert only == CancelSelection(CancelCode.GOAL_TERMINATED, by_id=True)
+    assert goals.answer_cancel(only, ()) == CancelAnswer(CancelCode.GOAL_TERMINATED)
+
+
+class BookAgainstModel(RuleBasedStateMachine):
+    """Random interleavings of goal events, cancels, result requests and the passing of time."""
+
+    ids = st.integers(1, 4)
+
+    @initialize(timeout=st.sampled_from([0, 10, 50]))
+    def create(self, timeout: int) -> None:
+        self.timeout, self.now, self.tokens = timeout, 100, 0
+        self.book: GoalBook[int, int] = GoalBook(timeout)
+        self.model: dict[int, GoalStatus] = {}
+        self.stamps: dict[int, int] = {}
+        self.ended: dict[int, int] = {}
+        self.waiting: dict[int, list[int]] = {}
+        self.answered: dict[int, int] = {}
+
+    @rule(goal=ids)
+    def accept(self, goal: int) -> None:
+        info = self.book.accept(gid(goal), self.now)
+        assert (info is None) == (goal in self.model)
+        if info is not None:
+            self.model[goal], self.stamps[goal], self.waiting[goal] = S.ACCEPTED, self.now, []
+
+    @rule(goal=ids, event=st.sampled_from(list(E)))
+    def happen(self, goal: int, event: GoalEvent) -> None:
+        target = ALLOWED.get((self.model.get(goal, S.UNKNOWN), event))
+        ends = event in (E.SUCCEED, E.ABORT, E.CANCELED)
+        try:
+            if ends:
+                told = self.book.finish(gid(goal), event, self.now, self.now)
+            else:
+                assert self.book.apply(gid(goal), event) is target
+        except (GoalTransitionError, UnknownGoalError):
+            assert target is None
+            return
+        assert target is not None
+        self.model[goal] = target
+        if ends:
+            assert told == self.waiting[goal]
+            for token in told:
+                assert token not in self.answered
+                self.answered[token] = goal
+            self.waiting[goal], self.ended[goal] = [], self.now
+
+    @rule(goal=ids)
+    def ask_result(self, goal: int) -> None:
+        self.tokens += 1
+        answer, result = self.book.request_result(gid(goal))
+        known = self.model.get(goal, S.UNKNOWN)
+        assert self.book.status(gid(goal)) is known
+        if known is S.UNKNOWN:
+            assert answer is ResultAnswer.UNKNOWN
+        elif known.is_terminal:
+            assert answer is ResultAnswer.READY and result == self.ended[goal]
+        else:
+            assert answer is ResultAnswer.WAIT
+            self.book.wait_for_result(gid(goal), self.tokens)
+            self.waiting[goal].append(self.tokens)
+
+    @rule(goal=st.integers(0, 5), back=st.integers(0, 60), by_stamp=st.booleans())
+    def cancel(self, goal: int, back: int, by_stamp: bool) -> None:
+        stamp = self.now - back if by_stamp else 0
+        got = self.book.select_for_cancel(gid(goal), stamp)
+        cancelable = [g for g, status in self.model.items() if status.is_cancelable]
+        if goal and not by_stamp:
+            code = 0 if goal in cancelable else 3 if goal in self.model else 2
+            assert (int(got.code), [i.goal_id for i in got.goals]) == (code, [gid(goal)] if code == 0 else [])
+        else:
+            chosen = [g for g in cancelable if not by_stamp or self.stamps[g] <= stamp or g == goal]
+            assert (int(got.code), [i.goal_id for i in got.goals]) == (0, [gid(g) for g in chosen])
+
+    @rule(step=st.integers(1, 30))
+    def time_passes(self, step: int) -> None:
+        self.now += step
+        due = self.book.next_expiry_ns()
+        gone = [int.from_bytes(goal_id, "big") for goal_id in self.book.expire(self.now)]
+        over = [g for g, end in self.ended.items() if self.timeout <= 0 or self.now - end > self.timeout]
+        assert sorted(gone) == sorted(over)
+        assert (due is not None and due <= self.now) == bool(gone)
+        for goal in gone:
+            del self.model[goal], self.ended[goal], self.stamps[goal]
+
+    @invariant()
+    def agree(self) -> None:
+        assert {int.from_bytes(i.goal_id, "big"): s for i, s in self.book.statuses()} == self.model
+        assert ZERO_ID not in self.book
+
+
+TestBookAgainstModel = BookAgainstModel.TestCase
+TestBookAgainstModel.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)

@@ -1,0 +1,142 @@
+"""Recorded facts of the protocol as bytes: names, USER_DATA, the graph message, the opaque type."""
+
+from __future__ import annotations
+
+import pytest
+
+from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
+from rosidl_py_gen.runtime.graph import message as graph_message
+from rosidl_py_gen.runtime.graph.discovery import _TYPE_HASH
+from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE, Graph, NodeEntities
+from rosidl_py_gen.runtime.names import dds as ddsnames
+from rosidl_py_gen.runtime.transport.cyclone.types import member_name, type_blobs
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
+
+PREFIX = bytes.fromhex("0110f307 0a0b0c0d 01020304")
+GUID = PREFIX + b"\0\0\1\xc1"
+
+
+@pytest.mark.parametrize(
+    ("ros", "dds"),
+    [
+        (ddsnames.topic_name("/ns/t"), "rt/ns/t"),
+        (ddsnames.topic_name("/ns/t", prefix=False), "/ns/t"),
+        (ddsnames.request_name("/ns/s"), "rq/ns/sRequest"),
+        (ddsnames.reply_name("/ns/s"), "rr/ns/sReply"),
+        (ddsnames.request_name("/ns/s", prefix=False), "/ns/sRequest"),
+        (ddsnames.type_name("std_msgs/msg/String"), "std_msgs::msg::dds_::String_"),
+        (ddsnames.type_name("pkg/srv/X_Request"), "pkg::srv::dds_::X_Request_"),
+        (ddsnames.demangle_topic("rt/ns/t"), "/ns/t"),
+        (ddsnames.demangle_topic("ros_discovery_info"), None),
+        (ddsnames.demangle_service("rq/ns/sRequest"), "/ns/s"),
+        (ddsnames.demangle_service("rr/ns/sReply"), "/ns/s"),
+        (ddsnames.demangle_service("rq/ns/sReply"), None),
+        (ddsnames.demangle_type("std_msgs::msg::dds_::String_"), "std_msgs/msg/String"),
+        (ddsnames.demangle_type("HelloWorld"), None),
+        (ddsnames.demangle_service_type("pkg::srv::dds_::X_Response_"), "pkg/srv/X"),
+        (ddsnames.demangle_service_type("pkg::msg::dds_::X_"), None),
+    ],
+)
+def test_names(ros: str | None, dds: str | None) -> None:
+    assert ros == dds
+
+
+def test_user_data_texts() -> None:
+    assert ddsnames.participant_user_data() == b"enclave=/;"
+    assert ddsnames.endpoint_user_data("RIHS01_ab") == b"typehash=RIHS01_ab;"
+    assert ddsnames.endpoint_user_data("RIHS01_ab", client_id=" 1.2") == b"clientid= 1.2;typehash=RIHS01_ab;"
+    assert ddsnames.endpoint_user_data("", service_id="1.2") == b"serviceid=1.2;"
+    prefix = bytes.fromhex("0110f307000a000100000001")
+    assert ddsnames.entity_id(prefix, 2) == " 1.10.f3.7.0.a.0.1.0.0.0.1.0.0.0.2"
+    assert ddsnames.entity_id(b"\xab" + prefix[1:], 258).startswith("ab.10.")
+    assert ddsnames.entity_id(prefix, 258).endswith(".0.0.1.2")
+
+
+@pytest.mark.parametrize(
+    ("data", "pairs"),
+    [
+        (b"enclave=/;", {"enclave": "/"}),
+        (b"typehash=x;serviceid= 1.2;\0\0", {"typehash": "x", "serviceid": " 1.2"}),
+        (b"", {}),
+        (b"broken", {}),
+        (b"a=b;broken", {}),
+        (b"a_b=c;", {}),
+    ],
+)
+def test_user_data_is_read_or_ignored_as_a_whole(data: bytes, pairs: dict[str, str]) -> None:
+    assert ddsnames.parse_user_data(data) == pairs
+
+
+def test_the_graph_message_is_what_the_generated_class_writes() -> None:
+    reader, writer = PREFIX + b"\0\0\5\4", PREFIX + b"\0\0\6\3"
+    data = graph_message.encode(GUID, [NodeEntities("/ns", "n", frozenset([reader]), frozenset([writer]))])
+    expected = ParticipantEntitiesInfo(
+        gid=Gid(data=GUID),
+        node_entities_info_seq=[
+            NodeEntitiesInfo("/ns", "n", reader_gid_seq=[Gid(data=reader)], writer_gid_seq=[Gid(data=writer)])
+        ],
+    )
+    assert data == expected.encode()
+    assert ParticipantEntitiesInfo._TYPE.hash == _TYPE_HASH
+    assert graph_message.decode(data, PREFIX).nodes[0].writer_gids == {writer}
+
+
+@pytest.mark.parametrize("pad", [b"", b"\0\0"])
+@pytest.mark.parametrize("gid_bytes", [16, 24])
+def test_both_gid_sizes_are_understood(gid_bytes: int, pad: bytes) -> None:
+    tail = bytes(gid_bytes - 16)
+    number = lambda n: n.to_bytes(4, "little")  # noqa: E731
+    reader = PREFIX + b"\0\0\5\4"
+    data = (
+        b"\0\1\0\0"
+        + (GUID + tail + number(1))
+        + (number(2) + b"/\0" + b"\0\0")  # namespace, padded
+        + (number(3) + b"ab\0" + b"\0")  # name, padded
+        + (number(1) + reader + tail)
+        + number(0)
+    ) + pad
+    message = graph_message.decode(data, PREFIX)
+    assert message.participant_guid == GUID
+    assert message.nodes == [NodeEntities("/", "ab", frozenset([reader]), frozenset())]
+
+
+@pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + GUID, b"\0\1\0\0" + GUID + b"\xff" * 30])
+def test_other_bytes_are_refused(data: bytes) -> None:
+    with pytest.raises(DecodeError):
+        graph_message.decode(data, PREFIX)
+
+
+@pytest.mark.parametrize("member", ["std_msgs__msg__String", "a", "ab", "abc", "sensor_msgs__msg__PointCloud2"])
+def test_the_opaque_type_is_what_cyclonedds_itself_would_announce(member: str) -> None:
+    from cyclonedds.idl import make_idl_struct
+    from cyclonedds.idl.types import uint8
+
+    reference = make_idl_struct("opaque", "opaque", {member: uint8})
+    reference.__idl__.populate()
+    reference.__idl__.fill_type_data()
+    assert type_blobs(member) == tuple(reference.__idl__._xt_bytedata)
+
+
+def test_member_names_are_fixed_for_ever() -> None:
+    assert member_name("std_msgs::msg::dds_::String_") == "std_msgs__msg__String"
+    assert member_name("pkg::srv::dds_::X_Request_") == "pkg__srv__X_Request"
+    assert member_name("HelloWorld") == "HelloWorld"
+
+
+def test_endpoints_find_their_node_or_a_placeholder() -> None:
+    graph = Graph()
+    writer = EndpointFound(PREFIX + b"\0\0\6\3", GUID, True, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT, b"")
+    graph.apply(writer)
+    assert graph.node_of(writer) == BARE_DDS_NODE
+    graph.apply(ParticipantFound(GUID, b"enclave=/;"))
+    assert graph.node_of(writer) == UNKNOWN_NODE
+    stale = PREFIX + b"\0\0\7\3"
+    graph.set_nodes(GUID, [NodeEntities("/ns", "n", frozenset(), frozenset([writer.guid, stale]))])
+    assert graph.node_of(writer) == ("/ns", "n")
+    assert graph.of_node("n", "/ns", writers=True) == [("/t", ["std_msgs/msg/String"])]
+    graph.apply(Lost(writer.guid))
+    assert graph.of_node("n", "/ns", writers=True) == []
+    graph.apply(Lost(GUID))
+    assert graph.nodes() == []

@@ -1,0 +1,108 @@
+"""The lifecycle state machine: protocol.md 12.2, every row and every pair that is not one."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from rosidl_py_gen.runtime.lifecycle.states import (
+    PRIMARY_STATES,
+    TRANSITIONS,
+    Outcome,
+    State,
+    TransitionError,
+    available,
+    finished,
+    outcome_of,
+    requested,
+)
+
+REQUESTS = {
+    (State.UNCONFIGURED, "configure"): (1, State.CONFIGURING),
+    (State.INACTIVE, "cleanup"): (2, State.CLEANINGUP),
+    (State.INACTIVE, "activate"): (3, State.ACTIVATING),
+    (State.ACTIVE, "deactivate"): (4, State.DEACTIVATING),
+    (State.UNCONFIGURED, "shutdown"): (5, State.SHUTTINGDOWN),
+    (State.INACTIVE, "shutdown"): (6, State.SHUTTINGDOWN),
+    (State.ACTIVE, "shutdown"): (7, State.SHUTTINGDOWN),
+}
+ENDS = {
+    State.CONFIGURING: (10, State.INACTIVE, State.UNCONFIGURED, State.ERRORPROCESSING),
+    State.CLEANINGUP: (20, State.UNCONFIGURED, State.INACTIVE, State.ERRORPROCESSING),
+    State.ACTIVATING: (30, State.ACTIVE, State.INACTIVE, State.ERRORPROCESSING),
+    State.DEACTIVATING: (40, State.INACTIVE, State.ACTIVE, State.ERRORPROCESSING),
+    State.SHUTTINGDOWN: (50, State.FINALIZED, State.FINALIZED, State.ERRORPROCESSING),
+    State.ERRORPROCESSING: (60, State.UNCONFIGURED, State.FINALIZED, State.FINALIZED),
+}
+LABELS = sorted({label for _, label in REQUESTS})
+
+
+def test_state_numbers_and_labels() -> None:
+    assert [int(state) for state in State] == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15]
+    assert State.ERRORPROCESSING.label == "errorprocessing"
+
+
+@pytest.mark.parametrize(("state", "label"), list(itertools.product(State, LABELS)))
+def test_every_request_by_label_in_every_state(state: State, label: str) -> None:
+    got = requested(state, 255, label)
+    assert (None if got is None else (got.id, got.goal)) == REQUESTS.get((state, label))
+
+
+@pytest.mark.parametrize(("state", "number"), list(itertools.product(State, range(70))))
+def test_every_request_by_id_in_every_state(state: State, number: int) -> None:
+    got = requested(state, number, "")
+    expected = {(start, row[0]): row[1] for (start, _), row in REQUESTS.items()}
+    assert (None if got is None else got.goal) == expected.get((state, number))
+
+
+def test_a_label_wins_over_the_id_and_outcomes_cannot_be_requested() -> None:
+    got = requested(State.INACTIVE, 3, "cleanup")
+    assert got is not None and got.id == 2
+    assert requested(State.CONFIGURING, 0, "transition_success") is None
+
+
+@pytest.mark.parametrize(("state", "index"), list(itertools.product(ENDS, range(3))))
+def test_every_outcome_of_every_passing_state(state: State, index: int) -> None:
+    first, *goals = ENDS[state]
+    outcome = list(Outcome)[index]
+    row = finished(state, outcome)
+    assert (row.id, row.goal, row.label) == (first + index, goals[index], outcome.value)
+
+
+@pytest.mark.parametrize("state", [*PRIMARY_STATES, State.UNKNOWN])
+def test_primary_states_wait_for_requests(state: State) -> None:
+    with pytest.raises(TransitionError, match="not possible in state"):
+        finished(state, Outcome.SUCCESS)
+
+
+def test_the_table_has_25_rows_and_available_ones_leave_the_state() -> None:
+    assert len(TRANSITIONS) == 7 + 18 and len({row.id for row in TRANSITIONS}) == 25
+    assert [row.id for row in available(State.INACTIVE)] == [2, 3, 6]
+    assert available(State.FINALIZED) == ()
+
+
+@pytest.mark.parametrize(
+    ("answer", "outcome"),
+    [
+        (None, Outcome.SUCCESS),
+        (True, Outcome.SUCCESS),
+        (np.bool_(True), Outcome.SUCCESS),
+        (1, Outcome.SUCCESS),
+        (Outcome.SUCCESS, Outcome.SUCCESS),
+        (False, Outcome.FAILURE),
+        (np.bool_(False), Outcome.FAILURE),
+        (0, Outcome.FAILURE),
+        ("", Outcome.FAILURE),
+        ([], Outcome.FAILURE),
+        (Outcome.FAILURE, Outcome.FAILURE),
+        (Outcome.ERROR, Outcome.ERROR),
+        # lifecycle_msgs/Transition TRANSITION_CALLBACK_SUCCESS, _FAILURE, _ERROR
+        (97, Outcome.SUCCESS),
+        (98, Outcome.FAILURE),
+        (99, Outcome.ERROR),
+    ],
+)
+def test_what_the_answer_of_a_callback_means(answer: object, outcome: Outcome) -> None:
+    assert outcome_of(answer) is outcome

@@ -1,0 +1,255 @@
+"""Log files and the switches of log outputs, end to end: protocol.md 9.7, 10.4, 10.6."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.runtime.logs.file import (
+    LogFile,
+    LogFileError,
+    log_file_is_wanted,
+    log_file_name,
+    log_folder,
+    program_prefix,
+)
+from rosidl_py_gen.runtime.logs.loggers import get_logger, get_root_logger
+from rosidl_py_gen.runtime.node.arguments import parse_arguments
+
+OpenNode = Callable[..., Node]
+
+
+@pytest.fixture
+def open_node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[OpenNode]:
+    """Opens nodes, each in a context of its own, whose home is an empty folder and whose console is really used."""
+    for name in ("ROS_LOG_DIR", "ROS_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    for name in [name for name in os.environ if name.startswith("RCUTILS_")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    transport = MemoryTransport()
+    nodes: list[Node] = []
+
+    def make(name: str, *ros_arguments: str, program: str = "prog/talker.py") -> Node:
+        monkeypatch.setattr(logging.getLogger(), "handlers", [])  # pytest's own would keep the console quiet
+        context = Context(0, transport=transport, args=[program, "--ros-args", *ros_arguments])
+        nodes.append(Node(name, context=context))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.context.close()
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*.log"))
+
+
+# -------------------------------------------------------------------------------------------------------- who asks
+
+
+@pytest.mark.parametrize(
+    ("flags", "environ", "wanted"),
+    [
+        ("", {}, False),
+        ("", {"ROS_HOME": "/h"}, False),
+        ("", {"ROS_LOG_DIR": ""}, False),
+        ("", {"ROS_LOG_DIR": "/l"}, True),
+        ("--log-file-name x", {}, True),
+        ("--enable-external-lib-logs", {}, True),
+        ("--log-file-name x --disable-external-lib-logs", {"ROS_LOG_DIR": "/l"}, False),
+        ("--disable-external-lib-logs --enable-external-lib-logs", {}, True),
+    ],
+)
+def test_a_file_is_written_only_when_somebody_asks(flags: str, environ: dict[str, str], wanted: bool) -> None:
+    assert log_file_is_wanted(parse_arguments(["p", "--ros-args", *flags.split()]), environ) is wanted
+
+
+@pytest.mark.parametrize(
+    ("environ", "folder"),
+    [
+        ({}, "~/.ros/log"),
+        ({"ROS_LOG_DIR": "", "ROS_HOME": ""}, "~/.ros/log"),
+        ({"ROS_HOME": "/h"}, "/h/log"),
+        ({"ROS_HOME": "~/h"}, "~/h/log"),
+        ({"ROS_HOME": "/h", "ROS_LOG_DIR": "/l"}, "/l"),
+        ({"ROS_LOG_DIR": "~/l"}, "~/l"),
+    ],
+)
+def test_the_folder(environ: dict[str, str], folder: str) -> None:
+    assert log_folder(environ) == Path(folder).expanduser()
+
+
+@pytest.mark.parametrize(
+    ("program", "prefix"),
+    [
+        ("/x/talker.py", "talker"),
+        ("talker", "talker"),
+        ("", "python"),
+        ("-c", "python"),
+        ("-m", "python"),
+        ("ccc.py", "ccc"),
+        ("/site/pkg/__main__.py", "pkg"),
+        ("odd name.py", "odd_name"),
+    ],
+)
+def test_the_file_is_called_after_the_program(program: str, prefix: str) -> None:
+    assert program_prefix(program) == prefix
+
+
+def test_the_name_of_a_file() -> None:
+    assert log_file_name("talker", 12, 1_700_000_000_123_999_999) == "talker_12_1700000000123.log"
+
+
+# ------------------------------------------------------------------------------------------------------ end to end
+
+
+def test_nothing_is_written_by_default(open_node: OpenNode, tmp_path: Path) -> None:
+    open_node("n").logger.error("x")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_named_file_holds_the_lines_of_the_console(open_node: OpenNode, tmp_path: Path) -> None:
+    node = open_node("n", "--log-file-name", "mine", "--log-level", "n.deep:=debug")
+    node.logger.info("first\nsecond \ud800")
+    node.logger.get_child("deep").debug("third")
+    node.logger.debug("not enabled")
+    get_logger("of_no_node").warning("fourth")
+    (path,) = files(tmp_path)
+    assert path.parent == tmp_path / ".ros" / "log"
+    assert re.fullmatch(rf"mine_{os.getpid()}_\d{{13}}\.log", path.name)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert [re.sub(r"\[\d+\.\d{9}\]", "[T]", line) for line in lines] == [
+        "[INFO] [T] [n]: first",
+        "second \\ud800",
+        "[DEBUG] [T] [n.deep]: third",
+        "[WARN] [T] [of_no_node]: fourth",
+    ]
+
+
+def test_the_folder_of_the_environment_and_its_format(
+    open_node: OpenNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "a" / "b"))
+    monkeypatch.setenv("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{severity} {message}")
+    monkeypatch.setenv("RCUTILS_COLORIZED_OUTPUT", "1")
+    open_node("n").logger.error("red on the console")
+    (path,) = files(tmp_path)
+    assert path.parent == tmp_path / "a" / "b" and path.name.startswith(f"talker_{os.getpid()}_")
+    assert path.read_text(encoding="utf-8") == "ERROR red on the console\n"
+
+
+def test_disabling_wins(open_node: OpenNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path))
+    open_node("n", "--log-file-name", "x", "--disable-external-lib-logs").logger.error("x")
+    assert files(tmp_path) == []
+
+
+def test_each_context_has_its_file_and_equal_ones_share_it(open_node: OpenNode, tmp_path: Path) -> None:
+    a, b = open_node("a", "--log-file-name", "one"), open_node("b", "--log-file-name", "one")
+    c, d = open_node("c", "--log-file-name", "two"), open_node("d")
+    for node in (a, b, c, d):
+        node.logger.warning(f"by {node.name}")
+    a.context.close()
+    b.logger.warning("still open")
+    b.context.close()
+    b.logger.warning("nobody's file")
+    one, two = files(tmp_path)
+    assert [line.rpartition("]: ")[2] for line in one.read_text().splitlines()] == ["by a", "by b", "still open"]
+    # A closed node's logger belongs to no node any more.
+    assert [line.rpartition("]: ")[2] for line in two.read_text().splitlines()] == ["by c", "nobody's file"]
+    c.context.close()
+    assert [handler for handler in get_root_logger().handlers if isinstance(handler, LogFile)] == []
+
+
+def test_a_file_that_cannot_be_written_is_an_error_that_says_so(
+    open_node: OpenNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "file"))
+    with pytest.raises(LogFileError, match=r"log file .* cannot be written: .*; set ROS_LOG_DIR to another") as raised:
+        open_node("n")
+    assert isinstance(raised.value, OSError)
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "good"))
+    open_node("n").logger.info("x")
+    assert len(files(tmp_path)) == 1
+
+
+def test_a_context_that_cannot_be_opened_leaves_no_file_open(tmp_path: Path, open_node: OpenNode) -> None:
+    class Broken(MemoryTransport):
+        def open(self, *_: object, **__: object) -> None:  # type: ignore[override]
+            raise RuntimeError("no network")
+
+    with pytest.raises(RuntimeError, match="no network"):
+        Context(0, transport=Broken(), args=["p", "--ros-args", "--log-file-name", "x"])
+    assert [handler for handler in get_root_logger().handlers if isinstance(handler, LogFile)] == []
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_forked_child_does_not_write_its_parents_file(open_node: OpenNode, tmp_path: Path) -> None:
+    node = open_node("n", "--log-file-name", "x")
+    node.logger.info("before")
+    child = os.fork()
+    if child == 0:  # no test framework in here
+        try:
+            node.logger.info("by the child")
+            get_logger("of_no_node").info("by the child")
+        finally:
+            os._exit(0)
+    os.waitpid(child, 0)
+    node.logger.info("after")
+    (path,) = files(tmp_path)
+    assert [line.rpartition("]: ")[2] for line in path.read_text().splitlines()] == ["before", "after"]
+
+
+# -------------------------------------------------------------------------------------------------------- switches
+
+
+@pytest.mark.parametrize("quiet_first", [True, False])
+def test_stdout_logs_are_switched_by_context(
+    open_node: OpenNode, capsys: pytest.CaptureFixture[str], quiet_first: bool
+) -> None:
+    arguments: dict[str, list[str]] = {"quiet": ["--disable-stdout-logs"], "loud": []}
+    order = ("quiet", "loud") if quiet_first else ("loud", "quiet")
+    nodes = {name: open_node(name, *arguments[name]) for name in order}
+    for name in ("quiet", "loud"):
+        nodes[name].logger.warning(f"by {name}")
+        nodes[name].logger.get_child("kid").warning(f"by the kid of {name}")
+    get_logger("of_no_node").warning("by nobody")
+    nodes["loud"].context.close()
+    nodes["quiet"].logger.warning("still quiet")
+    get_logger("of_no_node").warning("only the quiet one is left")
+    nodes["quiet"].context.close()
+    get_logger("of_no_node").warning("all are closed")
+    printed = [line.rpartition("]: ")[2] for line in capsys.readouterr().err.splitlines()]
+    assert printed == ["by loud", "by the kid of loud", "by nobody"]
+
+
+def test_a_quiet_node_writes_its_file_and_publishes(
+    open_node: OpenNode, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    node = open_node("n", "--disable-stdout-logs", "--log-file-name", "x")
+    node.logger.warning("x")
+    assert capsys.readouterr().err == "" and "[n]: x" in files(tmp_path)[0].read_text()
+    assert node.get_publisher_names_and_types_by_node("n")[-1][0] == "/rosout"
+
+
+def test_rosout_logs_can_be_switched_off(open_node: OpenNode, capsys: pytest.CaptureFixture[str]) -> None:
+    async def main() -> None:
+        node, listener = open_node("n", "--disable-rosout-logs"), open_node("listener")
+        records = listener.create_subscription("rcl_interfaces/msg/Log", "/rosout", qos=10)
+        node.logger.warning("x")
+        listener.logger.warning("y")
+        listener.logger.warning("z")
+        assert [(await records.receive(5))["msg"] for _ in range(2)] == ["y", "z"]
+        assert "[n]: x" in capsys.readouterr().err
+        assert "/rosout" not in [name for name, _ in node.get_publisher_names_and_types_by_node("n")]
+
+    asyncio.run(main())

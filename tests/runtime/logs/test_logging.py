@@ -1,0 +1,281 @@
+"""ROS loggers: names, levels, call-site options, console lines and the fields for /rosout (protocol.md 9.7)."""
+
+from __future__ import annotations
+
+import io
+import logging as python_logging
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from rosidl_py_gen.errors import InvalidNameError
+from rosidl_py_gen.runtime.logs import console as log_console
+from rosidl_py_gen.runtime.logs.console import ConsoleHandler, ConsoleSettings, format_record, read_console_environment
+from rosidl_py_gen.runtime.logs.loggers import (
+    DEBUG,
+    ERROR,
+    FATAL,
+    INFO,
+    UNSET,
+    WARN,
+    CallSiteFilter,
+    LogLevelError,
+    RosLogger,
+    effective_level,
+    get_logger,
+    get_logger_level,
+    get_root_logger,
+    logger_name,
+    node_logger,
+    parse_level,
+    ros_level,
+    set_logger_level,
+)
+from rosidl_py_gen.runtime.logs.rosout import LogFields, RosoutRouter, log_fields, shared_router
+
+
+class Catcher(python_logging.Handler):
+    def __init__(self) -> None:
+        super().__init__()
+        self.records: list[python_logging.LogRecord] = []
+
+    def emit(self, record: python_logging.LogRecord) -> None:
+        self.records.append(record)
+
+
+@pytest.fixture
+def caught() -> Iterator[list[python_logging.LogRecord]]:
+    handler = Catcher()
+    get_root_logger().addHandler(handler)
+    yield handler.records
+    get_root_logger().removeHandler(handler)
+
+
+@pytest.mark.parametrize(("fqn", "name"), [("/a/b/n", "a.b.n"), ("/n", "n")])
+def test_logger_names_are_node_names_with_dots(fqn: str, name: str) -> None:
+    assert logger_name(fqn) == name and node_logger(fqn) is get_logger(name)
+    with pytest.raises(InvalidNameError):
+        node_logger("/a/1")
+
+
+def test_a_node_called_like_a_python_logger_does_not_touch_it() -> None:
+    assert get_logger("asyncio") is not python_logging.getLogger("asyncio")
+
+
+def test_level_names() -> None:
+    assert [parse_level(t) for t in ("debug", "INFO", "Warn", "error", "fatal", "unset")] == [10, 20, 30, 40, 50, 0]
+    with pytest.raises(LogLevelError, match="unknown log level 'loud'; expected one of"):
+        parse_level("loud")
+    assert [ros_level(n) for n in (1, 10, 15, 25, 39, 50, 99)] == [10, 10, 10, 20, 30, 50, 50]
+
+
+def test_the_nearest_configured_ancestor_decides_and_info_is_the_default() -> None:
+    assert effective_level("lv.a.b") == INFO and get_logger_level("lv.a.b") == UNSET
+    set_logger_level("lv", "error")
+    set_logger_level("lv.a", DEBUG)
+    assert (effective_level("lv.a.b"), effective_level("lv.x"), effective_level("lvx")) == (DEBUG, ERROR, INFO)
+    assert get_logger("lv.a.b").isEnabledFor(DEBUG)
+    set_logger_level("lv.a", UNSET)
+    assert effective_level("lv.a.b") == ERROR and not get_logger("lv.a.b").isEnabledFor(INFO)
+    set_logger_level("lv", UNSET)
+
+
+def test_the_root_can_be_changed_but_not_unset() -> None:
+    set_logger_level("", WARN)
+    assert effective_level("anything") == WARN
+    set_logger_level("", UNSET)
+    assert effective_level("anything") == INFO
+    with pytest.raises(LogLevelError, match="unknown log level 25"):
+        set_logger_level("x", 25)
+
+
+def test_every_level_has_a_method_and_the_call_site_is_the_callers(caught: list[python_logging.LogRecord]) -> None:
+    logger = get_logger("sites")
+    line = sys._getframe().f_lineno
+    logger.info("a %d", 1)
+    logger.warning("b")
+    logger.warn("c")
+    logger.error("d")
+    logger.fatal("e")
+    logger.critical("f")
+    logger.log(WARN, "g")
+    logger.debug("not enabled")
+    logger.get_child("kid").info("h")
+    assert [(r.levelno, r.getMessage(), r.lineno - line) for r in caught] == [
+        (INFO, "a 1", 1),
+        (WARN, "b", 2),
+        (WARN, "c", 3),
+        (ERROR, "d", 4),
+        (FATAL, "e", 5),
+        (FATAL, "f", 6),
+        (WARN, "g", 7),
+        (INFO, "h", 9),
+    ]
+    assert {r.pathname for r in caught} == {__file__} and caught[-1].name == "sites.kid"
+    assert {r.funcName for r in caught} == {"test_every_level_has_a_method_and_the_call_site_is_the_callers"}
+
+
+def test_stacklevel_points_further_out(caught: list[python_logging.LogRecord]) -> None:
+    def helper() -> None:
+        get_logger("outer").info("x", stacklevel=2, stack_info=True)
+
+    helper()
+    assert caught[0].funcName == "test_stacklevel_points_further_out"
+    assert caught[0].stack_info is not None and "in helper" not in caught[0].stack_info
+
+
+def test_exception_logs_the_traceback(caught: list[python_logging.LogRecord]) -> None:
+    try:
+        raise RuntimeError("boom")
+    except RuntimeError:
+        get_logger("exc").exception("failed")
+    fields = log_fields(caught[0])
+    assert fields.level == ERROR and fields.msg.startswith("failed\nTraceback") and fields.msg.endswith("boom")
+
+
+def test_once_and_skip_first_are_per_line(caught: list[python_logging.LogRecord]) -> None:
+    logger = get_logger("once")
+    for i in range(3):
+        logger.info("once %d", i, once=True)
+        logger.info("skip %d", i, skip_first=True)
+    assert [r.getMessage() for r in caught] == ["once 0", "skip 1", "skip 2"]
+
+
+def test_once_is_not_used_up_while_the_level_is_off(caught: list[python_logging.LogRecord]) -> None:
+    logger = get_logger("later")
+    for level in (ERROR, INFO, INFO):
+        set_logger_level("later", level)
+        logger.info("now", once=True)
+    assert len(caught) == 1
+
+
+def test_throttle_lets_one_through_per_period() -> None:
+    sites = CallSiteFilter()
+
+    def passes(now_s: float, line: int = 1) -> bool:
+        return sites.passes(("f", line), now_s, once=False, throttle_s=1.0, skip_first=False)
+
+    assert [passes(t) for t in (0.0, 0.5, 0.99, 1.0, 1.5, 2.1)] == [True, False, False, True, False, True]
+    assert passes(0.5, line=2)
+
+
+def test_throttled_lines_through_a_logger(caught: list[python_logging.LogRecord]) -> None:
+    for _ in range(5):
+        get_logger("thr").info("x", throttle_s=60)
+    assert len(caught) == 1
+
+
+def record(level: int = WARN, msg: str = "hi", name: str = "a.n") -> python_logging.LogRecord:
+    made = python_logging.LogRecord(name, level, "/src/f.py", 12, msg, (), None, "main")
+    made.created = 3.25
+    return made
+
+
+def test_the_console_line_of_ros() -> None:
+    assert format_record(record()) == "[WARN] [3.250000000] [a.n]: hi"
+
+
+def test_format_tokens() -> None:
+    text = "{time_as_nanoseconds} {file_name}:{line_number} {function_name} {severity} {nope} {message}"
+    assert format_record(record(msg="{name}"), text) == "3250000000 /src/f.py:12 main WARN {nope} {name}"
+    assert format_record(record(), "{date_time_with_ms}").endswith(".250")
+
+
+def test_console_environment() -> None:
+    assert read_console_environment({}) == ConsoleSettings()
+    assert read_console_environment(
+        {
+            "RCUTILS_CONSOLE_OUTPUT_FORMAT": "{message}",
+            "RCUTILS_COLORIZED_OUTPUT": "1",
+            "RCUTILS_LOGGING_USE_STDOUT": "1",
+        }
+    ) == ConsoleSettings("{message}", True, True)
+    assert read_console_environment({"RCUTILS_COLORIZED_OUTPUT": "0"}).colorized is False
+
+
+@pytest.mark.parametrize(
+    ("settings", "level", "out", "err"),
+    [
+        (ConsoleSettings("{message}"), WARN, "", "hi\n"),
+        (ConsoleSettings("{message}", use_stdout=True), WARN, "hi\n", ""),
+        (ConsoleSettings("{message}", colorized=True), WARN, "", "\x1b[33mhi\x1b[0m\n"),
+        (ConsoleSettings("{message}", colorized=True), ERROR, "", "\x1b[31mhi\x1b[0m\n"),
+        (ConsoleSettings("{message}", colorized=True), INFO, "", "hi\n"),
+    ],
+)
+def test_stream_and_color(
+    settings: ConsoleSettings, level: int, out: str, err: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    streams = io.StringIO(), io.StringIO()
+    monkeypatch.setattr(sys, "stdout", streams[0])
+    monkeypatch.setattr(sys, "stderr", streams[1])
+    monkeypatch.setattr(python_logging.getLogger(), "handlers", [])
+    ConsoleHandler(settings).emit(record(level))
+    assert (streams[0].getvalue(), streams[1].getvalue()) == (out, err)
+
+
+def test_records_reach_python_handlers_and_then_the_console_is_quiet(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    log_console.install_console(ConsoleSettings())
+    get_logger("seen").info("by caplog")
+    assert "by caplog" in caplog.text and stream.getvalue() == ""
+
+
+def test_the_fields_of_a_log_message() -> None:
+    assert log_fields(record()) == LogFields(3_250_000_000, WARN, "a.n", "hi", "/src/f.py", "main", 12)
+
+
+def test_records_go_to_the_node_of_the_nearest_registered_logger() -> None:
+    router, parent, child = RosoutRouter(), [], []
+    router.register("a", lambda fields: parent.append(fields.name))
+    end = router.register("a.n", lambda fields: child.append(fields.name))
+    for name in ("a", "a.b", "a.n", "a.n.kid", "ax", "other"):
+        router.emit(record(name=name))
+    assert parent == ["a", "a.b"] and child == ["a.n", "a.n.kid"]
+    end()
+    end()
+    router.emit(record(name="a.n"))
+    assert parent[-1] == "a.n" and len(child) == 2
+
+
+def test_publishing_that_logs_does_not_publish_again() -> None:
+    router = RosoutRouter()
+    seen: list[str] = []
+
+    def publish(fields: LogFields) -> None:
+        seen.append(fields.msg)
+        router.emit(record(name="a"))
+
+    router.register("a", publish)
+    router.emit(record(name="a"))
+    assert seen == ["hi"]
+
+
+def test_two_nodes_of_one_name_publish_once() -> None:
+    router = RosoutRouter()
+    first: list[LogFields] = []
+    second: list[LogFields] = []
+    end = router.register("a", first.append)
+    router.register("a", second.append)
+    router.emit(record(name="a"))
+    end()
+    router.emit(record(name="a"))
+    assert (len(first), len(second)) == (1, 1)
+
+
+def test_the_shared_router_hears_ros_loggers() -> None:
+    seen: list[LogFields] = []
+    end = shared_router().register("routed", seen.append)
+    get_logger("routed.kid").warning("x")
+    end()
+    get_logger("routed").warning("y")
+    assert [fields.msg for fields in seen] == ["x"]
+
+
+def test_loggers_are_ours() -> None:
+    assert isinstance(get_logger("a.b"), RosLogger) and get_logger("") is get_root_logger()
+    assert get_logger("a.b").parent in (get_logger("a"), get_root_logger())

@@ -1,0 +1,250 @@
+"""Names and remap rules: protocol.md 10.1 to 10.3."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen.errors import InvalidNameError
+from rosidl_py_gen.runtime.names.remap import (
+    InvalidRemapRuleError,
+    NodeNames,
+    RemapKind,
+    RemapRule,
+    parse_remap_rule,
+)
+from rosidl_py_gen.runtime.names.rules import (
+    expand_name,
+    is_hidden,
+    normalize_namespace,
+    resolve_node_name,
+    validate_full_name,
+    validate_name,
+    validate_node_name,
+)
+
+
+@pytest.mark.parametrize(
+    "name", ["a", "/a/b", "a/b", "~", "~/a", "{node}/x", "a{ns}", "/a__b", "_hidden/x", "~/{node}"]
+)
+def test_names_that_may_be_written(name: str) -> None:
+    validate_name(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "caret", "reason"),
+    [
+        ("", 0, "it is empty"),
+        ("a b", 1, "character ' ' is not allowed"),
+        ("a/", 1, "must not end with '/'"),
+        ("a/1b", 2, "must not begin with a digit"),
+        ("1", 0, "must not begin with a digit"),
+        ("~a", 1, "'~' must be followed by '/'"),
+        ("a~", 1, "'~' may only be the first character"),
+        ("a{b", 1, "'{' without '}'"),
+        ("a}b", 1, "'}' without '{'"),
+        ("{a{b}}", 2, "must not be nested"),
+        ("x{1a}", 2, "'1a' is not a substitution name"),
+        ("{}", 1, "'' is not a substitution name"),
+        ("a-b", 1, "character '-' is not allowed"),
+        ("äb", 0, "is not allowed"),
+    ],
+)
+def test_a_bad_name_is_refused_with_a_caret_below_the_place(name: str, caret: int, reason: str) -> None:
+    with pytest.raises(InvalidNameError) as caught:
+        validate_name(name)
+    text = str(caught.value)
+    assert reason in text
+    assert text.splitlines()[-1] == " " * (4 + caret) + "^"
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("a", "must begin with '/'"),
+        ("/", "must not end with '/'"),
+        ("/a//b", "must not contain '//'"),
+        ("/a/2", "begin with a digit"),
+        ("/~a", "not allowed"),
+        ("/" + "a" * 247, "248 characters"),
+    ],
+)
+def test_full_names(name: str, reason: str) -> None:
+    with pytest.raises(InvalidNameError, match=reason):
+        validate_full_name(name)
+
+
+def test_lengths_at_the_limit_pass() -> None:
+    validate_full_name("/" + "a" * 246)
+    validate_node_name("n" * 255)
+    assert normalize_namespace("a" * 244) == "/" + "a" * 244
+    with pytest.raises(InvalidNameError, match="256 characters"):
+        validate_node_name("n" * 256)
+    with pytest.raises(InvalidNameError, match="246 characters"):
+        normalize_namespace("a" * 245)
+
+
+@pytest.mark.parametrize(("given_", "full"), [("", "/"), ("/", "/"), ("a", "/a"), ("/a/b", "/a/b")])
+def test_namespaces_get_their_slash(given_: str, full: str) -> None:
+    assert normalize_namespace(given_) == full
+
+
+@pytest.mark.parametrize("bad", ["", "1a", "a/b", "a-b", "a b", "ä"])
+def test_bad_node_names(bad: str) -> None:
+    with pytest.raises(InvalidNameError, match="invalid node name"):
+        validate_node_name(bad)
+
+
+def test_a_name_that_is_no_text_is_refused() -> None:
+    with pytest.raises(InvalidNameError, match="expected a str, got int 5"):
+        validate_name(5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "in_root", "in_ns"),
+    [
+        ("/x", "/x", "/x"),
+        ("x", "/x", "/a/b/x"),
+        ("~", "/n", "/a/b/n"),
+        ("~/x", "/n/x", "/a/b/n/x"),
+        ("{node}/x", "/n/x", "/a/b/n/x"),
+        ("/{node}", "/n", "/n"),
+        ("x_{node}_y", "/x_n_y", "/a/b/x_n_y"),
+    ],
+)
+def test_expansion(name: str, in_root: str, in_ns: str) -> None:
+    assert expand_name(name, "n", "/") == in_root
+    assert expand_name(name, "n", "/a/b") == in_ns
+
+
+def test_namespace_substitution_brings_its_slash() -> None:
+    assert expand_name("{ns}/x", "n", "/a") == "/a/x"
+    assert expand_name("{namespace}/x", "n", "/a") == "/a/x"
+    with pytest.raises(InvalidNameError, match="must not contain '//'"):
+        expand_name("/{ns}", "n", "/a")
+
+
+def test_unknown_substitution_is_an_error_that_lists_the_known_ones() -> None:
+    with pytest.raises(InvalidNameError, match=r"unknown substitution \{foo\}; known are \{node\}"):
+        expand_name("{foo}", "n", "/")
+
+
+def test_hidden_names() -> None:
+    assert is_hidden("/a/_action/x") and not is_hidden("/a_/b")
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("a:=b", RemapRule(RemapKind.TOPIC_AND_SERVICE, None, "a", "b")),
+        ("/a/b:=~/c", RemapRule(RemapKind.TOPIC_AND_SERVICE, None, "/a/b", "~/c")),
+        ("n:a:=b", RemapRule(RemapKind.TOPIC_AND_SERVICE, "n", "a", "b")),
+        ("rostopic://a:=b", RemapRule(RemapKind.TOPIC, None, "a", "b")),
+        ("n:rosservice://a:=b", RemapRule(RemapKind.SERVICE, "n", "a", "b")),
+        ("__node:=m", RemapRule(RemapKind.NODE_NAME, None, "", "m")),
+        ("n:__name:=m", RemapRule(RemapKind.NODE_NAME, "n", "", "m")),
+        ("__ns:=/", RemapRule(RemapKind.NAMESPACE, None, "", "/")),
+        ("n:__ns:=/a/b", RemapRule(RemapKind.NAMESPACE, "n", "", "/a/b")),
+        ("~:=x", RemapRule(RemapKind.TOPIC_AND_SERVICE, None, "~", "x")),
+    ],
+)
+def test_rules_parse(text: str, rule: RemapRule) -> None:
+    assert parse_remap_rule(text) == rule
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        ":=",
+        "a",
+        ":=b",
+        "a:=",
+        "a__b:=c",
+        "a:=b__c",
+        "__ns:=a",
+        "__ns:=",
+        "__node:=a/b",
+        "__node:=",
+        "a:=b/",
+        "1a:=b",
+        "a:b:c:=d",
+        "a/*:=b",
+        r"a:=\1",
+        "{node}:=b",
+        "a//b:=c",
+        "n m:a:=b",
+    ],
+)
+def test_bad_rules_show_the_text(text: str) -> None:
+    with pytest.raises(InvalidRemapRuleError) as caught:
+        parse_remap_rule(text)
+    assert repr(text) in str(caught.value)
+
+
+def names(*rules: str, name: str = "n", namespace: str = "/") -> NodeNames:
+    return NodeNames.create(name, namespace, tuple(parse_remap_rule(rule) for rule in rules))
+
+
+def test_node_name_and_namespace_are_remapped_with_their_prefixes() -> None:
+    made = names("other:__node:=no", "n:__node:=m", "n:__ns:=/no", "m:__ns:=/yes")
+    assert (made.name, made.namespace, made.fully_qualified_name) == ("m", "/yes", "/yes/m")
+
+
+def test_names_are_compared_expanded_and_only_once() -> None:
+    made = names("chatter:=loud", "loud:=silent", namespace="/a")
+    assert made.resolve_topic("chatter") == "/a/loud"
+    assert made.resolve_topic("/a/chatter") == "/a/loud"
+    assert made.resolve_topic("/chatter") == "/chatter"
+    assert made.resolve_service("chatter") == "/a/loud"
+
+
+def test_the_first_rule_wins_and_schemes_and_prefixes_select() -> None:
+    made = names("rosservice://x:=s", "rostopic://x:=t", "x:=both", "other:y:=no", "n:y:=yes")
+    assert (made.resolve_topic("x"), made.resolve_service("x"), made.resolve_topic("y")) == ("/t", "/s", "/yes")
+
+
+def test_private_names_use_the_remapped_node() -> None:
+    made = names("__node:=m", "~/x:=~/y", namespace="/a")
+    assert made.resolve_topic("~/x") == "/a/m/y"
+
+
+@given(st.text(max_size=12))
+def test_any_text_is_accepted_or_refused_with_our_error(text: str) -> None:
+    for check in (
+        validate_name,
+        validate_full_name,
+        validate_node_name,
+        normalize_namespace,
+        parse_remap_rule,
+        lambda value: expand_name(value, "n", "/ns"),
+    ):
+        try:
+            check(text)
+        except InvalidNameError:
+            continue
+
+
+@given(st.text(alphabet="ab1_/~{}nodes:=", max_size=14))
+def test_whatever_expands_is_a_full_name(text: str) -> None:
+    try:
+        full = expand_name(text, "node", "/ns")
+    except InvalidNameError:
+        return
+    validate_full_name(full)
+    assert expand_name(full, "other", "/elsewhere") == full
+
+
+@pytest.mark.parametrize(
+    ("given", "namespace", "full"),
+    [("n", "/", "/n"), ("n", "/a", "/a/n"), ("/n", "/a", "/n"), ("/b/n", "/a", "/b/n"), ("b/n", "/a", "/b/n")],
+)
+def test_a_node_is_named_with_or_without_namespace(given: str, namespace: str, full: str) -> None:
+    assert resolve_node_name(given, namespace) == full
+
+
+@pytest.mark.parametrize("bad", ["", "/", "a b", "/a//n", "/1/n", "a/", None, 5])
+def test_what_is_no_node_name_is_refused(bad: str) -> None:
+    with pytest.raises(InvalidNameError, match=r"invalid (node name|namespace)"):
+        resolve_node_name(bad, "/")

@@ -1,0 +1,195 @@
+"""``--ros-args``: protocol.md 10.4."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen.runtime import Context, MemoryTransport
+from rosidl_py_gen.runtime.names.remap import RemapKind
+from rosidl_py_gen.runtime.node.arguments import RosArgumentError, RosArguments, parse_arguments
+from rosidl_py_gen.runtime.parameters.values import parameter_value
+
+FILES = {
+    "a.yaml": "/**: {ros__parameters: {x: 1, y: from file}}",
+    "b.yaml": "n: {ros__parameters: {x: 2}}",
+    "bad.yaml": "a: [",
+}
+
+
+def read(path: str) -> str:
+    if path not in FILES:
+        raise FileNotFoundError(2, "No such file or directory", path)
+    return FILES[path]
+
+
+def parse(text: str) -> RosArguments:
+    return parse_arguments(text.split(), read)
+
+
+def test_without_ros_arguments_everything_is_the_programs() -> None:
+    assert parse("prog --verbose -r x --") == RosArguments(program=("prog", "--verbose", "-r", "x", "--"))
+    assert parse_arguments([]) == RosArguments()
+
+
+def test_groups_end_at_two_dashes_and_may_be_repeated() -> None:
+    got = parse("prog one --ros-args -r a:=b -- two --ros-args -r c:=d --ros-args -e /x")
+    assert got.program == ("prog", "one", "two")
+    assert [rule.match for rule in got.remap_rules] == ["a", "c"] and got.enclave == "/x"
+
+
+def test_every_flag() -> None:
+    got = parse(
+        "prog --ros-args -r a:=b --remap n:c:=d -p x:=1 --param n:y:=2 --params-file a.yaml --log-level DEBUG "
+        "--log-level my.node:=warn -e /e --log-file-name pre "
+        "--disable-stdout-logs --disable-rosout-logs --disable-external-lib-logs --enable-rosout-logs"
+    )
+    assert [(rule.node, rule.match) for rule in got.remap_rules] == [(None, "a"), ("n", "c")]
+    assert (got.log_level, got.log_levels) == (10, (("my.node", 30),))
+    assert (got.enclave, got.log_file_name) == ("/e", "pre")
+    assert (got.stdout_logs, got.rosout_logs, got.external_lib_logs) == (False, True, False)
+    assert got.overrides_for("/n") == {
+        "x": parameter_value(1),
+        "y": parameter_value("from file"),
+    }
+
+
+def test_parameters_override_in_the_order_of_the_command_line() -> None:
+    assert parse("p --ros-args --params-file a.yaml -p x:=5").overrides_for("/n")["x"].value == 5
+    assert parse("p --ros-args -p x:=5 --params-file a.yaml").overrides_for("/n")["x"].value == 1
+    both = parse("p --ros-args --params-file a.yaml --params-file b.yaml")
+    assert both.overrides_for("/n")["x"].value == 2 and both.overrides_for("/m")["x"].value == 1
+
+
+def test_parameter_values_are_yaml_and_may_hold_anything() -> None:
+    got = parse_arguments(["p", "--ros-args", "-p", "a.b:=[1, 2]", "-p", "s:='5'", "-p", "u:=http://x:=y"], read)
+    assert {name: value.value for name, value in got.overrides_for("/n").items()} == {
+        "a.b": (1, 2),
+        "s": "5",
+        "u": "http://x:=y",
+    }
+
+
+def test_a_node_prefix_means_that_node() -> None:
+    got = parse("p --ros-args -p n:x:=1 -p /ns/n:x:=2")
+    assert got.overrides_for("/n")["x"].value == 1
+    assert got.overrides_for("/ns/n")["x"].value == 2
+    assert got.overrides_for("/m") == {}
+
+
+def test_a_bare_rule_still_works_and_warns() -> None:
+    got = parse("prog a:=b __ns:=/x key=value")
+    assert got.program == ("prog", "key=value")
+    assert [rule.kind for rule in got.remap_rules] == [RemapKind.TOPIC_AND_SERVICE, RemapKind.NAMESPACE]
+    assert len(got.warnings) == 2 and "--ros-args -r a:=b" in got.warnings[0]
+
+
+def test_something_outside_that_only_looks_like_a_rule_stays() -> None:
+    assert parse("prog a*:=b").program == ("prog", "a*:=b")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ("--nope", "unknown ROS arguments: '--nope'"),
+        ("stray -r a:=b --more", "unknown ROS arguments: 'stray' '--more'"),
+        ("-r", "ROS argument -r needs a value"),
+        ("-r ab", "ROS argument -r 'ab': invalid remap rule 'ab'"),
+        ("-r --", "ROS argument -r '--': invalid remap rule"),
+        ("-p x", "ROS argument -p 'x': there is no ':='"),
+        ("-p :=1", "'' is not a parameter name"),
+        ("-p n:m:x:=1", "'m:x' is not a parameter name"),
+        ("-p x:=", "ROS argument -p 'x:=': <value>: an empty value"),
+        ("-p x:={a:1}", "found a map"),
+        ("--log-level loud", "unknown log level 'loud'"),
+        ("--log-level :=info", "the logger's name is missing"),
+        ("-e x", "must begin with '/'"),
+        ("-e /1", "must not begin with a digit"),
+        ("--params-file none.yaml", "the file cannot be read"),
+        ("--params-file bad.yaml", "bad.yaml:1"),
+        (
+            "--log-file-name a/b",
+            "ROS argument --log-file-name 'a/b': expected the beginning of a file name, without folder",
+        ),
+        ("--log-file-name ..\\b", "without folder"),
+        ("--log-config-file c.conf", "ROS argument --log-config-file 'c.conf': log configuration files are not read"),
+        ("--log-config-file c.conf", "use --log-level [logger:=]LEVEL, or configure Python's logging in the program"),
+        ("--enable-nothing", "unknown ROS arguments: '--enable-nothing'"),
+    ],
+)
+def test_errors_show_the_argument(arguments: str, reason: str) -> None:
+    with pytest.raises(RosArgumentError) as caught:
+        parse("prog --ros-args " + arguments)
+    assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("a --ros-args b", "args must be a list of arguments such as .*, got the text 'a --ros-args b'"),
+        (b"a b", "args must be a list of arguments"),
+        (["p", 5], "args must be texts, got 5"),
+    ],
+)
+def test_a_command_line_is_a_list_of_texts(arguments: Any, words: str) -> None:
+    with pytest.raises(TypeError, match=words):
+        parse_arguments(arguments)
+    with pytest.raises(TypeError, match=words):
+        Context(0, args=arguments, transport=MemoryTransport())
+
+
+def test_the_default_reader_reads_files(tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("args") / "p.yaml"
+    path.write_text("/**: {ros__parameters: {x: ü}}", encoding="utf-8")
+    got = parse_arguments(["--ros-args", "--params-file", str(path)])
+    assert got.overrides_for("/n")["x"].value == "ü"
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(RosArgumentError, match="cannot be read"):
+        parse_arguments(["--ros-args", "--params-file", str(path)])
+
+
+WORD = st.one_of(
+    st.text(max_size=8),
+    st.sampled_from(
+        [
+            "--ros-args",
+            "--",
+            "-r",
+            "-p",
+            "-e",
+            "--params-file",
+            "--log-level",
+            "a.yaml",
+            "bad.yaml",
+            "a:=b",
+            "x:=[1",
+            "n:x:=1",
+            "__ns:=/",
+            "x:=&a",
+            "debug",
+            ":=",
+            "--disable-rosout-logs",
+            "a:=*",
+        ]
+    ),
+)
+
+
+@given(st.lists(WORD, max_size=10))
+def test_random_arguments_never_crash(arguments: list[str]) -> None:
+    try:
+        got = parse_arguments(arguments, read)
+    except RosArgumentError:
+        return
+    assert all(argument in arguments for argument in got.program)
+
+
+@given(st.lists(st.text(max_size=8), max_size=6))
+def test_random_ros_arguments_never_crash(arguments: list[str]) -> None:
+    try:
+        parse_arguments(["--ros-args", *arguments], read)
+    except RosArgumentError as error:
+        assert str(error)

@@ -1,0 +1,146 @@
+"""Environment variables and the Cyclone configuration made of them: protocol.md 10.6."""
+
+from __future__ import annotations
+
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen.runtime.node.environment import (
+    DiscoveryRange,
+    DomainSettings,
+    EnvironmentSettingError,
+    cyclone_xml,
+    read_environment,
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "number"), [("", 0), ("0", 0), ("42", 42), (" 7", 7), ("0x10", 16), ("010", 8), ("232", 232), ("+5", 5)]
+)
+def test_domain_id_is_read_like_strtoul(text: str, number: int) -> None:
+    assert read_environment({"ROS_DOMAIN_ID": text}).domain_id == number
+
+
+@pytest.mark.parametrize("text", ["junk", "1a", "-1", "233", "08", "0x", " ", "1_0", "٣", "1.0"])
+def test_a_bad_domain_id_names_the_variable_and_the_limit(text: str) -> None:
+    with pytest.raises(EnvironmentSettingError, match="ROS_DOMAIN_ID must be a whole number from 0 to 232"):
+        read_environment({"ROS_DOMAIN_ID": text})
+
+
+def test_arguments_win_over_variables() -> None:
+    environ = {"ROS_DOMAIN_ID": "junk", "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_LOCALHOST_ONLY": "1"}
+    settings = read_environment(environ, domain_id=3, discovery="subnet")
+    assert (settings.domain_id, settings.discovery, settings.warnings) == (3, DiscoveryRange.SUBNET, ())
+
+
+class BoolOfNumpy22:
+    """NumPy's bool up to version 2.2: it can be an index, with a DeprecationWarning."""
+
+    def __index__(self) -> int:
+        return 1
+
+    def __repr__(self) -> str:
+        return "np.True_"
+
+
+@pytest.mark.parametrize("bad", [-1, 233, True, "5", 1.0, BoolOfNumpy22()])
+def test_bad_domain_id_argument(bad: Any) -> None:
+    with pytest.raises(EnvironmentSettingError, match=f"^domain_id must be .*got {bad!r}$"):
+        read_environment({}, domain_id=bad)
+
+
+def test_bad_discovery_argument() -> None:
+    with pytest.raises(EnvironmentSettingError, match="must be one of 'subnet', 'localhost'"):
+        read_environment({}, discovery="LAN")
+
+
+@pytest.mark.parametrize(
+    ("value", "expected", "warned"),
+    [
+        ("", DiscoveryRange.SUBNET, False),
+        ("SUBNET", DiscoveryRange.SUBNET, False),
+        ("LOCALHOST", DiscoveryRange.LOCALHOST, False),
+        ("OFF", DiscoveryRange.OFF, False),
+        ("SYSTEM_DEFAULT", DiscoveryRange.SYSTEM_DEFAULT, False),
+        ("everywhere", DiscoveryRange.LOCALHOST, True),
+    ],
+)
+def test_discovery_range(value: str, expected: DiscoveryRange, warned: bool) -> None:
+    settings = read_environment({"ROS_AUTOMATIC_DISCOVERY_RANGE": value})
+    assert (settings.discovery, bool(settings.warnings)) == (expected, warned)
+
+
+def test_localhost_only_is_the_old_way_and_drops_static_peers() -> None:
+    settings = read_environment({"ROS_LOCALHOST_ONLY": "1", "ROS_STATIC_PEERS": "a;b"})
+    assert (settings.discovery, settings.static_peers) == (DiscoveryRange.LOCALHOST, ())
+    assert "deprecated" in settings.warnings[0]
+    other = read_environment({"ROS_LOCALHOST_ONLY": "0", "ROS_STATIC_PEERS": "a"})
+    assert (other.discovery, other.static_peers) == (DiscoveryRange.SUBNET, ("a",))
+    assert "no effect" in other.warnings[0]
+
+
+def test_static_peers_are_split_and_long_ones_skipped() -> None:
+    settings = read_environment({"ROS_STATIC_PEERS": f"10.0.0.1; host;;{'x' * 256}"})
+    assert settings.static_peers == ("10.0.0.1", "host")
+    assert "256 characters" in settings.warnings[0]
+
+
+def test_subnet_sets_what_ros_peers_expect() -> None:
+    assert cyclone_xml(DomainSettings(), process_id=1) == (
+        '<CycloneDDS><Domain Id="any"><Discovery><ParticipantIndex>auto</ParticipantIndex>'
+        "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex></Discovery></Domain></CycloneDDS>"
+    )
+
+
+def test_localhost_has_no_multicast_binds_to_loopback_and_asks_localhost() -> None:
+    assert cyclone_xml(DomainSettings(discovery=DiscoveryRange.LOCALHOST), process_id=1) == (
+        '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>'
+        "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"
+        "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+        '<Peers><Peer address="localhost"/></Peers></Discovery></Domain></CycloneDDS>'
+    )
+
+
+def test_off_has_a_tag_of_its_own() -> None:
+    text = cyclone_xml(DomainSettings(discovery=DiscoveryRange.OFF), process_id=77)
+    assert "<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_77</Tag>" in text
+    assert "<AllowMulticast>false</AllowMulticast>" in text and 'address="127.0.0.1"' in text
+
+
+def test_system_default_says_nothing() -> None:
+    assert cyclone_xml(DomainSettings(discovery=DiscoveryRange.SYSTEM_DEFAULT), process_id=1) == ""
+
+
+def test_a_static_peer_elsewhere_or_chosen_interfaces_keep_us_from_binding() -> None:
+    away = DomainSettings(discovery=DiscoveryRange.LOCALHOST, static_peers=("10.1.2.3",))
+    assert "127.0.0.1" not in cyclone_xml(away, process_id=1)
+    home = DomainSettings(discovery=DiscoveryRange.LOCALHOST, static_peers=("127.0.0.1",))
+    assert 'NetworkInterface address="127.0.0.1"' in cyclone_xml(home, process_id=1)
+    inner = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
+    uri = f"<CycloneDDS><Domain>{inner}</Domain></CycloneDDS>"
+    chosen = DomainSettings(discovery=DiscoveryRange.LOCALHOST, cyclonedds_uri=uri)
+    assert "127.0.0.1" not in cyclone_xml(chosen, process_id=1)
+
+
+def test_the_users_configuration_comes_after_ours_but_cannot_turn_multicast_on_in_localhost_mode() -> None:
+    text = cyclone_xml(DomainSettings(discovery=DiscoveryRange.LOCALHOST, cyclonedds_uri="file:///c.xml"), process_id=1)
+    ours, theirs, last = text.split(",")
+    assert "localhost" in ours and theirs == "file:///c.xml"
+    assert last.endswith("<General><AllowMulticast>false</AllowMulticast></General></Domain></CycloneDDS>")
+    assert cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1).endswith(",<x/>")
+
+
+def test_extra_elements_are_placed_in_the_domain() -> None:
+    text = cyclone_xml(DomainSettings(), process_id=1, extra="<Internal/>")
+    assert "</Discovery><Internal/></Domain>" in text
+
+
+@given(st.lists(st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), min_size=1, max_size=8)))
+def test_peers_never_break_the_xml(peers: list[str]) -> None:
+    text = cyclone_xml(DomainSettings(static_peers=tuple(peers)), process_id=1)
+    found = [element.get("address") for element in ElementTree.fromstring(text).iter("Peer")]
+    assert found == peers

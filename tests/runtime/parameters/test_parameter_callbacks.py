@@ -1,0 +1,270 @@
+"""Callbacks and validators that raise or answer nonsense: the set is refused in words, the store stays whole."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+import pytest
+
+from rosidl_py_gen.runtime.parameters.classes import bind_class, update_parameters
+from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
+    InvalidParameterValue,
+    Parameter,
+    ParameterDescriptor,
+    parameter_value,
+)
+
+OK = SetResult(True)
+
+
+def p(name: str, value: object = None) -> Parameter:
+    return Parameter(name, parameter_value(value))
+
+
+def broken(*_: object) -> Any:
+    raise KeyError("gone")
+
+
+async def later(*_: object) -> Any:
+    return OK
+
+
+class World:
+    def __init__(self, *names: str) -> None:
+        self.events: list[ParameterEvent] = []
+        self.failures: list[str] = []
+        self.store = ParameterStore(on_event=self.events.append, on_failure=self.failures.append)
+        for name in names:
+            self.store.declare(name, parameter_value(1))
+        self.events.clear()
+
+    def values(self) -> dict[str, object]:
+        return {name: value.value for name, value in self.store.values().items()}
+
+
+@pytest.mark.parametrize("kind", ["pre_set", "on_set"])
+def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
+    world = World("a", "b")
+    add = {"pre_set": world.store.add_pre_set_callback, "on_set": world.store.add_on_set_callback}[kind]
+    remove = add(broken)
+    what = f"the {kind.replace('_', '-')} callback 'broken'"
+    refused = SetResult(False, f"{what} raised KeyError: 'gone'")
+    assert world.store.set_atomically([p("a", 2)]) == refused
+    assert world.store.set_each([p("a", 2), p("b", 2)]) == [refused, refused]
+    assert world.values() == {"a": 1, "b": 1} and world.events == [] and world.failures == [what] * 3
+    remove()
+    assert world.store.set_atomically([p("a", 2)]) == OK
+
+
+def test_a_callback_that_raises_refuses_a_declaration() -> None:
+    world = World()
+    world.store.add_on_set_callback(broken)
+    with pytest.raises(InvalidParameterValue, match="cannot be declared as 1: the on-set callback 'broken' raised Key"):
+        world.store.declare("a", parameter_value(1))
+    assert not world.store.has("a") and world.events == []
+
+
+def test_a_post_set_callback_that_raises_changes_nothing_and_the_others_still_hear() -> None:
+    world = World("a")
+    heard: list[str] = []
+    world.store.add_post_set_callback(lambda ps: heard.append("old"))
+    world.store.add_post_set_callback(broken)
+    world.store.add_post_set_callback(lambda ps: heard.append("new"))
+    assert world.store.set_atomically([p("a", 2)]) == OK
+    assert world.values() == {"a": 2} and heard == ["new", "old"]
+    world.store.declare("b", parameter_value(1))
+    assert world.store.has("b") and heard == ["new", "old"] * 2
+    assert world.failures == ["the post-set callback 'broken'"] * 2
+
+
+def test_an_event_that_cannot_be_published_changes_nothing() -> None:
+    failures: list[str] = []
+    store = ParameterStore(on_event=broken, on_failure=failures.append)
+    store.declare("a", parameter_value(1))
+    assert store.set_atomically([p("a", 2)]) == OK and store.get("a").value == 2
+    assert failures == ["publishing what was set"] * 2
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [None, True, "no", 5, SetResult(False, None), SetResult(True, b"x")],  # type: ignore[arg-type]
+)
+def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
+    world = World("a")
+    world.store.add_on_set_callback(lambda ps: answer)
+    with pytest.raises(CallbackAnswerError, match=r"'<lambda>' returned .*, expected a SetResult with a text"):
+        world.store.set_atomically([p("a", 2)])
+    with pytest.raises(TypeError):
+        world.store.declare("b", parameter_value(2))
+    assert world.values() == {"a": 1} and world.events == []
+
+
+def test_what_looks_like_a_result_is_one() -> None:
+    world = World("a")
+    remove = world.store.add_on_set_callback(lambda ps: SimpleNamespace(successful=0, reason="as in rclpy"))  # type: ignore[arg-type,return-value]
+    assert world.store.set_atomically([p("a", 2)]) == SetResult(False, "as in rclpy")
+    remove()
+    world.store.add_on_set_callback(lambda ps: SetResult(1))  # type: ignore[arg-type]
+    result = world.store.set_atomically([p("a", 2)])
+    assert result == OK and result.successful is True
+
+
+@pytest.mark.parametrize("answer", [None, "text", 5, [1], {"a": 1}, p("a", 2)])
+def test_a_pre_set_callback_must_answer_parameters(answer: Any) -> None:
+    world = World("a")
+    world.store.add_pre_set_callback(lambda ps: answer)
+    with pytest.raises(CallbackAnswerError, match=r"returned .*, expected a list of Parameter objects"):
+        world.store.set_atomically([p("a", 2)])
+    assert world.values() == {"a": 1}
+
+
+class Later:
+    async def __call__(self, parameters: list[Parameter]) -> SetResult:
+        return OK
+
+
+@pytest.mark.parametrize("callback", [later, Later(), functools.partial(later, 1), None, 5])
+@pytest.mark.parametrize("kind", ["pre", "on", "post"])
+def test_only_plain_functions_can_be_callbacks(kind: str, callback: Any) -> None:
+    store = ParameterStore()
+    with pytest.raises(TypeError, match=f"the {kind}-set callback .*(is async, but a set cannot wait|must be a func)"):
+        getattr(store, f"add_{kind}_set_callback")(callback)
+
+
+def test_an_async_function_in_disguise_is_refused_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
+    world = World("a")
+    world.store.add_on_set_callback(lambda ps: later())  # type: ignore[arg-type,return-value]
+    with pytest.raises(CallbackAnswerError, match="returned <coroutine"):
+        world.store.set_atomically([p("a", 2)])
+    assert not recwarn.list
+
+
+# ------------------------------------------------------------------------------------------------------- validators
+
+
+def reciprocal(value: int) -> str | None:
+    return None if 1 / value < 10 else "too small"
+
+
+def truth(value: int) -> Any:
+    return value > 0
+
+
+@dataclass
+class Checked:
+    v: Annotated[int, reciprocal] = 1
+    t: int = 1
+    items: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.t < 0:
+            raise ValueError("t must not be negative")
+        if self.t > 10:
+            self.missing  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_a_validator_that_raises_refuses_its_own_field_only() -> None:
+    world = World()
+    checked = bind_class(world.store, Checked)
+    world.events.clear()
+    reason = "the validator of 'v' raised ZeroDivisionError: division by zero"
+    assert world.store.set_each([p("t", 2), p("v", 0), p("v", 5)]) == [OK, SetResult(False, reason), OK]
+    assert world.failures == ["the validator of 'v'"] and len(world.events) == 2
+    with pytest.raises(InvalidParameterValue, match=reason):
+        checked.v = 0
+    with pytest.raises(InvalidParameterValue, match=reason):
+        update_parameters(checked, v=0, t=7)
+    assert (checked.v, checked.t) == (5, 2) and world.values() == {"v": 5, "t": 2, "items": ()}
+
+
+def test_post_init_refuses_with_its_text_or_is_named_when_it_fails() -> None:
+    world = World()
+    bind_class(world.store, Checked)
+    assert world.store.set_atomically([p("t", -1)]) == SetResult(False, "t must not be negative")
+    assert world.failures == []
+    refused = world.store.set_atomically([p("t", 11)])
+    assert refused.reason.startswith("Checked(...) raised AttributeError: ") and world.failures == ["Checked(...)"]
+
+
+def test_a_class_validator_that_raises_is_named() -> None:
+    world = World()
+    allowed = [True]
+
+    def check(new: Checked) -> str | None:
+        return None if allowed else broken()
+
+    bind_class(world.store, Checked, prefix="c", validator=check)
+    assert world.store.set_atomically([p("c.t", 2)]) == OK
+    allowed.clear()
+    reason = "the validator of Checked raised KeyError: 'gone'"
+    assert world.store.set_atomically([p("c.t", 3)]) == SetResult(False, reason)
+    assert world.store.get("c.t").value == 2
+
+
+def test_a_validator_that_raises_at_the_start_declares_nothing() -> None:
+    world = World()
+    with pytest.raises(InvalidParameterValue, match=r"cannot be declared: the validator of 'c\.v' raised ZeroDivision"):
+        bind_class(world.store, Checked, prefix="c", initial=Checked(v=0))
+    assert world.values() == {} and world.events == []
+
+
+@pytest.mark.parametrize("answer", [True, False, 5, b"no"])
+def test_a_validator_must_answer_none_or_a_text(answer: Any) -> None:
+    world = World()
+    answers: list[Any] = [None]
+    checked = bind_class(world.store, Checked, validator=lambda new: answers[0])
+    answers[0] = answer
+    with pytest.raises(CallbackAnswerError, match=f"the validator of Checked returned {answer!r}, expected None or"):
+        checked.t = 2
+    assert checked.t == 1 and world.store.get("t").value == 1
+
+
+def test_validators_cannot_set_parameters() -> None:
+    world = World("other")
+
+    def check(new: Checked) -> str | None:
+        if new.t == 5:
+            return world.store.set_atomically([p("other", 2)]).reason
+        if new.t == 6:
+            world.store.declare("another", parameter_value(1))
+        return None
+
+    checked = bind_class(world.store, Checked, validator=check)
+    for value in (5, 6):
+        with pytest.raises(InvalidParameterValue, match="cannot be set or declared by a validator"):
+            checked.t = value
+    assert world.store.get("other").value == 1 and not world.store.has("another") and checked.t == 1
+
+
+def test_a_validator_cannot_change_what_is_stored() -> None:
+    @dataclass
+    class Lists:
+        names: tuple[str, ...] = ("b", "a")
+        n: int = 1
+
+        def __post_init__(self) -> None:
+            self.n = self.n * 2
+
+    world = World()
+
+    def spoil(new: Lists) -> None:
+        new.names = ()
+
+    lists = bind_class(world.store, Lists, validator=spoil)
+    assert (lists.names, lists.n) == (("b", "a"), 2)
+    assert world.store.set_atomically([p("n", 5)]) == OK
+    assert (lists.n, world.store.get("n").value, lists.names) == (5, 5, ("b", "a"))
+
+
+def test_failures_are_logged_with_a_traceback_by_default(caplog: pytest.LogCaptureFixture) -> None:
+    store = ParameterStore()
+    store.declare("a", parameter_value(1), ParameterDescriptor())
+    store.add_on_set_callback(broken)
+    with caplog.at_level(logging.ERROR):
+        assert not store.set_atomically([p("a", 2)]).successful
+    assert "the on-set callback 'broken' failed" in caplog.text and 'raise KeyError("gone")' in caplog.text

@@ -1,0 +1,387 @@
+"""Dataclasses as parameters: what each annotation means, and that the live object is never half updated."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import pickle
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Annotated, Any, Literal
+
+import pytest
+
+from rosidl_py_gen.runtime.parameters.classes import bind_class, snapshot, update_parameters
+from rosidl_py_gen.runtime.parameters.fields import (
+    Int8,
+    ParameterClassError,
+    Range,
+    ReadOnly,
+    UInt16,
+    UInt64,
+    plan_class,
+)
+from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
+    FloatRange,
+    IntRange,
+    InvalidParameterValue,
+    Parameter,
+    ParameterAlreadyDeclared,
+    ParameterDescriptor,
+    ParameterImmutable,
+    ParameterType,
+    WrongParameterType,
+    parameter_value,
+)
+
+T = ParameterType
+
+
+class Gear(Enum):
+    LOW = 1
+    HIGH = 2
+
+
+class Mixed(Enum):
+    A = 1
+    B = "b"
+
+
+def even(value: int) -> str | None:
+    return None if value % 2 == 0 else f"{value} is odd"
+
+
+async def later(value: int) -> str | None:
+    return None
+
+
+@dataclass
+class Motor:
+    pwm: Annotated[int, Range(0, 255)] = 10
+    inverted: bool = False
+
+
+@dataclass
+class Drive:
+    max_speed: Annotated[float, Range(0.0, 2.5), "maximum speed in m/s"] = 0.8
+    mode: Literal["auto", "manual"] = "auto"
+    left: Motor = field(default_factory=Motor)
+    tags: list[str] = field(default_factory=list)
+    frame: Annotated[str, ReadOnly] = "base_link"
+    limit: float | None = None
+    gear: Gear = Gear.LOW
+    teeth: Annotated[int, even] = 4
+    blob: bytes = b""
+    small: Int8 = 0
+
+
+class World:
+    def __init__(self, **overrides: object) -> None:
+        self.events: list[ParameterEvent] = []
+        values = {name.replace("__", "."): parameter_value(value) for name, value in overrides.items()}
+        self.store = ParameterStore(values, on_event=self.events.append)
+
+    def set(self, **values: object) -> SetResult:
+        made = [Parameter(name.replace("__", "."), parameter_value(value)) for name, value in values.items()]
+        return self.store.set_atomically(made)
+
+
+def test_every_field_is_declared_with_type_and_descriptor() -> None:
+    world = World()
+    bind_class(world.store, Drive)
+    assert {name: value.type for name, value in world.store.values().items()} == {
+        "max_speed": T.DOUBLE,
+        "mode": T.STRING,
+        "left.pwm": T.INTEGER,
+        "left.inverted": T.BOOL,
+        "tags": T.STRING_ARRAY,
+        "frame": T.STRING,
+        "limit": T.NOT_SET,
+        "gear": T.INTEGER,
+        "teeth": T.INTEGER,
+        "blob": T.BYTE_ARRAY,
+        "small": T.INTEGER,
+    }
+    describe = world.store.describe
+    assert describe("max_speed") == ParameterDescriptor(
+        "max_speed", T.DOUBLE, "maximum speed in m/s", floating_point_range=FloatRange(0.0, 2.5)
+    )
+    assert describe("left.pwm").integer_range == IntRange(0, 255)
+    assert describe("frame").read_only and not describe("mode").read_only
+    assert describe("mode").additional_constraints == "one of: auto, manual"
+    assert describe("limit").type is T.DOUBLE
+    assert describe("small").integer_range == IntRange(-128, 127)
+    assert len(world.events) == 11
+
+
+def test_the_live_object_is_an_instance_with_the_values() -> None:
+    world = World(max_speed=1.5, left__pwm=77, mode="manual", limit=3.0, gear=2)
+    drive = bind_class(world.store, Drive)
+    assert isinstance(drive, Drive) and isinstance(drive.left, Motor)
+    assert (drive.max_speed, drive.left.pwm, drive.mode, drive.limit, drive.gear) == (1.5, 77, "manual", 3.0, Gear.HIGH)
+    expected = Drive(max_speed=1.5, left=Motor(77), mode="manual", limit=3.0, gear=Gear.HIGH)
+    assert drive == expected and expected == snapshot(drive)
+    assert dataclasses.asdict(drive) == dataclasses.asdict(expected)
+    assert repr(drive) == repr(expected)
+
+
+def test_it_follows_sets_from_outside() -> None:
+    world = World()
+    drive = bind_class(world.store, Drive)
+    left = drive.left
+    assert world.set(left__pwm=42, tags=["a", "b"], gear=2, limit=1.5, blob=b"\x01").successful
+    assert (drive.left.pwm, left.pwm, drive.tags, drive.gear, drive.limit) == (42, 42, ["a", "b"], Gear.HIGH, 1.5)
+    assert drive.blob == b"\x01"
+    assert world.set(limit=None).successful and drive.limit is None
+
+
+def test_attributes_set_parameters_and_publish() -> None:
+    world = World()
+    drive = bind_class(world.store, Drive)
+    drive.max_speed = 2
+    drive.left.pwm = 9
+    drive.gear = Gear.HIGH
+    drive.limit = 1.0
+    drive.limit = None
+    changed = [tuple((p.name, p.value.value) for p in e.changed + e.new + e.deleted) for e in world.events[11:]]
+    assert changed == [
+        (("max_speed", 2.0),),
+        (("left.pwm", 9),),
+        (("gear", 2),),
+        (("limit", 1.0),),
+        (("limit", None),),
+    ]
+    drive.left = Motor(pwm=3, inverted=True)
+    assert world.events[-1].changed == (
+        Parameter("left.pwm", parameter_value(3)),
+        Parameter("left.inverted", parameter_value(True)),
+    )
+    assert drive.left.pwm == 3
+    drive.left.pwm = 4
+    assert world.store.get("left.pwm").value == 4
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"max_speed": 3.0}, "Parameter max_speed out of range Min: 0.0, Max: 2.5, value: 3.0"),
+        ({"max_speed": 3}, "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.INTEGER'"),
+        ({"left__pwm": 256}, "Parameter left.pwm out of range. Min: 0, Max: 255, value: 256"),
+        ({"mode": "fast"}, "Parameter mode must be one of 'auto', 'manual', got 'fast'"),
+        ({"gear": 3}, "Parameter gear must be one of 1, 2, got 3"),
+        ({"frame": "x"}, "Trying to set a read-only parameter: frame."),
+        ({"teeth": 5}, "5 is odd"),
+        ({"small": 128}, "Parameter small out of range. Min: -128, Max: 127, value: 128"),
+        ({"mode": None}, "Static parameter cannot be undeclared"),
+        ({"max_speed": 1.0, "teeth": 7}, "7 is odd"),
+    ],
+)
+def test_refusals_say_why_and_change_nothing(values: dict[str, object], reason: str) -> None:
+    world = World()
+    drive = bind_class(world.store, Drive)
+    before, events = snapshot(drive), len(world.events)
+    assert world.set(**values) == SetResult(False, reason)
+    assert drive == before and len(world.events) == events
+
+
+def test_assigning_a_refused_value_raises_and_changes_nothing() -> None:
+    world = World()
+    drive = bind_class(world.store, Drive)
+    with pytest.raises(InvalidParameterValue, match="out of range"):
+        drive.max_speed = 9.0
+    with pytest.raises(InvalidParameterValue, match=r"'mode'.*INTEGER, expected STRING"):
+        drive.mode = 5  # type: ignore[assignment]
+    with pytest.raises(ParameterImmutable, match="read-only parameter: frame"):
+        drive.frame = "x"
+    with pytest.raises(AttributeError, match="has no field 'typo'"):
+        drive.typo = 1  # type: ignore[attr-defined]
+    assert drive == Drive()
+
+
+def test_the_object_is_complete_when_the_event_and_the_callbacks_come() -> None:
+    world = World()
+    drive = bind_class(world.store, Drive)
+    seen: list[tuple[float, int]] = []
+    world.store.add_post_set_callback(lambda ps: seen.append((drive.max_speed, drive.left.pwm)))
+    world.events.clear()
+    assert world.set(max_speed=1.0, left__pwm=1).successful
+    assert seen == [(1.0, 1)]
+
+
+def test_a_class_validator_sees_the_complete_new_object() -> None:
+    world = World()
+
+    def check(new: Drive) -> str | None:
+        return "too fast for manual" if new.mode == "manual" and new.max_speed > 1 else None
+
+    drive = bind_class(world.store, Drive, validator=check)
+    assert world.set(mode="manual").successful
+    assert world.set(max_speed=2.0) == SetResult(False, "too fast for manual")
+    assert world.set(max_speed=2.0, mode="auto").successful
+    assert (drive.mode, drive.max_speed) == ("auto", 2.0)
+
+
+def test_post_init_may_refuse_too() -> None:
+    @dataclass
+    class Pair:
+        low: int = 0
+        high: int = 10
+
+        def __post_init__(self) -> None:
+            if self.low > self.high:
+                raise ValueError("low must not exceed high")
+
+    world = World()
+    pair = bind_class(world.store, Pair)
+    assert world.set(low=11) == SetResult(False, "low must not exceed high")
+    update_parameters(pair, low=11, high=12)
+    assert (pair.low, pair.high, len(world.events)) == (11, 12, 3)
+    with pytest.raises(AttributeError, match="no parameter 'nope'"):
+        update_parameters(pair, nope=1)
+    with pytest.raises(TypeError, match="no live parameter object"):
+        update_parameters(Pair(), low=1)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "error"),
+    [
+        ({"max_speed": 1}, WrongParameterType),
+        ({"max_speed": 9.0}, InvalidParameterValue),
+        ({"mode": "x"}, InvalidParameterValue),
+        ({"teeth": 3}, InvalidParameterValue),
+    ],
+)
+def test_a_bad_override_declares_nothing(overrides: dict[str, object], error: type[Exception]) -> None:
+    world = World(**overrides)
+    with pytest.raises(error):
+        bind_class(world.store, Drive)
+    assert world.store.values() == {} and world.events == []
+
+
+def test_a_taken_name_declares_nothing() -> None:
+    world = World()
+    world.store.declare("left.pwm", parameter_value(1))
+    with pytest.raises(ParameterAlreadyDeclared):
+        bind_class(world.store, Drive)
+    assert list(world.store.values()) == ["left.pwm"]
+    assert world.store.set_atomically([Parameter("left.pwm", parameter_value(999))]).successful
+
+
+def test_prefix_and_initial_object() -> None:
+    world = World(a__left__pwm=5)
+    first = bind_class(world.store, Drive, prefix="a", initial=Drive(max_speed=2.0))
+    second = bind_class(world.store, Drive, prefix="b")
+    assert (first.max_speed, first.left.pwm, second.max_speed, second.left.pwm) == (2.0, 5, 0.8, 10)
+    first.max_speed = 1.0
+    assert second.max_speed == 0.8 and world.store.get("a.max_speed").value == 1.0
+    assert world.set(b__mode="no").reason == "Parameter b.mode must be one of 'auto', 'manual', got 'no'"
+
+
+def test_arrays_of_every_type_and_ranges_for_their_items() -> None:
+    @dataclass
+    class Arrays:
+        flags: list[bool] = field(default_factory=lambda: [True])
+        numbers: Annotated[list[int], Range(0, 9)] = field(default_factory=list)
+        bytes8: list[Int8] = field(default_factory=list)
+        reals: tuple[float, ...] = (1, 2)
+        names: list[str] | None = None
+
+    world = World(flags=[], numbers=[1, 2])
+    arrays = bind_class(world.store, Arrays)
+    assert arrays == Arrays([], [1, 2], [], (1.0, 2.0), None)
+    assert world.store.types(["flags", "numbers", "reals", "names"]) == [
+        T.BOOL_ARRAY,
+        T.INTEGER_ARRAY,
+        T.DOUBLE_ARRAY,
+        T.NOT_SET,
+    ]
+    assert world.set(numbers=[1, 10]).reason == "Parameter numbers[1] out of range. Min: 0, Max: 9, value: 10"
+    assert world.set(bytes8=[-129]).reason == "Parameter bytes8[0] out of range. Min: -128, Max: 127, value: -129"
+    assert world.set(numbers=[9], names=["a"]).successful
+    assert (arrays.numbers, arrays.names) == ([9], ["a"])
+
+
+def test_widths() -> None:
+    @dataclass
+    class Widths:
+        a: UInt16 = 0
+        b: UInt64 = 0
+        c: Annotated[UInt16, Range(5, 10)] = 5
+
+    plans = {plan.name: plan.descriptor.integer_range for plan in plan_class(Widths)}
+    assert plans == {"a": IntRange(0, 65535), "b": IntRange(0, 2**63 - 1), "c": IntRange(5, 10)}
+
+
+def test_enums_with_mixed_values_go_by_name() -> None:
+    @dataclass
+    class Choice:
+        mixed: Mixed = Mixed.A
+
+    world = World(mixed="B")
+    choice = bind_class(world.store, Choice)
+    assert choice == Choice(Mixed.B) and world.set(mixed="A").successful and choice == Choice(Mixed.A)
+
+
+def test_frozen_and_slotted_classes_work() -> None:
+    @dataclass(frozen=True, slots=True)
+    class Frozen:
+        a: int = 1
+
+    world = World()
+    frozen = bind_class(world.store, Frozen)
+    assert world.set(a=2).successful and frozen.a == 2
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        frozen.a = 3  # type: ignore[misc]
+
+
+def test_copies_are_plain_and_independent() -> None:
+    world = World()
+    drive = bind_class(world.store, Drive)
+    for made in (copy.copy(drive), copy.deepcopy(drive), snapshot(drive), pickle.loads(pickle.dumps(drive))):
+        assert type(made) is Drive and type(made.left) is Motor
+        made.max_speed = 99.0
+        made.left.pwm = 1000
+    assert drive == Drive() and world.store.get("max_speed").value == 0.8
+
+
+def test_reasons_have_the_prefix() -> None:
+    @dataclass
+    class Arrays:
+        numbers: Annotated[list[int], Range(0, 9)] = field(default_factory=list)
+        teeth: Annotated[int, even] = 4
+        left: Motor = field(default_factory=Motor)
+
+    world = World()
+    arrays = bind_class(world.store, Arrays, prefix="a")
+    assert world.set(a__numbers=[10]).reason == "Parameter a.numbers[0] out of range. Min: 0, Max: 9, value: 10"
+    assert world.set(a__left__pwm=-1).reason == "Parameter a.left.pwm out of range. Min: 0, Max: 255, value: -1"
+    with pytest.raises(InvalidParameterValue, match=r"parameter 'a\.numbers'"):
+        arrays.numbers = "text"  # type: ignore[assignment]
+
+
+def test_what_has_no_default_needs_an_initial_object() -> None:
+    @dataclass
+    class Bare:
+        a: int
+
+    with pytest.raises(ParameterClassError, match=r"Bare\.a has no default"):
+        bind_class(World().store, Bare)
+    assert bind_class(World().store, Bare, initial=Bare(3)).a == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ({"initial": 5}, "initial must be an object of Drive, got 5 of type int"),
+        ({"initial": Drive(left=5)}, r"initial\.left must be an object of Motor, got 5 of type int"),  # type: ignore[arg-type]
+        ({"prefix": 5}, "the prefix must be a text, got 5"),
+        ({"validator": "x"}, "the validator must be a function"),
+        ({"validator": later}, "the validator 'later' is async"),
+    ],
+)
+def test_arguments_of_the_wrong_type(arguments: dict[str, Any], reason: str) -> None:
+    world = World()
+    with pytest.raises(TypeError, match=reason):
+        bind_class(world.store, Drive, **arguments)
+    assert world.store.values() == {}

@@ -1,0 +1,183 @@
+"""Declaring a whole dataclass: told at once or not at all, callbacks that set its fields, fields that go and return."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+
+import pytest
+
+from rosidl_py_gen.runtime.parameters.classes import bind_class
+from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
+    InvalidParameterValue,
+    Parameter,
+    ParameterDescriptor,
+    ParameterType,
+    parameter_value,
+)
+
+
+def p(name: str, value: object = None) -> Parameter:
+    return Parameter(name, parameter_value(value))
+
+
+@dataclass
+class Drive:
+    speed: float = 5.0
+    mode: str = "auto"
+    gear: int = 1
+    limit: float | None = None
+
+
+@dataclass
+class Lamp:
+    on: bool = True
+
+
+class World:
+    def __init__(self) -> None:
+        self.events: list[ParameterEvent] = []
+        self.told: list[str] = []
+        self.store = ParameterStore(on_event=self.events.append)
+        self.store.add_post_set_callback(lambda ps: self.told.extend(item.name for item in ps))
+
+    def set(self, **values: object) -> SetResult:
+        return self.store.set_atomically([p(name, value) for name, value in values.items()])
+
+    def get(self, name: str) -> object:
+        return self.store.get(name).value
+
+
+def test_a_callback_after_the_set_may_correct_what_is_declared() -> None:
+    world = World()
+
+    def clamp(parameters: list[Parameter]) -> None:
+        for item in parameters:
+            if item.name == "speed" and isinstance(item.value.value, float) and item.value.value > 2.0:
+                assert world.set(speed=2.0).successful
+
+    world.store.add_post_set_callback(clamp)
+    drive = bind_class(world.store, Drive)
+    assert drive.speed == world.get("speed") == 2.0
+    assert [*world.events[0].new, *world.events[-1].changed] == [p("speed", 5.0), p("speed", 2.0)]
+    drive.speed = 9.0
+    assert drive.speed == world.get("speed") == 2.0
+
+
+def test_a_callback_before_the_set_may_set_a_field_that_is_declared_already() -> None:
+    world = World()
+
+    def slow_down(parameters: list[Parameter]) -> SetResult:
+        if parameters[0].name == "mode":
+            assert world.set(speed=1.0).successful
+        return SetResult(True)
+
+    world.store.add_on_set_callback(slow_down)
+    drive = bind_class(world.store, Drive)
+    assert (drive.speed, drive.mode) == (1.0, "auto") and world.get("speed") == 1.0
+
+
+def test_what_a_callback_sets_must_please_the_validator() -> None:
+    world = World()
+
+    def slow_down(parameters: list[Parameter]) -> SetResult:
+        return world.set(speed=-1.0) if parameters[0].name == "mode" else SetResult(True)
+
+    world.store.add_on_set_callback(slow_down)
+    with pytest.raises(InvalidParameterValue, match="the parameters of Drive cannot be declared: backwards"):
+        bind_class(world.store, Drive, validator=lambda new: "backwards" if new.speed < 0 else None)
+    assert world.store.values() == {} and world.events == [] and world.told == []
+
+
+def test_nobody_hears_of_a_class_that_was_refused() -> None:
+    world = World()
+    world.store.add_on_set_callback(lambda ps: SetResult(ps[0].name != "gear", "no gear"))
+    with pytest.raises(InvalidParameterValue, match="'gear' cannot be declared as 1: no gear"):
+        bind_class(world.store, Drive)
+    assert world.store.values() == {} and world.events == [] and world.told == []
+
+
+def test_what_else_happened_meanwhile_is_heard_all_the_same() -> None:
+    world = World()
+    world.store.declare("other", parameter_value(1))
+    world.events.clear()
+    world.told.clear()
+
+    def refuse_gear(parameters: list[Parameter]) -> SetResult:
+        if parameters[0].name == "mode":
+            world.set(other=2, speed=3.0)
+            bind_class(world.store, Lamp)
+        return SetResult(parameters[0].name != "gear")
+
+    world.store.add_on_set_callback(refuse_gear)
+    with pytest.raises(InvalidParameterValue):
+        bind_class(world.store, Drive)
+    assert world.events == [ParameterEvent(changed=(p("other", 2),)), ParameterEvent(new=(p("on", True),))]
+    assert world.told == ["other", "on"] and set(world.store.values()) == {"other", "on"}
+
+
+def test_events_and_callbacks_keep_their_order_and_find_everything_declared() -> None:
+    world = World()
+    complete: list[bool] = []
+    world.store.add_post_set_callback(lambda ps: complete.append(world.store.has("limit")))
+    bind_class(world.store, Drive)
+    assert [[item.name for item in event.new] for event in world.events] == [["speed"], ["mode"], ["gear"], []]
+    assert world.told == ["speed", "mode", "gear", "limit"] and complete == [True] * 4
+
+
+def test_callbacks_after_a_declaration_hold_up_no_other_thread() -> None:
+    world = World()
+    world.store.declare("other", parameter_value(1))
+    results: list[SetResult] = []
+
+    def set_elsewhere(parameters: list[Parameter]) -> None:
+        if parameters[0].name == "speed":
+            thread = threading.Thread(target=lambda: results.append(world.set(other=2)), daemon=True)
+            thread.start()
+            thread.join(5)
+
+    world.store.add_post_set_callback(set_elsewhere)
+    bind_class(world.store, Drive)
+    assert results == [SetResult(True)] and world.get("other") == 2 and "other" in world.told
+
+
+# ----------------------------------------------------------------------------------------- fields that go and return
+
+
+def test_a_field_that_returns_with_its_type_is_followed_again() -> None:
+    world = World()
+    drive = bind_class(world.store, Drive)
+    world.store.undeclare("speed")
+    assert drive.speed == 5.0
+    with pytest.raises(InvalidParameterValue, match=r"undeclared parameter\(s\): \['speed'\]"):
+        drive.speed = 1.0
+    world.store.declare("speed", parameter_value(3.0))
+    assert drive.speed == 3.0
+    drive.speed = 4.0
+    assert world.get("speed") == 4.0
+
+
+@pytest.mark.parametrize("dynamic", [False, True])
+def test_a_field_cannot_return_with_another_type(dynamic: bool) -> None:
+    world = World()
+    drive = bind_class(world.store, Drive)
+    world.store.undeclare("speed")
+    text = "'speed' cannot be declared as 'y': it shows as Drive.speed, which is of type DOUBLE, not STRING"
+    with pytest.raises(InvalidParameterValue, match=text):
+        world.store.declare("speed", parameter_value("y"), ParameterDescriptor(dynamic_typing=dynamic))
+    assert drive.speed == 5.0 and not world.store.has("speed")
+
+
+def test_a_field_that_returns_dynamically_typed_still_keeps_its_type() -> None:
+    world = World()
+    drive = bind_class(world.store, Drive)
+    world.store.undeclare("speed")
+    world.store.declare("speed", parameter_value(1.5), ParameterDescriptor(dynamic_typing=True))
+    for value, name in (("y", "STRING"), (None, "NOT_SET")):
+        refused = SetResult(False, f"it shows as Drive.speed, which is of type DOUBLE, not {name}")
+        assert world.set(speed=value) == refused
+    assert drive.speed == 1.5
+    world.store.undeclare("limit")
+    world.store.declare("limit", descriptor=ParameterDescriptor(type=ParameterType.DOUBLE), optional=True)
+    assert drive.limit is None and world.set(limit=2.0).successful and drive.limit == 2.0

@@ -1,0 +1,325 @@
+"""What a live object is to Python: lists, computed fields, deleting, comparing, replacing, copying."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import functools
+import json
+import pickle
+import threading
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from rosidl_py_gen.runtime.parameters.classes import bind_class, snapshot, update_parameters
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValue, Parameter, parameter_value
+
+
+@dataclass
+class Motor:
+    pwm: int = 10
+    gains: list[float] = field(default_factory=lambda: [1.0])
+
+
+@dataclass(order=True)
+class Drive:
+    speed: float = 0.5
+    mode: str = "auto"
+    tags: list[str] = field(default_factory=list)
+    left: Motor = field(default_factory=Motor, compare=False)
+
+    @property
+    def speed_kmh(self) -> float:
+        return self.speed * 3.6
+
+    @speed_kmh.setter
+    def speed_kmh(self, value: float) -> None:
+        self.speed = value / 3.6
+
+
+@dataclass
+class Computed:
+    width: int = 2
+    height: int = 3
+    area: int = field(init=False)
+    sides: list[int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.area = self.width * self.height
+        self.sides = [self.width, self.height]
+        self.note = f"{self.width}x{self.height}"
+
+    @functools.cached_property
+    def perimeter(self) -> int:
+        return 2 * (self.width + self.height)
+
+
+@dataclass
+class Scratch:
+    a: int = 2
+    count: int = field(init=False, default=0)
+
+
+@pytest.fixture
+def store() -> ParameterStore:
+    return ParameterStore()
+
+
+def put(store: ParameterStore, **values: object) -> None:
+    assert store.set_atomically([Parameter(name, parameter_value(value)) for name, value in values.items()]).successful
+
+
+# ------------------------------------------------------------------------------------------------------------ lists
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda tags: tags.append("x"),
+        lambda tags: tags.extend(["x"]),
+        lambda tags: tags.insert(0, "x"),
+        lambda tags: tags.pop(),
+        lambda tags: tags.remove("a"),
+        lambda tags: tags.clear(),
+        lambda tags: tags.sort(),
+        lambda tags: tags.sort(reverse=True),
+        lambda tags: tags.reverse(),
+        lambda tags: tags.__setitem__(0, "x"),
+        lambda tags: tags.__delitem__(0),
+        lambda tags: tags.__imul__(2),
+    ],
+)
+def test_a_list_cannot_be_changed_in_place(store: ParameterStore, change: Any) -> None:
+    drive = bind_class(store, Drive, initial=Drive(tags=["b", "a"]))
+    for tags in (drive.tags, drive.left.gains):
+        with pytest.raises(TypeError, match=r"cannot be changed in place; assign a new one"):
+            change(tags)
+    assert drive.tags == ["b", "a"] and store.get("tags").value == ("b", "a")
+
+
+def test_a_list_is_a_list_in_every_other_way(store: ParameterStore) -> None:
+    drive = bind_class(store, Drive, initial=Drive(tags=["b", "a"]))
+    tags = drive.tags
+    assert isinstance(tags, list) and sorted(tags) == ["a", "b"] and json.dumps(tags) == '["b", "a"]'
+    copies = [
+        list(tags),
+        tags[:],
+        tags + tags[:0],
+        copy.copy(tags),
+        copy.deepcopy(tags),
+        pickle.loads(pickle.dumps(tags)),
+    ]
+    for made in (*copies, dataclasses.asdict(drive)["tags"], snapshot(drive).tags, tags.copy(), type(tags)(tags)):
+        assert type(made) is list and made == ["b", "a"]
+        made.append("c")
+    assert repr(tags) == "['b', 'a']" and drive.tags == ["b", "a"]
+
+
+def test_assigning_a_list_sets_the_parameter(store: ParameterStore) -> None:
+    drive = bind_class(store, Drive)
+    given = ["a"]
+    drive.tags = given
+    given.append("not seen")
+    drive.tags += ["b"]
+    drive.left.gains = [*drive.left.gains, 2.0]
+    assert drive.tags == ["a", "b"] and store.get("tags").value == ("a", "b")
+    assert drive.left.gains == [1.0, 2.0] and store.get("left.gains").value == (1.0, 2.0)
+
+
+# -------------------------------------------------------------------------------------------- replacing and comparing
+
+
+def test_replace_gives_a_plain_object(store: ParameterStore) -> None:
+    drive = bind_class(store, Drive)
+    made = dataclasses.replace(drive, mode="manual")
+    assert type(made) is Drive and type(made.left) is Motor and made == Drive(mode="manual")
+    made.tags.append("x")
+    made.left.pwm = 99
+    assert (drive.mode, drive.tags, drive.left.pwm) == ("auto", [], 10)
+    drive.left = dataclasses.replace(drive.left, pwm=11)
+    assert store.get("left.pwm").value == 11 and type(type(drive)(2.0)) is Drive
+
+
+def test_ordered_classes_compare(store: ParameterStore) -> None:
+    drive = bind_class(store, Drive)
+    other = bind_class(ParameterStore(), Drive, initial=Drive(speed=1.0))
+    assert drive < other and other > drive and drive <= Drive() and drive >= Drive()
+    assert drive < Drive(speed=0.6) and Drive(speed=0.4) < drive and not drive > other
+    assert max(drive, Drive(speed=0.7), other) is other
+    with pytest.raises(TypeError):
+        drive < 5  # type: ignore[operator]  # noqa: B015
+    assert drive == Drive() and drive != other and drive != 5
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(drive)
+
+
+def test_classes_without_eq_compare_by_identity(store: ParameterStore) -> None:
+    @dataclass(eq=False)
+    class Alone:
+        a: int = 1
+
+    alone = bind_class(store, Alone)
+    assert alone == alone and alone != Alone() and hash(alone) == hash(alone) and {alone: 1}[alone] == 1
+    with pytest.raises(TypeError):
+        alone < alone  # type: ignore[operator]  # noqa: B015
+
+
+def test_fields_cannot_be_deleted(store: ParameterStore) -> None:
+    drive = bind_class(store, Drive)
+    for live, name in ((drive, "mode"), (drive, "left"), (drive.left, "pwm")):
+        with pytest.raises(AttributeError, match=f"{name!r} of a live .* cannot be deleted"):
+            delattr(live, name)
+    assert drive == Drive()
+
+
+# ---------------------------------------------------------------------------------------------- fields without init
+
+
+def test_computed_fields_follow(store: ParameterStore) -> None:
+    computed = bind_class(store, Computed, initial=Computed(4))
+    assert list(store.values()) == ["width", "height"]
+    assert (computed.area, computed.sides, computed.note, computed.perimeter) == (12, [4, 3], "4x3", 14)
+    computed.width = 5
+    assert (computed.area, computed.sides, computed.note, computed.perimeter) == (15, [5, 3], "5x3", 16)
+    put(store, width=1, height=1)
+    assert computed.area == 1 and snapshot(computed) == Computed(1, 1) and snapshot(computed).note == "1x1"
+    with pytest.raises(AttributeError, match=r"Computed\.area is computed by __post_init__ and cannot be set"):
+        computed.area = 7
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        computed.nothing  # type: ignore[attr-defined]  # noqa: B018
+    with pytest.raises(AttributeError, match="has no parameter 'area'"):
+        update_parameters(computed, area=3)
+
+
+def test_without_post_init_they_are_ordinary_attributes(store: ParameterStore) -> None:
+    scratch = bind_class(store, Scratch)
+    scratch.count = 4
+    scratch.a = 3
+    assert list(store.values()) == ["a"] and (scratch.a, scratch.count) == (3, 4)
+    copied = snapshot(scratch)
+    assert (copied.a, copied.count) == (3, 4) and scratch == copied
+    copied.count = 5
+    assert scratch.count == 4 and scratch != copied
+
+
+def test_properties_with_a_setter_work(store: ParameterStore) -> None:
+    drive = bind_class(store, Drive)
+    drive.speed_kmh = 7.2
+    assert drive.speed == 2.0 and store.get("speed").value == 2.0 and drive.speed_kmh == 7.2
+
+
+# ------------------------------------------------------------------------------------------------------ wrong values
+
+
+def test_a_group_takes_only_an_object_of_its_class(store: ParameterStore) -> None:
+    drive = bind_class(store, Drive)
+    with pytest.raises(TypeError, match="left must be an object of Motor, got 5 of type int"):
+        drive.left = 5  # type: ignore[assignment]
+    with pytest.raises(TypeError, match="left must be an object of Motor, got None"):
+        update_parameters(drive, speed=1.0, left=None)
+    with pytest.raises(InvalidParameterValue, match=r"parameter 'speed': <object"):
+        drive.speed = object()  # type: ignore[assignment]
+    with pytest.raises(InvalidParameterValue, match=r"parameter 'left\.pwm': 'x' is of type STRING, expected INTEGER"):
+        drive.left = Motor(pwm="x")  # type: ignore[arg-type]
+    assert drive == Drive() and drive.left == Motor()
+
+
+def test_an_undeclared_field_keeps_its_last_value(store: ParameterStore) -> None:
+    drive = bind_class(store, Drive)
+    drive.mode = "manual"
+    store.undeclare("mode")
+    drive.speed = 2.0
+    assert (drive.mode, drive.speed) == ("manual", 2.0)
+    with pytest.raises(InvalidParameterValue, match=r"undeclared parameter\(s\): \['mode'\]"):
+        drive.mode = "auto"
+
+
+# ----------------------------------------------------------------------------------------------------------- threads
+
+
+@dataclass
+class Triple:
+    a: int = 0
+    b: int = 0
+    nested: Motor = field(default_factory=lambda: Motor(0))
+    total: int = field(init=False, default=0)
+
+    def __post_init__(self) -> None:
+        self.total = self.a + self.b + self.nested.pwm
+
+
+def test_no_thread_sees_half_an_update(store: ParameterStore) -> None:
+    live = bind_class(store, Triple)
+    torn: list[object] = []
+    done = threading.Event()
+
+    def read() -> None:
+        while not done.is_set():
+            # What is read later is never older: a after b, b after the nested one.
+            order = live.nested.pwm, live.b, live.a
+            seen = snapshot(live)
+            stored = [value.value for value in store.get_all(["a", "b", "nested.pwm"])]
+            if sorted(order) != list(order) or not seen.a == seen.b == seen.nested.pwm == seen.total / 3:
+                torn.append((order, seen))
+            if len(set(stored)) != 1:
+                torn.append(stored)
+
+    readers = [threading.Thread(target=read) for _ in range(3)]
+    for reader in readers:
+        reader.start()
+    for number in range(1, 1500):
+        update_parameters(live, a=number, b=number, nested=Motor(number))
+    done.set()
+    for reader in readers:
+        reader.join()
+    assert torn == []
+
+
+def test_sets_from_many_threads_are_one_after_the_other() -> None:
+    events: list[object] = []
+    store = ParameterStore(on_event=lambda event: events.extend(item.value.value for item in event.changed))
+    live = bind_class(store, Triple)
+
+    def count(new: list[Parameter]) -> list[Parameter]:
+        return [Parameter("a", parameter_value(live.a + 1))]
+
+    store.add_pre_set_callback(count)
+    threads = [threading.Thread(target=lambda: [setattr(live, "a", 0) for _ in range(200)]) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert live.a == 800 and events == list(range(1, 801))
+
+
+def test_readers_do_not_wait_for_a_callback_that_takes_long(store: ParameterStore) -> None:
+    live = bind_class(store, Triple)
+    entered, release = threading.Event(), threading.Event()
+
+    def slow(parameters: list[Parameter]) -> None:
+        entered.set()
+        assert release.wait(5)
+
+    remove = store.add_pre_set_callback(lambda ps: slow(ps) or ps)  # type: ignore[func-returns-value]
+    setter = threading.Thread(target=lambda: setattr(live, "a", 1))
+    setter.start()
+    assert entered.wait(5)
+    assert live.a == 0 and snapshot(live) == Triple() and store.get("a").value == 0 and store.listing().names
+    release.set()
+    setter.join()
+    remove()
+    # After a set is stored, its post-set callbacks hold up nobody.
+    entered.clear()
+    release.clear()
+    end = store.add_post_set_callback(slow)
+    setter = threading.Thread(target=lambda: setattr(live, "a", 2))
+    setter.start()
+    assert entered.wait(5)
+    end()
+    live.a = 3
+    release.set()
+    setter.join()
+    assert live.a == 3

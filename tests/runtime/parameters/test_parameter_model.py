@@ -1,0 +1,194 @@
+"""The parameter store against a model: random declarations and sets, ranges, read-only, a callback that refuses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
+    FloatRange,
+    IntRange,
+    InvalidParameterValue,
+    Parameter,
+    ParameterAlreadyDeclared,
+    ParameterDescriptor,
+    ParameterImmutable,
+    ParameterNotDeclared,
+    ParameterType,
+    ParameterValue,
+    parameter_value,
+)
+
+VALUES = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-5, 5),
+    st.sampled_from([-2.0, 0.0, 0.5, 1.5, 4.0]),
+    st.text("axy", max_size=2),
+    st.lists(st.booleans()),
+)
+NAMES = st.sampled_from(["a", "b", "g.a", "g.b"])
+INT_RANGES = st.sampled_from([None, IntRange(-2, 3), IntRange(-3, 4, 2)])
+FLOAT_RANGES = st.sampled_from([None, FloatRange(-1.0, 2.0), FloatRange(-2.0, 4.0, 1.0)])
+ALLOWED_INTS = {None: set(range(-5, 6)), IntRange(-2, 3): {-2, -1, 0, 1, 2, 3}, IntRange(-3, 4, 2): {-3, -1, 1, 3, 4}}
+ALLOWED_FLOATS = {
+    None: {-2.0, 0.0, 0.5, 1.5, 4.0},
+    FloatRange(-1.0, 2.0): {0.0, 0.5, 1.5},
+    FloatRange(-2.0, 4.0, 1.0): {-2.0, 0.0, 4.0},
+}
+REFUSED_TEXT = "x"
+
+
+@dataclass
+class Known:
+    """What the model remembers of a parameter."""
+
+    value: ParameterValue
+    kind: ParameterType
+    described: ParameterDescriptor
+
+
+def in_range(value: ParameterValue, described: ParameterDescriptor) -> bool:
+    if value.type is ParameterType.INTEGER:
+        return value.value in ALLOWED_INTS[described.integer_range]
+    if value.type is ParameterType.DOUBLE:
+        return value.value in ALLOWED_FLOATS[described.floating_point_range]
+    return True
+
+
+class StoreAgainstModel(RuleBasedStateMachine):
+    """The model is a dict of names; ranges are tables of what they allow. The store must agree after every step."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.model: dict[str, Known] = {}
+        self.from_events: dict[str, ParameterValue] = {}
+        self.heard: dict[str, ParameterValue] = {}
+        self.refusing = False
+
+    @initialize(allow=st.booleans())
+    def create(self, allow: bool) -> None:
+        self.allow = allow
+        self.store = ParameterStore(allow_undeclared=allow, on_event=self.hear)
+        self.store.add_on_set_callback(self.judge)
+        self.store.add_post_set_callback(self.note)
+
+    def judge(self, parameters: list[Parameter]) -> SetResult:
+        refused = self.refusing and any(parameter.value.value == REFUSED_TEXT for parameter in parameters)
+        return SetResult(not refused, "no x" if refused else "")
+
+    def note(self, parameters: list[Parameter]) -> None:
+        self.heard |= {parameter.name: parameter.value for parameter in parameters}
+
+    def hear(self, event: ParameterEvent) -> None:
+        for parameter in event.new:
+            assert not self.from_events.get(parameter.name, ParameterValue()).is_set
+        for parameter in event.changed:
+            assert parameter.name in self.from_events
+        for parameter in event.new + event.changed:
+            self.from_events[parameter.name] = parameter.value
+        for parameter in event.deleted:
+            del self.from_events[parameter.name]
+
+    def agreed(self, value: ParameterValue) -> bool:
+        return not (self.refusing and value.value == REFUSED_TEXT)
+
+    @rule(refusing=st.booleans())
+    def change_mind(self, refusing: bool) -> None:
+        self.refusing = refusing
+
+    @rule(
+        name=NAMES,
+        value=VALUES,
+        dynamic=st.booleans(),
+        read_only=st.sampled_from([False, False, True]),
+        ints=INT_RANGES,
+        floats=FLOAT_RANGES,
+    )
+    def declare(
+        self,
+        name: str,
+        value: object,
+        dynamic: bool,
+        read_only: bool,
+        ints: IntRange | None,
+        floats: FloatRange | None,
+    ) -> None:
+        given = parameter_value(value)
+        described = ParameterDescriptor(
+            dynamic_typing=dynamic, read_only=read_only, integer_range=ints, floating_point_range=floats
+        )
+        possible = (
+            name not in self.model and (dynamic or given.is_set) and in_range(given, described) and self.agreed(given)
+        )
+        try:
+            self.store.declare(name, given, described)
+            assert possible
+            self.model[name] = Known(given, given.type, described)
+        except (ParameterAlreadyDeclared, InvalidParameterValue):
+            assert not possible
+
+    @rule(name=NAMES)
+    def undeclare(self, name: str) -> None:
+        try:
+            self.store.undeclare(name)
+        except ParameterNotDeclared:
+            assert name not in self.model
+        except ParameterImmutable:
+            assert self.model[name].described.read_only
+        else:
+            assert not self.model.pop(name).described.read_only
+            self.from_events.pop(name, None)
+
+    @rule(items=st.lists(st.tuples(NAMES, VALUES), min_size=1, max_size=4))
+    def set_atomically(self, items: list[tuple[str, object]]) -> None:
+        wanted = [Parameter(name, parameter_value(value)) for name, value in items]
+        possible = all(self.may_set(parameter) for parameter in wanted)
+        self.heard.clear()
+        assert self.store.set_atomically(wanted).successful == possible
+        assert self.heard == ({parameter.name: parameter.value for parameter in wanted} if possible else {})
+        if possible:
+            self.apply(wanted)
+
+    @rule(items=st.lists(st.tuples(NAMES, VALUES), max_size=4))
+    def set_each(self, items: list[tuple[str, object]]) -> None:
+        wanted = [Parameter(name, parameter_value(value)) for name, value in items]
+        for parameter, result in zip(wanted, self.store.set_each(wanted), strict=True):
+            assert result.successful == self.may_set(parameter)
+            if result.successful:
+                self.apply([parameter])
+
+    def may_set(self, parameter: Parameter) -> bool:
+        known = self.model.get(parameter.name)
+        if not self.agreed(parameter.value):
+            return False
+        if known is None:
+            return self.allow
+        fits = known.described.dynamic_typing or parameter.value.type is known.kind
+        return fits and not known.described.read_only and in_range(parameter.value, known.described)
+
+    def apply(self, parameters: list[Parameter]) -> None:
+        for parameter in {parameter.name: parameter for parameter in parameters}.values():
+            known = self.model.get(parameter.name)
+            if not parameter.value.is_set:
+                self.model.pop(parameter.name, None)
+                continue
+            described = known.described if known else ParameterDescriptor(dynamic_typing=True)
+            self.model[parameter.name] = Known(parameter.value, parameter.value.type, described)
+
+    @invariant()
+    def agree(self) -> None:
+        values = {name: known.value for name, known in self.model.items()}
+        assert self.store.values() == values
+        assert {name: value for name, value in values.items() if value.is_set} == self.from_events
+        assert set(self.store.listing().names) == set(values)
+        for name, known in self.model.items():
+            assert self.store.describe(name).read_only == known.described.read_only
+
+
+TestStoreAgainstModel = StoreAgainstModel.TestCase
+TestStoreAgainstModel.settings = settings(max_examples=80, stateful_step_count=25, deadline=None)

@@ -1,0 +1,140 @@
+"""Which Python value is which parameter type: protocol.md 9.2."""
+
+from __future__ import annotations
+
+from array import array
+from enum import Enum
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rosidl_py_gen.runtime.parameters.values import (
+    INT64_MAX,
+    INT64_MIN,
+    InvalidParameterValue,
+    Parameter,
+    ParameterNotDeclared,
+    ParameterType,
+    ParameterValue,
+    WrongParameterType,
+    as_parameters,
+    parameter_value,
+)
+
+T = ParameterType
+
+
+class Color(str, Enum):
+    RED = "red"
+
+
+class Plain(Enum):
+    A = 1
+
+
+class Metres(float):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("value", "kind", "stored"),
+    [
+        (None, T.NOT_SET, None),
+        (True, T.BOOL, True),
+        (3, T.INTEGER, 3),
+        (INT64_MIN, T.INTEGER, INT64_MIN),
+        (1.5, T.DOUBLE, 1.5),
+        ("x", T.STRING, "x"),
+        (Color.RED, T.STRING, "red"),
+        (b"\x01\x02", T.BYTE_ARRAY, b"\x01\x02"),
+        (bytearray(b"a"), T.BYTE_ARRAY, b"a"),
+        ([b"a", b"b"], T.BYTE_ARRAY, b"ab"),
+        ([], T.BYTE_ARRAY, b""),
+        ([True, False], T.BOOL_ARRAY, (True, False)),
+        ((1, 2), T.INTEGER_ARRAY, (1, 2)),
+        ([1.0], T.DOUBLE_ARRAY, (1.0,)),
+        (["a", "b"], T.STRING_ARRAY, ("a", "b")),
+        (array("l", [1, 2]), T.INTEGER_ARRAY, (1, 2)),
+        (array("d", [1, 2]), T.DOUBLE_ARRAY, (1.0, 2.0)),
+        (np.array([1, 2], np.uint8), T.INTEGER_ARRAY, (1, 2)),
+        (np.array([True]), T.BOOL_ARRAY, (True,)),
+        (np.float32(0.5), T.DOUBLE, 0.5),
+        (np.float64(0.5), T.DOUBLE, 0.5),
+        (np.bool_(True), T.BOOL, True),
+        (np.array(3), T.INTEGER, 3),
+        (Metres(1.5), T.DOUBLE, 1.5),
+        ("ü", T.STRING, "ü"),
+        ([np.int64(7)], T.INTEGER_ARRAY, (7,)),
+    ],
+)
+def test_inference(value: object, kind: ParameterType, stored: object) -> None:
+    got = parameter_value(value)
+    assert got == ParameterValue(kind, stored)  # type: ignore[arg-type]
+    assert type(got.value) is type(stored)
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [
+        ([1, 2.0], "all items of an array must have one type, got DOUBLE, INTEGER"),
+        ([True, 1], "BOOL, INTEGER"),
+        ([b"ab"], "one byte per item"),
+        ([[1]], "no parameter value"),
+        ({"a": 1}, "no parameter value"),
+        (2**63, "does not fit an int64"),
+        ([INT64_MAX + 1], "does not fit an int64"),
+        (object(), "no parameter value"),
+        (np.zeros((2, 2)), "no parameter value"),
+        ([None], "no parameter value"),
+        (np.float64, "no parameter value"),
+        (Plain.A, "no parameter value"),
+        ("\ud800", "cannot be sent: surrogates not allowed at character 0"),
+        (["a", "b\udfff"], "cannot be sent: surrogates not allowed at character 1"),
+    ],
+)
+def test_what_is_no_parameter_value(value: object, reason: str) -> None:
+    with pytest.raises(InvalidParameterValue, match=reason):
+        parameter_value(value)
+
+
+def test_a_stated_type_decides_for_empty_lists_and_is_checked() -> None:
+    assert parameter_value([], T.STRING_ARRAY) == ParameterValue(T.STRING_ARRAY, ())
+    assert parameter_value((), T.BYTE_ARRAY) == ParameterValue(T.BYTE_ARRAY, b"")
+    with pytest.raises(InvalidParameterValue, match="1 is of type INTEGER, expected DOUBLE"):
+        parameter_value(1, T.DOUBLE)
+
+
+def test_what_is_to_be_set_is_a_dict_or_parameters() -> None:
+    one = Parameter("a", parameter_value(1))
+    assert as_parameters({"a": 1}) == as_parameters([one]) == as_parameters(iter([one])) == [one]
+    assert as_parameters({}) == []
+
+
+@pytest.mark.parametrize(
+    ("values", "error", "reason"),
+    [
+        (5, TypeError, "expected a dict of names and values, or a list of Parameter objects, got 5"),
+        ("text", TypeError, "expected a dict of names and values"),
+        (Parameter("a"), TypeError, "expected a dict of names and values"),
+        (["a"], TypeError, "expected Parameter objects, found 'a'"),
+        ([("a", 1)], TypeError, "expected Parameter objects"),
+        ({5: 1}, TypeError, "a parameter's name must be a text, got 5 of type int"),
+        ([Parameter("a", 5)], TypeError, "the value of a Parameter must be a ParameterValue"),  # type: ignore[arg-type]
+        ([Parameter(5)], TypeError, "a parameter's name must be a text"),  # type: ignore[arg-type]
+        ({"a": object()}, InvalidParameterValue, "parameter 'a': <object .* no parameter value"),
+        (
+            [Parameter("a", ParameterValue(T.INTEGER, "x"))],
+            InvalidParameterValue,
+            "parameter 'a': 'x' is of type STRING",
+        ),
+    ],
+)
+def test_anything_else_to_set_is_explained(values: Any, error: type[Exception], reason: str) -> None:
+    with pytest.raises(error, match=reason):
+        as_parameters(values)
+
+
+def test_errors_name_what_is_wrong() -> None:
+    assert str(ParameterNotDeclared(["a", "b"])) == "Invalid access to undeclared parameter(s): ['a', 'b']"
+    assert str(WrongParameterType("a", "DOUBLE", "STRING")) == "parameter 'a' is of type STRING, expected DOUBLE"

@@ -1,0 +1,340 @@
+"""Parameter YAML as rcl reads it: protocol.md 10.5, case by case, and round trips."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rosidl_py_gen.runtime.parameters.files import (
+    dump_parameters,
+    parse_parameter_file,
+    parse_parameter_value,
+    plain_scalar,
+)
+from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError, overrides_for
+from rosidl_py_gen.runtime.parameters.values import ParameterType, ParameterValue, parameter_value
+
+T = ParameterType
+
+
+@pytest.mark.parametrize("text", ["y", "Y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
+def test_true(text: str) -> None:
+    assert plain_scalar(text) == ParameterValue(T.BOOL, True)
+
+
+@pytest.mark.parametrize("text", ["n", "N", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
+def test_false(text: str) -> None:
+    assert plain_scalar(text) == ParameterValue(T.BOOL, False)
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("0", 0),
+        ("-0", 0),
+        ("42", 42),
+        ("+5", 5),
+        ("-7", -7),
+        ("0x1f", 31),
+        ("-0X1F", -31),
+        ("010", 8),
+        ("-010", -8),
+        ("00", 0),
+        ("9223372036854775807", 2**63 - 1),
+        ("-9223372036854775808", -(2**63)),
+    ],
+)
+def test_integers_are_read_like_strtoll(text: str, number: int) -> None:
+    assert plain_scalar(text) == ParameterValue(T.INTEGER, number)
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        ("1.0", 1.0),
+        (".5", 0.5),
+        ("1.", 1.0),
+        ("1e3", 1000.0),
+        ("-1.5E-2", -0.015),
+        ("08", 8.0),
+        ("0x1p3", 8.0),
+        ("0x.8", 0.5),
+        ("9223372036854775808", 2.0**63),
+        (".inf", math.inf),
+        ("+.Inf", math.inf),
+        ("-.INF", -math.inf),
+        ("0e-400", 0.0),
+        ("-.00e-9999999", -0.0),
+        ("0x0p-9999", 0.0),
+        ("0x1p-1074", 5e-324),
+        ("-0x0.0000000000001P-1022", -5e-324),
+        ("2.2250738585072014e-308", 2.2250738585072014e-308),
+        ("2.22507385850720138e-308", 2.2250738585072014e-308),
+        ("0." + "0" * 5000 + "1e5000", 0.1),
+        ("inf", math.inf),
+        ("-Infinity", -math.inf),
+    ],
+)
+def test_floats_are_read_like_strtod(text: str, number: float) -> None:
+    assert plain_scalar(text) == ParameterValue(T.DOUBLE, number)
+
+
+@pytest.mark.parametrize("text", [".nan", ".NaN", ".NAN", "nan", "-NaN"])
+def test_not_a_number(text: str) -> None:
+    got = plain_scalar(text)
+    assert got.type is T.DOUBLE and isinstance(got.value, float) and math.isnan(got.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "null",
+        "~",
+        "None",
+        "yEs",
+        "tRue",
+        "1_000",
+        "0x",
+        "0xg",
+        "1e",
+        "1.2.3",
+        "12:30",
+        "2001-01-01",
+        "1e400",
+        # glibc's strtod reports ERANGE for these too (run), and rcl then sees a text.
+        "1e-400",
+        "-1e-400",
+        "1e-310",
+        "5e-324",
+        "2.2250738585072011e-308",
+        "2.2250738585072012e-308",
+        "0x1p-1075",
+        "0x1.8p-1074",
+        "1" + "0" * 5000 + "e-5320",
+        "٣",
+        ".",
+        "0b11",
+        "0o17",
+        "--1",
+        "+",
+        "e5",
+        "nanx",
+        "infinite",
+        "9" * 5000,
+    ],
+)
+def test_everything_else_is_text(text: str) -> None:
+    assert plain_scalar(text) == ParameterValue(T.STRING, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("5", 5),
+        ("'5'", "5"),
+        ('"yes"', "yes"),
+        ("!!str 5", "5"),
+        ("!!str yes", "yes"),
+        ("''", ""),
+        ("[1, 2]", [1, 2]),
+        ("[1.0, 2.5]", [1.0, 2.5]),
+        ("[a, 'b', \"5\"]", ["a", "b", "5"]),
+        ("[yes, off]", [True, False]),
+        ("[0x10, 010]", [16, 8]),
+        ("a b", "a b"),
+        ("!!binary AQI=", b"\x01\x02"),
+        ("|\n  two\n  lines\n", "two\nlines\n"),
+        # Tags but !!str are ignored, quoted is always text, block scalars are plain: rcl_yaml_param_parser, get_value.
+        ("!!int 5", 5),
+        ("!!float 1.5", 1.5),
+        ("!!float 1", 1),
+        ("!!bool yes", True),
+        ("!!null x", "x"),
+        ("!mine 5", 5),
+        ("! 5", 5),
+        ("!!int '5'", "5"),
+        ('!!bool "yes"', "yes"),
+        ("[!!int 1, 2]", [1, 2]),
+        ("!!str |-\n  5\n", "5"),
+        ("|-\n  5\n", 5),
+        (">-\n  yes\n", True),
+        ("|\n  5\n", "5\n"),
+    ],
+)
+def test_argument_values(text: str, value: object) -> None:
+    assert parse_parameter_value(text) == parameter_value(value)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "an empty value"),
+        ("[1, 2.0]", "all items of an array must have one type, got DOUBLE, INTEGER"),
+        ("[1, yes]", "BOOL, INTEGER"),
+        ("[[1]]", "no lists and no maps"),
+        ("[{a: 1}]", "no lists and no maps"),
+        ("{a: 1}", "expected a value or a list, found a map"),
+        ("&x 1", "anchors and aliases are not supported"),
+        ("[&x 1, *x]", "anchors and aliases are not supported"),
+        ("[1", "1:3"),
+        ("!!binary ???", "not base64"),
+        ("!!int", "an empty value"),
+        ("[" * 5000, "no YAML we can read"),
+        ("\x00", "no YAML we can read"),
+    ],
+)
+def test_bad_argument_values(text: str, reason: str) -> None:
+    with pytest.raises(ParameterFileError, match=reason):
+        parse_parameter_value(text)
+
+
+FILE = """
+talker:
+  ros__parameters:
+    rate: 5
+    group: {sub: 1, deeper: {x: [a, b]}}
+/ns/listener:
+  ros__parameters: {rate: 7}
+deep:
+  er:
+    node:
+      ros__parameters:
+        a.b: yes
+/**:
+  ros__parameters_of_all:
+    rate: 9
+"""
+
+
+def test_a_file_gives_patterns_and_dotted_names_in_order() -> None:
+    entries = parse_parameter_file(FILE)
+    assert [(entry.pattern, {n: v.value for n, v in entry.values.items()}) for entry in entries] == [
+        ("/talker", {"rate": 5, "group.sub": 1, "group.deeper.x": ("a", "b")}),
+        ("/ns/listener", {"rate": 7}),
+        ("/deep/er/node", {"a.b": True}),
+        ("/**", {"rate": 9}),
+    ]
+
+
+def test_the_last_matching_entry_wins_not_the_most_specific() -> None:
+    entries = parse_parameter_file(FILE)
+    assert overrides_for(entries, "/talker")["rate"].value == 9
+    assert overrides_for(entries, "/other") == {"rate": parameter_value(9)}
+
+
+@pytest.mark.parametrize(
+    ("pattern", "matching", "others"),
+    [
+        ("/**", ["/a", "/a/b", "/a/b/c"], []),
+        ("/*", ["/a"], ["/a/b"]),
+        ("/*/n", ["/a/n"], ["/n", "/a/b/n"]),
+        ("/ns/**", ["/ns", "/ns/a", "/ns/a/b"], ["/a/ns", "/nsx/a"]),
+        ("/**/n", ["/n", "/a/n", "/a/b/n"], ["/a/nn", "/xn"]),
+        ("/a.b", ["/a.b"], ["/axb"]),
+    ],
+)
+def test_patterns(pattern: str, matching: list[str], others: list[str]) -> None:
+    entry = NodeParameters(pattern, {})
+    assert [name for name in matching + others if entry.matches(name)] == matching
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("5", "f.yaml:1:1: expected node names"),
+        ("a: 5", "f.yaml:1:4: expected ros__parameters below 'a', found a value"),
+        ("a:\n  ros__parameters: 5", "f.yaml:2:20: expected parameter names"),
+        ("ros__parameters: {a: 1}", "must be below the name of a node"),
+        ("a:\n  ros__parameters:\n    x:\n", "f.yaml:3:7: an empty value"),
+        ("a:\n  ros__parameters:\n    x: [1, a]\n", "f.yaml:3:8: all items"),
+        ("a:\n  ros__parameters:\n    x: &q 1\n", "f.yaml:3:8: anchors and aliases"),
+        ("a: *b", "anchors and aliases"),
+        ("a: {[1]: 2}", "a key must be a text"),
+        ("a: [", "f.yaml:1:"),
+        ("a: b: c", "f.yaml:1:5"),
+        ("--- 1\n--- 2", "f.yaml:2"),
+    ],
+)
+def test_bad_files_are_refused_with_the_place(text: str, reason: str) -> None:
+    with pytest.raises(ParameterFileError, match=reason):
+        parse_parameter_file(text, "f.yaml")
+
+
+def test_an_empty_file_has_no_parameters() -> None:
+    assert parse_parameter_file("") == parse_parameter_file("# nothing\n") == []
+
+
+def test_the_dump_is_what_ros2_param_dump_shows() -> None:
+    values = {
+        "use_sim_time": parameter_value(False),
+        "group.sub": parameter_value(1),
+        "group.name": parameter_value("plain text"),
+        "number_text": parameter_value("08"),
+        "list": parameter_value([1.0, 2.5]),
+        "unset": ParameterValue(),
+    }
+    assert dump_parameters("/ns/node", values) == (
+        "/ns/node:\n"
+        "  ros__parameters:\n"
+        "    use_sim_time: false\n"
+        "    group:\n"
+        "      sub: 1\n"
+        "      name: plain text\n"
+        '    number_text: "08"\n'
+        "    list: [1.0, 2.5]\n"
+    )
+
+
+@pytest.mark.parametrize("order", [["a", "a.b", "a.c.d"], ["a.b", "a.c.d", "a"], ["a.b", "a", "a.c.d"]])
+def test_a_parameter_with_the_name_of_a_group(order: list[str]) -> None:
+    values = {name: parameter_value(name) for name in order}
+    entries = parse_parameter_file(dump_parameters("/n", values))
+    assert overrides_for(entries, "/n") == values
+
+
+TEXT = st.text(st.characters(codec="utf-8"), max_size=20)
+SCALAR = st.one_of(
+    st.booleans(),
+    st.integers(-(2**63), 2**63 - 1),
+    st.floats(allow_nan=False),
+    TEXT,
+    st.sampled_from(["yes", "08", "1.0", "~", "", " x", "a: b", "#c", "- d", "!!str", "&a", "*b", ".inf", "null"]),
+)
+LIST = st.one_of(
+    *(
+        st.lists(item, min_size=1, max_size=4)
+        for item in (st.booleans(), st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False), TEXT)
+    )
+)
+NAME = st.text("abc_.1", min_size=1, max_size=6)
+
+
+@settings(max_examples=400)
+@given(st.dictionaries(NAME, st.one_of(SCALAR, LIST, st.binary(max_size=8)), min_size=1, max_size=6))
+def test_what_is_dumped_is_read_back(raw: dict[str, object]) -> None:
+    values = {name: parameter_value(value) for name, value in raw.items()}
+    entries = parse_parameter_file(dump_parameters("/ns/node", values))
+    assert overrides_for(entries, "/ns/node") == values
+
+
+@given(st.text(max_size=30))
+def test_any_text_is_read_or_refused_with_our_error(text: str) -> None:
+    for read in (
+        parse_parameter_file,
+        parse_parameter_value,
+        lambda t: parse_parameter_file("a: {ros__parameters: " + t),
+    ):
+        try:
+            read(text)
+        except ParameterFileError:
+            continue
+
+
+@pytest.mark.parametrize("value", [5e-324, -5e-324, 1e-310, 2.225073858507201e-308, 2.2250738585072014e-308, -0.0])
+def test_tiny_numbers_are_written_so_that_they_stay_numbers(value: float) -> None:
+    text = dump_parameters("/n", {"a": parameter_value(value), "b": parameter_value([value])})
+    (entry,) = parse_parameter_file(text)
+    assert entry.values == {"a": parameter_value(value), "b": parameter_value([value])}

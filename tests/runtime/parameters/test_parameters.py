@@ -1,0 +1,328 @@
+"""The parameter store: the semantics of rclpy (protocol.md 9.3 to 9.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import pytest
+
+from rosidl_py_gen.runtime.parameters.callbacks import Refused
+from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
+    FloatRange,
+    IntRange,
+    InvalidParameterName,
+    InvalidParameterValue,
+    Parameter,
+    ParameterAlreadyDeclared,
+    ParameterDescriptor,
+    ParameterImmutable,
+    ParameterNotDeclared,
+    ParameterType,
+    ParameterUninitialized,
+    ParameterValue,
+    WrongParameterType,
+    parameter_value,
+)
+
+DYNAMIC = ParameterDescriptor(dynamic_typing=True)
+OK = SetResult(True)
+
+
+def p(name: str, value: object = None) -> Parameter:
+    return Parameter(name, parameter_value(value))
+
+
+class World:
+    def __init__(self, overrides: dict[str, object] | None = None, *, allow_undeclared: bool = False) -> None:
+        self.events: list[ParameterEvent] = []
+        self.store = ParameterStore(
+            {name: parameter_value(value) for name, value in (overrides or {}).items()},
+            allow_undeclared=allow_undeclared,
+            on_event=self.events.append,
+        )
+
+    def declare(self, name: str, default: object = None, descriptor: ParameterDescriptor | None = None) -> object:
+        return self.store.declare(name, parameter_value(default), descriptor).value
+
+    def set(self, *parameters: Parameter) -> SetResult:
+        return self.store.set_atomically(parameters)
+
+    def get(self, name: str) -> object:
+        return self.store.get(name).value
+
+
+def test_declaring_stores_describes_and_announces() -> None:
+    world = World()
+    assert world.declare("a", 3, ParameterDescriptor(description="an int")) == 3
+    assert world.get("a") == 3
+    assert world.store.describe("a") == ParameterDescriptor("a", ParameterType.INTEGER, "an int")
+    assert world.events == [ParameterEvent(new=(p("a", 3),))]
+
+
+def test_declaring_twice_is_an_error() -> None:
+    world = World()
+    world.declare("a", 1)
+    with pytest.raises(ParameterAlreadyDeclared, match="'a' is already declared"):
+        world.declare("a", 1)
+
+
+def test_a_name_is_needed() -> None:
+    with pytest.raises(InvalidParameterName):
+        World().declare("", 1)
+
+
+def test_a_parameter_without_default_needs_a_type_or_dynamic_typing() -> None:
+    world = World()
+    with pytest.raises(InvalidParameterValue, match="has no default, so its type is unknown"):
+        world.declare("a")
+    world.declare("a", None, ParameterDescriptor(type=ParameterType.DOUBLE))
+    with pytest.raises(ParameterUninitialized):
+        world.get("a")
+    assert world.events == [ParameterEvent()]
+    assert world.set(p("a", 1)).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.INTEGER'"
+    assert world.set(p("a", 1.0)) == OK
+    assert world.events[-1] == ParameterEvent(new=(p("a", 1.0),))
+    world.declare("b", None, DYNAMIC)
+    assert world.get("b") is None
+
+
+def test_default_and_descriptor_must_agree() -> None:
+    with pytest.raises(WrongParameterType, match="is of type INTEGER, expected DOUBLE"):
+        World().declare("a", 1, ParameterDescriptor(type=ParameterType.DOUBLE))
+
+
+def test_overrides_replace_defaults_unless_ignored_and_must_have_the_type() -> None:
+    world = World({"a": 5, "b": "text", "c": 7})
+    assert world.declare("a", 1) == 5
+    with pytest.raises(WrongParameterType, match="'b' is of type STRING, expected INTEGER"):
+        world.declare("b", 1)
+    assert not world.store.has("b")
+    assert world.store.declare("c", parameter_value(1), ignore_override=True).value == 1
+    assert world.store.overrides["a"].value == 5
+
+
+@pytest.mark.parametrize(
+    ("descriptor", "error", "reason"),
+    [
+        ("a text", TypeError, "'a': the descriptor must be a ParameterDescriptor, got 'a text'"),
+        (ParameterDescriptor(type=2), TypeError, "type of the descriptor must be a ParameterType, got 2"),
+        (ParameterDescriptor(description=5), TypeError, "description of the descriptor must be a str, got 5"),
+        (ParameterDescriptor(integer_range=(0, 5)), TypeError, "integer_range of the descriptor must be a IntRange"),
+        (ParameterDescriptor(integer_range=IntRange(0, 5, -1)), InvalidParameterValue, "a step that is not negative"),
+        (
+            ParameterDescriptor(floating_point_range=FloatRange(-float("inf"), 1.0, 0.5)),
+            InvalidParameterValue,
+            "steps are counted from the lower end",
+        ),
+    ],
+)
+def test_a_wrong_descriptor_is_explained(descriptor: object, error: type[Exception], reason: str) -> None:
+    world = World()
+    with pytest.raises(error, match=reason):
+        world.declare("a", 1, descriptor)  # type: ignore[arg-type]
+    assert not world.store.has("a")
+
+
+def test_names_that_cannot_be_sent_are_refused() -> None:
+    world = World(allow_undeclared=True)
+    with pytest.raises(InvalidParameterName):
+        world.declare("\ud800", 1)
+    assert not world.set(p("\ud800", 1)).successful and world.declare("ä", 1) == 1
+
+
+def test_overrides_can_be_declared_automatically() -> None:
+    world = World({"a": 5, "b": "text"})
+    world.declare("a", 1)
+    world.store.declare_overrides()
+    assert (world.get("a"), world.get("b")) == (5, "text")
+    assert world.set(p("b", 1)).reason == "Wrong parameter type, expected 'Type.STRING' got 'Type.INTEGER'"
+
+
+def test_declaring_out_of_range_or_against_a_callback_is_an_error_and_leaves_nothing() -> None:
+    world = World()
+    with pytest.raises(InvalidParameterValue, match=r"out of range. Min: 0, Max: 2, value: 3"):
+        world.declare("a", 3, ParameterDescriptor(integer_range=IntRange(0, 2)))
+    world.store.add_on_set_callback(lambda parameters: SetResult(False, "no"))
+    with pytest.raises(InvalidParameterValue, match="cannot be declared as 3: no"):
+        world.declare("a", 3)
+    assert not world.store.has("a") and world.events == []
+
+
+def test_read_only_may_be_declared_but_not_set_nor_undeclared() -> None:
+    world = World({"a": 2})
+    assert world.declare("a", 1, ParameterDescriptor(read_only=True)) == 2
+    assert world.set(p("a", 3)).reason == "Trying to set a read-only parameter: a."
+    with pytest.raises(ParameterImmutable):
+        world.store.undeclare("a")
+
+
+def test_setting_tells_new_from_changed_and_an_equal_value_counts() -> None:
+    world = World()
+    world.declare("a", 1)
+    world.declare("b", None, DYNAMIC)
+    assert world.set(p("a", 1), p("b", 2)) == OK
+    assert world.events[-1] == ParameterEvent(new=(p("b", 2),), changed=(p("a", 1),))
+
+
+def test_all_undeclared_names_are_in_the_reason() -> None:
+    """rclpy forgets the first name (protocol.md 9.4); a single one gives an empty list there."""
+    world = World()
+    world.declare("a", 1)
+    result = world.set(p("x", 1), p("a", 2), p("y", 3))
+    assert result == SetResult(False, "Invalid access to undeclared parameter(s): ['x', 'y']")
+    assert world.get("a") == 1
+
+
+def test_an_atomic_set_is_all_or_nothing_and_single_sets_go_on() -> None:
+    world = World()
+    for name in ("a", "b", "c"):
+        world.declare(name, 1)
+    events = len(world.events)
+    wanted = [p("a", 2), p("b", "no"), p("c", 2)]
+    reason = "Wrong parameter type, expected 'Type.INTEGER' got 'Type.STRING'"
+    assert world.store.set_atomically(wanted) == SetResult(False, reason)
+    assert [world.get(n) for n in "abc"] == [1, 1, 1] and len(world.events) == events
+    assert world.store.set_each(wanted) == [OK, SetResult(False, reason), OK]
+    assert [world.get(n) for n in "abc"] == [2, 1, 2] and len(world.events) == events + 2
+
+
+def test_a_name_given_twice_counts_once_with_its_last_value() -> None:
+    world = World(allow_undeclared=True)
+    assert world.set(p("a", 1), p("a", 2)) == OK
+    assert world.get("a") == 2 and world.events == [ParameterEvent(new=(p("a", 2),))]
+
+
+def test_dynamic_typing_accepts_any_type_and_unsetting_undeclares() -> None:
+    world = World()
+    world.declare("a", 1, DYNAMIC)
+    assert world.set(p("a", "text")) == OK
+    assert world.store.describe("a").type is ParameterType.STRING
+    assert world.set(p("a")) == OK
+    assert world.events[-1] == ParameterEvent(deleted=(p("a"),))
+    assert not world.store.has("a")
+    with pytest.raises(ParameterNotDeclared):
+        world.store.describe("a")
+
+
+def test_allow_undeclared_declares_with_dynamic_typing() -> None:
+    world = World(allow_undeclared=True)
+    assert world.get("a") is None
+    assert world.store.describe("a") == ParameterDescriptor("a")
+    assert world.store.get_all(["a"]) == [ParameterValue()]
+    assert world.set(p("a", 1)) == OK and world.set(p("a", "x")) == OK
+    assert world.store.describe("a").dynamic_typing
+    assert world.store.types(["a", "zz"]) == [ParameterType.STRING, ParameterType.NOT_SET]
+    assert not world.set(p("", 1)).successful
+
+
+def test_services_answer_nothing_when_one_name_is_missing() -> None:
+    world = World()
+    world.declare("a", 1)
+    world.declare("u", None, ParameterDescriptor(type=ParameterType.BOOL))
+    assert world.store.get_all(["a", "a"]) == [parameter_value(1)] * 2
+    assert world.store.get_all(["a", "x"]) == [] and world.store.get_all(["a", "u"]) == []
+    assert world.store.types(["a", "u"]) == [ParameterType.INTEGER, ParameterType.NOT_SET]
+    assert world.store.types(["a", "x"]) == []
+    assert [d.name for d in world.store.describe_all(["u", "a"])] == ["u", "a"]
+    assert world.store.describe_all(["a", "x"]) == []
+
+
+def test_undeclaring_is_silent_and_needs_a_declared_name() -> None:
+    world = World()
+    world.declare("a", 1)
+    events = len(world.events)
+    world.store.undeclare("a")
+    assert len(world.events) == events
+    with pytest.raises(ParameterNotDeclared):
+        world.store.undeclare("a")
+    assert world.declare("a", "other type now") == "other type now"
+
+
+def test_callbacks_run_in_the_order_of_rclpy() -> None:
+    world = World()
+    world.declare("a", 1)
+    seen: list[str] = []
+
+    def on_set(tag: str, result: SetResult = OK) -> object:
+        def callback(parameters: list[Parameter]) -> SetResult:
+            seen.append(f"on{tag}:{world.get('a')}")
+            return result
+
+        return world.store.add_on_set_callback(callback)
+
+    on_set("1")
+    on_set("2")
+    world.store.add_post_set_callback(lambda ps: seen.append(f"post1:{world.get('a')}"))
+    world.store.add_post_set_callback(lambda ps: seen.append(f"post2:{len(world.events)}"))
+    assert world.set(p("a", 2)) == OK
+    assert seen == ["on2:1", "on1:1", "post2:2", "post1:2"]
+
+
+def test_the_first_refusal_ends_the_asking() -> None:
+    world = World()
+    world.declare("a", 1)
+    asked: list[int] = []
+    world.store.add_on_set_callback(lambda ps: asked.append(1) or OK)  # type: ignore[func-returns-value]
+    remove = world.store.add_on_set_callback(lambda ps: SetResult(False, "because"))
+    assert world.set(p("a", 2)) == SetResult(False, "because") and asked == [] and world.get("a") == 1
+    remove()
+    remove()
+    assert world.set(p("a", 2)) == OK and asked == [1]
+
+
+def test_pre_set_callbacks_replace_the_list() -> None:
+    world = World()
+    world.declare("a", 1)
+    world.declare("b", 1)
+    first = world.store.add_pre_set_callback(lambda ps: [*ps, p("b", 7)])
+    second = world.store.add_pre_set_callback(lambda ps: [])
+    assert world.set(p("a", 2)) == OK and world.get("b") == 7
+    first()
+    assert world.set(p("a", 3)) == SetResult(
+        False,
+        "parameter list cannot be empty, this might be due to pre_set_parameters_callback modifying the original "
+        "parameters list.",
+    )
+    second()
+    assert world.get("a") == 2
+    world.declare("c", 1)
+
+
+def test_an_optional_parameter_may_be_unset_and_stays_declared_with_its_type() -> None:
+    world = World()
+    world.store.declare("a", parameter_value(1.5), optional=True)
+    assert world.set(p("a")) == OK
+    assert world.events[-1] == ParameterEvent(deleted=(p("a"),))
+    assert world.store.has("a") and world.store.types(["a"]) == [ParameterType.NOT_SET]
+    assert world.set(p("a")) == OK and world.events[-1] == ParameterEvent()
+    assert world.set(p("a", 1)).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.INTEGER'"
+    assert world.set(p("a", 2.0)) == OK and world.events[-1] == ParameterEvent(new=(p("a", 2.0),))
+
+
+def test_an_empty_list_in_an_override_takes_the_declared_type() -> None:
+    world = World({"a": [], "b": []})
+    assert world.store.declare("a", parameter_value(["x"])) == parameter_value([], ParameterType.STRING_ARRAY)
+    with pytest.raises(WrongParameterType):
+        world.declare("b", 1)
+
+
+def test_mirrors_are_asked_last_and_commit_before_the_event() -> None:
+    world = World()
+    world.declare("a", 1)
+    seen: list[object] = []
+
+    def prepare(changes: Mapping[str, ParameterValue]) -> Callable[[], None] | None:
+        if changes["a"].value == 5:
+            raise Refused("not five")
+        seen.append(("asked", world.get("a")))
+        return lambda: seen.append(("stored", world.get("a"), len(world.events)))
+
+    end = world.store.add_mirror(prepare)
+    remove = world.store.add_on_set_callback(lambda ps: SetResult(False, "no"))
+    assert not world.set(p("a", 2)).successful and seen == []
+    remove()
+    assert world.set(p("a", 5)) == SetResult(False, "not five") and world.get("a") == 1
+    assert world.set(p("a", 2)) == OK and seen == [("asked", 1), ("stored", 2, 1)]
+    end()
+    assert world.set(p("a", 3)) == OK and len(seen) == 2

@@ -1,0 +1,151 @@
+"""The drift-free timer rule of protocol.md 9.6."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.runtime.time.schedule import TimerRule, period_to_ns
+from rosidl_py_gen.runtime.time.values import Duration, TimeRangeError
+
+
+def test_due_times_stay_on_the_grid_although_calls_are_late() -> None:
+    rule = TimerRule(10, 100)
+    assert not rule.is_ready(109) and rule.is_ready(110)
+    call = rule.call(113)
+    assert (call.since_last_ns, call.missed, call.expected_ns, rule.next_ns) == (13, 0, 110, 120)
+    assert rule.call(121).since_last_ns == 8
+
+
+@pytest.mark.parametrize(
+    ("now", "missed", "next_ns"), [(110, 0, 120), (119, 0, 120), (120, 1, 130), (129, 1, 130), (155, 4, 160)]
+)
+def test_missed_periods_are_skipped_and_counted(now: int, missed: int, next_ns: int) -> None:
+    rule = TimerRule(10, 100)
+    assert (rule.call(now).missed, rule.next_ns) == (missed, next_ns)
+
+
+@given(st.integers(1, 50), st.lists(st.integers(0, 300), max_size=30))
+def test_the_next_call_is_always_the_first_grid_point_after_now(period: int, steps: list[int]) -> None:
+    start = now = 1000
+    rule = TimerRule(period, start)
+    skipped = calls = 0
+    for step in steps:
+        now += step
+        if rule.is_ready(now):
+            skipped += rule.call(now).missed
+            calls += 1
+            assert now < rule.next_ns <= now + period and (rule.next_ns - start) % period == 0
+    assert calls + skipped == (rule.next_ns - start) // period - 1
+
+
+def test_period_zero_is_always_ready() -> None:
+    rule = TimerRule(0, 100)
+    assert rule.is_ready(100)
+    rule.call(105)
+    assert rule.next_ns == 105 and rule.is_ready(105)
+
+
+@pytest.mark.parametrize("bad", [-1, True, 1.5])
+def test_bad_periods_are_refused(bad: int) -> None:
+    with pytest.raises(TimeRangeError, match="period must be an int"):
+        TimerRule(bad, 0)
+    with pytest.raises(TimeRangeError, match="period must be an int"):
+        TimerRule(1, 0).change_period(bad)
+
+
+@pytest.mark.parametrize(
+    ("bad", "error", "words"),
+    [
+        (math.nan, TimeRangeError, "period_s must be finite, got nan"),
+        (math.inf, TimeRangeError, "period_s must be finite, got inf"),
+        (-1, TimeRangeError, "period_s must be 0 or more, got -1"),
+        (None, TypeError, "period_s must be a number of seconds, got None"),
+        ("1", TypeError, "period_s must be a number of seconds, got '1'"),
+    ],
+)
+def test_bad_periods_in_seconds_are_refused_by_name(bad: Any, error: type[Exception], words: str) -> None:
+    node = Node("n", context=Context(0, args=["p"], transport=MemoryTransport()))
+    timer = node.create_timer(1)
+    for make in (period_to_ns, node.create_timer, node.create_wall_timer, timer.change_period):
+        with pytest.raises(error, match=words):
+            make(bad)
+    assert timer.period == Duration(seconds=1)
+    node.context.close()
+    assert period_to_ns(0.25) == 250_000_000
+
+
+def test_a_timer_needs_a_function_and_a_clock() -> None:
+    node = Node("n", context=Context(0, args=["p"], transport=MemoryTransport()))
+    before = len(node.scope.owned)
+    with pytest.raises(TypeError, match="callback must be a function without arguments, or None, got 5"):
+        node.create_timer(1, 5)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"clock must be a Clock such as node.clock, got 'steady'"):
+        node.create_timer(1, clock="steady")  # type: ignore[arg-type]
+    assert len(node.scope.owned) == before
+    node.context.close()
+
+
+def test_cancel_and_reset() -> None:
+    rule = TimerRule(10, 100)
+    rule.cancel()
+    assert rule.time_until_ns(1000) is None and not rule.is_ready(1000)
+    rule.reset(1000)
+    assert rule.time_until_ns(1000) == 10
+    assert rule.call(1010).since_last_ns == 910
+
+
+def test_a_changed_period_counts_from_the_next_call() -> None:
+    rule = TimerRule(10, 100)
+    rule.change_period(3)
+    assert rule.time_until_ns(100) == 10
+    rule.call(110)
+    assert rule.next_ns == 113
+
+
+def test_a_ros_clock_that_reads_zero_makes_the_timer_wait() -> None:
+    rule = TimerRule(0, 0, waits_at_zero=True)
+    assert rule.time_until_ns(0) is None and not rule.is_ready(0)
+    assert rule.is_ready(1)
+
+
+def test_a_change_of_source_keeps_the_elapsed_part_of_the_period() -> None:
+    rule = TimerRule(100, 1_000_000)
+    rule.before_source_change(1_000_030)
+    rule.after_source_change(500)
+    assert (rule.time_until_ns(500), rule.last_ns) == (70, 470)
+
+
+def test_an_overdue_timer_is_due_at_once_in_the_new_time() -> None:
+    rule = TimerRule(100, 1_000_000)
+    rule.before_source_change(1_005_000)
+    rule.after_source_change(500)
+    assert rule.time_until_ns(500) == 0
+
+
+def test_nothing_is_credited_while_the_clock_reads_zero() -> None:
+    rule = TimerRule(100, 1_000_000, waits_at_zero=True)
+    rule.before_source_change(1_000_030)
+    rule.after_source_change(0)
+    assert rule.next_ns == 1_000_100
+    rule.after_jump(5_000)  # the first /clock: earlier than the last call, so a new period starts
+    assert rule.time_until_ns(5_000) == 100
+    fresh = TimerRule(100, 0, waits_at_zero=True)
+    fresh.before_source_change(0)
+    fresh.after_source_change(1_000_000)
+    assert fresh.time_until_ns(1_000_000) == 100
+
+
+def test_a_forward_jump_makes_it_due_and_a_backward_jump_starts_a_period() -> None:
+    rule = TimerRule(100, 1_000)
+    rule.after_jump(5_000)
+    assert rule.is_ready(5_000) and rule.call(5_000).missed == 39
+    rule.after_jump(4_950)  # before the last call
+    assert (rule.time_until_ns(4_950), rule.last_ns) == (100, 4_950)
+    rule.after_jump(4_960)  # not before the last call: unchanged
+    assert rule.time_until_ns(4_960) == 90

@@ -1,0 +1,274 @@
+"""Profiles, presets and matching: the tables of protocol.md 7."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from rosidl_py_gen.runtime.transport import qos
+from rosidl_py_gen.runtime.transport.qos import (
+    BEST_AVAILABLE,
+    DEFAULT,
+    INFINITE_NS,
+    SYSTEM_DEFAULT,
+    Compatibility,
+    Durability,
+    History,
+    InvalidQoSError,
+    Liveliness,
+    QoSProfile,
+    Reliability,
+    as_profile,
+    check_compatible,
+    resolve_best_available,
+    without_best_available,
+)
+
+KL, SD = History.KEEP_LAST, History.SYSTEM_DEFAULT
+REL, BE = Reliability.RELIABLE, Reliability.BEST_EFFORT
+VOL, TL = Durability.VOLATILE, Durability.TRANSIENT_LOCAL
+
+
+@pytest.mark.parametrize(
+    ("name", "history", "depth", "reliability", "durability"),
+    [
+        ("DEFAULT", KL, 10, REL, VOL),
+        ("SENSOR_DATA", KL, 5, BE, VOL),
+        ("SERVICES_DEFAULT", KL, 10, REL, VOL),
+        ("PARAMETERS", KL, 1000, REL, VOL),
+        ("PARAMETER_EVENTS", KL, 1000, REL, VOL),
+        ("ROSOUT", KL, 1000, REL, TL),
+        ("ACTION_STATUS", KL, 1, REL, TL),
+        ("CLOCK", KL, 1, BE, VOL),
+        ("SYSTEM_DEFAULT", SD, 0, Reliability.SYSTEM_DEFAULT, Durability.SYSTEM_DEFAULT),
+        ("BEST_AVAILABLE", KL, 10, Reliability.BEST_AVAILABLE, Durability.BEST_AVAILABLE),
+    ],
+)
+def test_presets_are_those_of_rmw(
+    name: str, history: History, depth: int, reliability: Reliability, durability: Durability
+) -> None:
+    profile: QoSProfile = getattr(qos, name)
+    assert (profile.history, profile.depth, profile.reliability, profile.durability) == (
+        history,
+        depth,
+        reliability,
+        durability,
+    )
+    assert profile.lifespan_ns == (10 * 10**9 if name == "ROSOUT" else 0)
+
+
+def test_enumerations_have_the_numbers_of_rmw() -> None:
+    assert [int(v) for v in History] == [0, 1, 2, 3]
+    assert {v.name: int(v) for v in Reliability} == {
+        "SYSTEM_DEFAULT": 0,
+        "RELIABLE": 1,
+        "BEST_EFFORT": 2,
+        "UNKNOWN": 3,
+        "BEST_AVAILABLE": 4,
+    }
+    assert {v.name: int(v) for v in Liveliness} == {
+        "SYSTEM_DEFAULT": 0,
+        "AUTOMATIC": 1,
+        "MANUAL_BY_TOPIC": 3,
+        "UNKNOWN": 4,
+        "BEST_AVAILABLE": 5,
+    }
+    assert [int(v) for v in (Durability.TRANSIENT_LOCAL, Durability.VOLATILE)] == [1, 2]
+
+
+def test_builder_calls_chain_and_leave_the_original_alone() -> None:
+    profile = QoSProfile().keep_last(5).best_effort().transient_local().deadline(0.5).lifespan(2).manual_liveliness(3)
+    assert profile == QoSProfile(KL, 5, BE, TL, 500_000_000, 2 * 10**9, Liveliness.MANUAL_BY_TOPIC, 3 * 10**9)
+    assert QoSProfile() == DEFAULT
+    assert profile.keep_all().depth == 0 and profile.keep_all().history is History.KEEP_ALL
+    assert profile.reliable().volatile().automatic_liveliness().liveliness_lease_ns == 3 * 10**9
+    assert profile.deadline(math.inf).deadline_ns == INFINITE_NS
+    assert profile.no_ros_prefix().avoid_ros_namespace_conventions
+
+
+def test_an_int_is_a_keep_last_depth() -> None:
+    assert as_profile(7) == DEFAULT.keep_last(7)
+    assert as_profile(SYSTEM_DEFAULT) is SYSTEM_DEFAULT
+
+
+@pytest.mark.parametrize("bad", [-1, True, 2**31, "10", 1.5])
+def test_impossible_depths_are_refused(bad: object) -> None:
+    with pytest.raises(InvalidQoSError):
+        as_profile(bad)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("bad", [-1.0, math.nan, -math.inf, 1e300, "x", None, True, [1]])
+def test_impossible_durations_are_refused(bad: float) -> None:
+    with pytest.raises(InvalidQoSError, match="deadline must be seconds"):
+        QoSProfile().deadline(bad)
+
+
+def test_the_numbers_of_rmw_become_policies() -> None:
+    profile = QoSProfile(reliability=2, durability=1, liveliness=3)  # type: ignore[arg-type]
+    assert profile.reliability is BE and profile.durability is TL and profile.liveliness is Liveliness.MANUAL_BY_TOPIC
+    assert profile == QoSProfile().best_effort().transient_local().manual_liveliness()
+
+
+@pytest.mark.parametrize(
+    ("field", "bad", "words"),
+    [
+        ("reliability", "best_effort", r"got 'best_effort': write Reliability\.BEST_EFFORT"),
+        ("history", "keep_all", r"got 'keep_all': write History\.KEEP_ALL"),
+        ("durability", "sometimes", r"one of .*Durability\.VOLATILE.*; got 'sometimes'"),
+        ("reliability", 7, r"one of .*Reliability\.RELIABLE.*; got 7"),
+        ("reliability", True, "got True"),
+        ("reliability", 1.0, "got 1.0"),
+        ("durability", Reliability.RELIABLE, "got <Reliability.RELIABLE: 1>"),
+        ("liveliness", 2, "got 2"),
+        ("liveliness", None, "got None"),
+        ("depth", True, "depth must be an int"),
+        ("depth", 1.0, "depth must be an int"),
+        ("deadline_ns", True, "deadline_ns must be an int"),
+        ("lifespan_ns", 1e9, "lifespan_ns must be an int"),
+        ("liveliness_lease_ns", -1, "liveliness_lease_ns must be an int"),
+        ("avoid_ros_namespace_conventions", "yes", "must be True or False, got 'yes'"),
+    ],
+)
+def test_values_that_are_no_policy_are_refused_in_words(field: str, bad: Any, words: str) -> None:
+    with pytest.raises(InvalidQoSError, match=words):
+        QoSProfile(**{field: bad})
+    with pytest.raises(InvalidQoSError, match=words):
+        replace(QoSProfile(), **{field: bad})
+
+
+@pytest.mark.parametrize("depth", [1, 10])
+def test_a_depth_in_the_place_of_the_history_is_refused(depth: Any) -> None:
+    with pytest.raises(InvalidQoSError, match=rf"QoSProfile\(depth={depth}\)"):
+        QoSProfile(depth)
+
+
+@pytest.mark.parametrize("name", ["history", "reliability", "durability", "liveliness"])
+def test_unknown_policies_are_shown_but_not_offered(name: str) -> None:
+    kind = type(getattr(DEFAULT, name))
+    discovered = replace(DEFAULT, **{name: kind["UNKNOWN"]})
+    with pytest.raises(InvalidQoSError, match=rf"{name} is {kind.__name__}\.UNKNOWN"):
+        as_profile(discovered)
+
+
+TLQ = QoSProfile().transient_local()
+MAN = QoSProfile().manual_liveliness()
+AUTO = QoSProfile().automatic_liveliness()
+ERRORS = [
+    (QoSProfile().best_effort(), QoSProfile(), "ERROR: Best effort publisher and reliable subscription;"),
+    (QoSProfile(), TLQ, "ERROR: Volatile publisher and transient local subscription;"),
+    (QoSProfile(), QoSProfile().deadline(1), "ERROR: Subscription has a deadline, but publisher does not;"),
+    (
+        QoSProfile().deadline(2),
+        QoSProfile().deadline(1),
+        "ERROR: Subscription deadline is less than publisher deadline;",
+    ),
+    (AUTO, MAN, "ERROR: Publisher's liveliness is automatic and subscription's is manual by topic;"),
+    (
+        AUTO,
+        QoSProfile().automatic_liveliness(1),
+        "ERROR: Subscription has a liveliness lease duration, but publisher does not;",
+    ),
+    (
+        QoSProfile().automatic_liveliness(2),
+        QoSProfile().automatic_liveliness(1),
+        "ERROR: Subscription liveliness lease duration is less than publisher;",
+    ),
+]
+
+
+@pytest.mark.parametrize(("offered", "requested", "reason"), ERRORS)
+def test_each_mismatch_has_the_reason_text_of_rmw(offered: QoSProfile, requested: QoSProfile, reason: str) -> None:
+    result = check_compatible(offered, requested)
+    assert (result.compatibility, result.reason, result.matches) == (Compatibility.ERROR, reason, False)
+
+
+def test_reasons_are_concatenated_in_the_order_of_rmw() -> None:
+    offered = QoSProfile().best_effort().automatic_liveliness()
+    requested = TLQ.manual_liveliness(1).deadline(1)
+    texts = [ERRORS[i][2] for i in (0, 1, 2, 4, 5)]
+    assert check_compatible(offered, requested).reason == "".join(texts)
+
+
+WARNINGS = [
+    (
+        replace(AUTO, reliability=Reliability.UNKNOWN),
+        AUTO,
+        "WARNING: Reliable subscription, but publisher is unknown;",
+    ),
+    (
+        AUTO.best_effort(),
+        replace(AUTO, reliability=Reliability.SYSTEM_DEFAULT),
+        "WARNING: Best effort publisher, but subscription is system_default;",
+    ),
+    (
+        replace(AUTO, durability=Durability.SYSTEM_DEFAULT),
+        AUTO.transient_local(),
+        "WARNING: Transient local subscription, but publisher is system_default;",
+    ),
+    (
+        AUTO,
+        replace(AUTO, durability=Durability.UNKNOWN),
+        "WARNING: Volatile publisher, but subscription is unknown;",
+    ),
+    (
+        replace(AUTO, liveliness=Liveliness.UNKNOWN),
+        MAN,
+        "WARNING: Subscription's liveliness is manual by topic, but publisher's is unknown;",
+    ),
+    (
+        AUTO,
+        QoSProfile(),
+        "WARNING: Publisher's liveliness is automatic, but subscription's is system_default;",
+    ),
+    (
+        SYSTEM_DEFAULT,
+        SYSTEM_DEFAULT,
+        "WARNING: Publisher reliability is system_default and subscription reliability is system_default;"
+        "WARNING: Publisher durabilty is system_default and subscription durability is system_default;"
+        "WARNING: Publisher liveliness is system_default and subscription liveliness is system_default;",
+    ),
+]
+
+
+@pytest.mark.parametrize(("offered", "requested", "reason"), WARNINGS)
+def test_unknown_policies_are_warned_about(offered: QoSProfile, requested: QoSProfile, reason: str) -> None:
+    result = check_compatible(offered, requested)
+    assert (result.compatibility, result.reason, result.matches) == (Compatibility.WARNING, reason, True)
+
+
+def test_stronger_offers_match_and_infinite_is_no_deadline() -> None:
+    strong = QoSProfile().transient_local().manual_liveliness(1).deadline(1)
+    weak = QoSProfile().best_effort().automatic_liveliness(2).deadline(2)
+    assert check_compatible(strong, weak).compatibility is Compatibility.OK
+    assert check_compatible(AUTO, AUTO.deadline(math.inf).automatic_liveliness(math.inf)).reason == ""
+
+
+def test_best_available_publisher_takes_the_strongest_policies() -> None:
+    peers = [QoSProfile().deadline(2), QoSProfile().deadline(1).manual_liveliness(4)]
+    got = resolve_best_available(BEST_AVAILABLE, publisher=True, peers=peers)
+    assert (got.reliability, got.durability, got.liveliness) == (REL, TL, Liveliness.MANUAL_BY_TOPIC)
+    assert (got.deadline_ns, got.liveliness_lease_ns) == (10**9, 4 * 10**9)
+
+
+def test_best_available_subscription_takes_what_all_publishers_offer() -> None:
+    peers = [TLQ.manual_liveliness(1), QoSProfile().best_effort().manual_liveliness(2)]
+    got = resolve_best_available(BEST_AVAILABLE, publisher=False, peers=peers)
+    assert (got.reliability, got.durability, got.liveliness) == (BE, VOL, Liveliness.MANUAL_BY_TOPIC)
+    assert (got.deadline_ns, got.liveliness_lease_ns) == (0, 2 * 10**9)
+    for peer in peers:
+        assert check_compatible(peer, got).matches
+
+
+def test_best_available_subscription_without_publishers_asks_for_everything() -> None:
+    got = resolve_best_available(BEST_AVAILABLE, publisher=False, peers=[])
+    assert (got.reliability, got.durability, got.liveliness) == (REL, TL, Liveliness.MANUAL_BY_TOPIC)
+    assert (got.deadline_ns, got.liveliness_lease_ns) == (0, 0)
+
+
+def test_policies_that_are_stated_stay_and_services_never_use_best_available() -> None:
+    stated = QoSProfile().best_effort()
+    assert resolve_best_available(stated, publisher=False, peers=[DEFAULT]) == stated
+    assert without_best_available(BEST_AVAILABLE) == qos.SERVICES_DEFAULT

@@ -1,0 +1,123 @@
+"""What Fast DDS says beside a message, as bytes: who it is that asks or is answered."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen.runtime.transport.cyclone import rtps
+from rosidl_py_gen.runtime.transport.interface import identified, identity_of, in_fours
+
+FAST, CYCLONE, RTI, OTHER = b"\x01\x0f", b"\x01\x10", b"\x01\x01", b"\x01\x12"
+READER = bytes(range(12)) + b"\0\0\x13\x04"
+WRITER_ID = b"\0\0\x14\x03"
+
+
+def packet(vendor: bytes) -> bytes:
+    """The RTPS header."""
+    return b"RTPS\2\3" + vendor + vendor + bytes(10)
+
+
+def submessage(parameters: bytes = b"", *, big: bool = False, number: int = 7, kind: int = rtps.DATA) -> bytes:
+    """DATA or DATA_FRAG up to the payload, as Cyclone leaves it: all but the parameters in our byte order."""
+    flags = (0 if big else 1) | (rtps.HAS_PARAMETERS if parameters else 0)
+    length = rtps.DATA_BYTES if kind == rtps.DATA else rtps.DATA_FRAG_BYTES
+    head = struct.pack("<BBHHH", kind, flags, 0, 0, length - 8)
+    head += b"\0\0\0\0" + WRITER_ID[::-1] + struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)
+    return head.ljust(length, b"\0") + parameters
+
+
+def parameter(pid: int, guid: bytes, number: int, *, big: bool = False) -> bytes:
+    """One parameter with an identity, and the end of the list."""
+    order = ">" if big else "<"
+    body = struct.pack(f"{order}HH16siI", pid, 24, guid, number >> 32, number & 0xFFFFFFFF)
+    return body + struct.pack(f"{order}HH", 1, 0)
+
+
+@pytest.mark.parametrize("kind", [rtps.DATA, rtps.DATA_FRAG])
+@pytest.mark.parametrize("number", [1, 2**31, 2**40 + 5])
+def test_what_we_send_names_the_reader_in_both_forms(kind: int, number: int) -> None:
+    parameters = rtps.parameter_list((READER, number))
+    assert len(parameters) == rtps.PARAMETERS_BYTES
+    assert rtps.read_submessage(packet(CYCLONE), submessage(parameters, kind=kind), is_reply=True) == (READER, number)
+    assert parameters == (
+        bytes.fromhex("8300 1800") + READER + struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)  # PID, 24 bytes
+        + bytes.fromhex("0f80 1800") + READER + struct.pack("<iI", number >> 32, number & 0xFFFFFFFF)
+        + bytes.fromhex("0100 0000")  # end of list
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize(
+    ("vendor", "pid", "is_heard"),
+    [(FAST, 0x83, True), (FAST, 0x800F, True), (RTI, 0x800F, True), (CYCLONE, 0x83, True), (CYCLONE, 0x800F, False)],
+)
+def test_replies_belong_to_whom_they_name(vendor: bytes, pid: int, is_heard: bool, big: bool) -> None:
+    data = submessage(parameter(pid, READER, 3, big=big), big=big)
+    assert rtps.read_submessage(packet(vendor), data, is_reply=True) == ((READER, 3) if is_heard else None)
+
+
+def test_requests_are_numbered_by_the_middleware_and_answered_to_the_reader_they_name() -> None:
+    unknown_number = parameter(0x800F, READER, -1 << 32)
+    assert rtps.read_submessage(packet(FAST), submessage(unknown_number, number=9), is_reply=False) == (READER, 9)
+
+
+@pytest.mark.parametrize("parameters", [b"", parameter(0x83, bytes(16), 0)])
+def test_requests_that_name_nobody_are_answered_to_their_writer(parameters: bytes) -> None:
+    head = packet(FAST)
+    assert rtps.read_submessage(head, submessage(parameters), is_reply=False) == (head[8:20] + WRITER_ID, 7)
+
+
+@pytest.mark.parametrize("vendor", [CYCLONE, OTHER])
+@pytest.mark.parametrize("is_reply", [False, True])
+def test_samples_of_others_have_no_identity(vendor: bytes, is_reply: bool) -> None:
+    assert rtps.read_submessage(packet(vendor), submessage(), is_reply=is_reply) is None
+
+
+@pytest.mark.parametrize("length", [1, 8, 20, 23])
+def test_a_payload_inside_the_header_has_no_identity_and_is_no_reason_for_distrust(length: int) -> None:
+    assert rtps.read_submessage(packet(FAST), submessage()[:length], is_reply=False) is None
+
+
+def test_other_parameters_are_passed_over() -> None:
+    key_hash = struct.pack("<HH16s", 0x70, 16, bytes(16))
+    data = submessage(key_hash + parameter(0x83, READER, 4))
+    assert rtps.read_submessage(packet(FAST), data, is_reply=True) == (READER, 4)
+
+
+@given(st.binary(max_size=20), st.binary(max_size=200), st.booleans())
+def test_hostile_bytes_are_refused_or_read(head: bytes, data: bytes, is_reply: bool) -> None:
+    try:
+        found = rtps.read_submessage(head, data, is_reply=is_reply)
+    except ValueError:
+        return
+    assert found is None or len(found[0]) == 16
+
+
+@given(st.sampled_from([FAST, CYCLONE]), st.binary(max_size=120), st.booleans(), st.booleans())
+def test_hostile_parameters_end_at_the_payload(vendor: bytes, parameters: bytes, big: bool, is_reply: bool) -> None:
+    data = bytearray(submessage(parameters, big=big))
+    data[1] |= rtps.HAS_PARAMETERS
+    found = rtps.read_submessage(packet(vendor), bytes(data), is_reply=is_reply)
+    assert found is None or (len(found[0]) == 16 and -(2**63) <= found[1] < 2**63)
+
+
+def test_a_greeting_is_the_heartbeat_of_a_writer_that_wrote_nothing() -> None:
+    writer = FAST + bytes(range(10)) + WRITER_ID
+    assert rtps.greeting(writer).hex() == (
+        "52545053 0201 010f".replace(" ", "") + writer[:12].hex()  # RTPS 2.1, as of that participant
+        + "07031c00" + "00000000" + WRITER_ID.hex()  # HEARTBEAT, final, 28 bytes, for every reader
+        + "0000000001000000" + "0000000000000000" + "00000000"  # first 1, last 0, the zeroth
+    )  # fmt: skip
+
+
+@given(st.binary(max_size=40), st.binary(min_size=16, max_size=16), st.integers(-(2**63), 2**63 - 1))
+def test_an_identity_comes_back_and_the_message_with_it(message: bytes, guid: bytes, number: int) -> None:
+    sample = identified(b"\0\1\0\0" + message, (guid, number))
+    assert identity_of(sample) == (guid, number)
+    assert sample[:2] + sample[28:] == b"\0\1" + message
+    assert identity_of(b"\0\1\0\0" + message) is None
+    assert len(in_fours(sample)) % 4 == 0
