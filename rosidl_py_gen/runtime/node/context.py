@@ -21,8 +21,9 @@ from rosidl_py_gen.runtime.logs.outputs import ContextLogs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
 from rosidl_py_gen.runtime.names.dds import participant_user_data
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
+from rosidl_py_gen.runtime.node.environment import read_environment
 from rosidl_py_gen.runtime.node.fork import FORKED
+from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
 
 if TYPE_CHECKING:
     import asyncio
@@ -31,8 +32,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.runtime.node.arguments import RosArguments
-    from rosidl_py_gen.runtime.node.environment import DomainSettings
-    from rosidl_py_gen.runtime.transport.interface import Transport
+    from rosidl_py_gen.runtime.transport.interface import DomainSettings, Transport
 
 T = TypeVar("T")
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import struct
 from collections import deque
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import RosidlError
@@ -72,6 +73,35 @@ class TransportError(RosidlError):
 
 class BackendMissingError(RosidlError, ImportError):
     """The user has to install the extra that brings DDS."""
+
+
+# ---------------------------------------------------------------------------------------------------------- settings
+
+
+class DiscoveryRange(Enum):
+    """How far discovery looks for peers."""
+
+    SUBNET = "subnet"
+    LOCALHOST = "localhost"
+    OFF = "off"
+    SYSTEM_DEFAULT = "system_default"
+
+
+@dataclass(frozen=True, slots=True)
+class DomainSettings:
+    """What a context needs to know before it creates a participant.
+
+    Attributes:
+        static_peers: hosts or addresses to contact directly, in the order given.
+        cyclonedds_uri: the user's own configuration, XML or ``file://`` names separated by commas; may be empty.
+        warnings: sentences to log once.
+    """
+
+    domain_id: int = 0
+    discovery: DiscoveryRange = DiscoveryRange.SUBNET
+    static_peers: tuple[str, ...] = ()
+    cyclonedds_uri: str = ""
+    warnings: tuple[str, ...] = ()
 
 
 # --------------------------------------------------------------------------------------------------------- discovery

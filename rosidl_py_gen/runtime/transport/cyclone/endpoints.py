@@ -11,7 +11,7 @@ import struct
 import threading
 import time
 import weakref
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.cyclone import abi
@@ -19,7 +19,8 @@ from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_ab
 from rosidl_py_gen.runtime.transport.interface import in_fours
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
+    from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
+    from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
     from rosidl_py_gen.runtime.transport.interface import Identity, Payload, ReceiveQueue, Sink
 
 _BATCH = 32
@@ -40,13 +41,41 @@ _local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 """Readers of this process by domain and topic, for `CycloneWriter.write`."""
 
 
+class Host(Protocol):
+    """What endpoints need of their participant."""
+
+    api: abi.Api
+    fast_dds: FastDds
+    domain_id: int
+    discovery: DiscoveryReaders
+    buffers: TakeBuffers
+
+    def guid_of(self, entity: int) -> bytes:
+        """The entity's GUID in network order."""
+
+    def type_object(self, type: str) -> int:
+        """The address of what stands for a type that has endpoints."""
+
+    def release_topic(self, topic: str, type: str) -> None:
+        """An endpoint of it is gone."""
+
+    def watch(self, reader: CycloneReader) -> None:
+        """Tell the sink of that reader when something arrived."""
+
+    def unwatch(self, entity: int) -> None:
+        """Undo `watch`."""
+
+    def announce(self, entity: int) -> None:
+        """Tell the sink of that reader: something is in its queue already."""
+
+
 # -------------------------------------------------------------------------------------------------------------- writer
 
 
 class CycloneWriter:
     """See `transport.Writer`."""
 
-    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str) -> None:
+    def __init__(self, owner: Host, entity: int, topic: str, type: str) -> None:
         self._owner = owner
         self._topic = topic
         self._type = type
@@ -136,7 +165,7 @@ class TakeBuffers:
 class CycloneReader:
     """See `transport.Reader`."""
 
-    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str, queue: ReceiveQueue) -> None:
+    def __init__(self, owner: Host, entity: int, topic: str, type: str, queue: ReceiveQueue) -> None:
         self._owner = owner
         self._topic = topic
         self._type = type
