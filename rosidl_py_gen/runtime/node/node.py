@@ -16,6 +16,7 @@ from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
+from rosidl_py_gen.runtime.loop.bridge import current_loop
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.rules import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
@@ -103,7 +104,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
         except BaseException:
             shared.close_if_unused()
             raise
-        self._made_on = id(asyncio._get_running_loop())
+        self._made_on = id(current_loop())
         self.clock = Clock(ClockType.ROS_TIME)
         """ROS time; system time until simulated time is switched on."""
         shared.adopt(self)
