@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime.actions.client_goal import UnknownGoal as UnknownGoal
 from rosidl_py_gen.runtime.actions.server import ActionServer as ActionServer
 from rosidl_py_gen.runtime.actions.server_goal import CancelRequest as CancelRequest
 from rosidl_py_gen.runtime.actions.server_goal import Finished as Finished
-from rosidl_py_gen.runtime.actions.server_goal import GoalAlreadyAnsweredError as GoalAlreadyAnsweredError
+from rosidl_py_gen.runtime.actions.server_goal import GoalAlreadyRespondedError as GoalAlreadyRespondedError
 from rosidl_py_gen.runtime.actions.server_goal import GoalDecision as GoalDecision
 from rosidl_py_gen.runtime.actions.server_goal import GoalRequest as GoalRequest
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal as ServerGoal
@@ -90,14 +90,14 @@ from rosidl_py_gen.runtime.runner import run as run
 from rosidl_py_gen.runtime.runner import spin as spin
 from rosidl_py_gen.runtime.time.clock import Clock as Clock
 from rosidl_py_gen.runtime.time.clock import ClockChange as ClockChange
-from rosidl_py_gen.runtime.time.clock import ClockType as ClockType
-from rosidl_py_gen.runtime.time.clock import Duration as Duration
 from rosidl_py_gen.runtime.time.clock import JumpHandle as JumpHandle
-from rosidl_py_gen.runtime.time.clock import Time as Time
 from rosidl_py_gen.runtime.time.clock import TimeJump as TimeJump
 from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError as WaitTimeoutError
 from rosidl_py_gen.runtime.time.rate import Rate as Rate
+from rosidl_py_gen.runtime.time.values import ClockType as ClockType
 from rosidl_py_gen.runtime.time.values import ClockTypeError as ClockTypeError
+from rosidl_py_gen.runtime.time.values import Duration as Duration
+from rosidl_py_gen.runtime.time.values import Time as Time
 from rosidl_py_gen.runtime.time.values import TimeRangeError as TimeRangeError
 from rosidl_py_gen.runtime.transport.interface import BackendMissingError as BackendMissingError
 from rosidl_py_gen.runtime.transport.interface import TransportError as TransportError

@@ -12,7 +12,8 @@ from worlds import World, run, until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValue
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType, ClockTypeError, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
 
 
 def ros(seconds: float) -> Time:
