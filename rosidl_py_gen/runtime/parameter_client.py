@@ -23,6 +23,10 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     GetParameterTypes_Request,
     ListParameters,
     ListParameters_Request,
+    SetParameters,
+    SetParameters_Request,
+    SetParametersAtomically,
+    SetParametersAtomically_Request,
 )
 from rosidl_py_gen.runtime.client import Client
 from rosidl_py_gen.runtime.message_types import message_type, service_type
@@ -30,6 +34,8 @@ from rosidl_py_gen.runtime.parameter_messages import (
     descriptor_from_message,
     event_from_message,
     parameter_type,
+    result_from_message,
+    to_message,
     value_from_message,
 )
 from rosidl_py_gen.runtime.parameter_overrides import ParameterFileError, overrides_for
@@ -45,7 +51,6 @@ from rosidl_py_gen.runtime.parameter_values import (
     parameter_value,
     require_names,
 )
-from rosidl_py_gen.runtime.parameter_wire import set_service_type
 from rosidl_py_gen.runtime.parameter_yaml import dump_parameters, parse_parameter_file
 from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
 from rosidl_py_gen.runtime.stream import Stream
@@ -151,8 +156,8 @@ class ParameterClient:
 
         self._get = client(service_type(GetParameters), "get_parameters")
         self._types = client(service_type(GetParameterTypes), "get_parameter_types")
-        self._set = client(set_service_type("SetParameters"), "set_parameters")
-        self._set_atomically = client(set_service_type("SetParametersAtomically"), "set_parameters_atomically")
+        self._set = client(service_type(SetParameters), "set_parameters")
+        self._set_atomically = client(service_type(SetParametersAtomically), "set_parameters_atomically")
         self._describe = client(service_type(DescribeParameters), "describe_parameters")
         self._list = client(service_type(ListParameters), "list_parameters")
 
@@ -230,13 +235,14 @@ class ParameterClient:
             InvalidParameterValue: one is no parameter value. TypeError: a name is no text.
         """
         wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
-        return [*await self._set.call(wanted, left_s)]
+        request = SetParameters_Request(parameters=[to_message(item) for item in wanted])
+        return [result_from_message(item) for item in (await self._set.call(request, left_s)).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
         """Set all or nothing; otherwise as `set`."""
         wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
-        results: Sequence[SetResult] = await self._set_atomically.call(wanted, left_s)
-        return results[0]
+        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in wanted])
+        return result_from_message((await self._set_atomically.call(request, left_s)).result)
 
     async def _fitted(
         self, parameters: list[Parameter], timeout_s: float | None

@@ -1,7 +1,7 @@
 """Parameter values, descriptors and events to and from rcl_interfaces messages.
 
 Decides nothing but the mapping of fields (protocol.md 9.2). A message from a peer may hold anything: a type number that
-does not exist is NOT_SET where a node tells of itself, and unreadable where it asks for something.
+does not exist is NOT_SET where a node tells of itself, and refused where it asks for something.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from rosidl_py_gen.msgs.rcl_interfaces import msg
 from rosidl_py_gen.runtime.parameter_values import (
     FloatRange,
     IntRange,
+    InvalidParameterValue,
     Parameter,
     ParameterDescriptor,
     ParameterType,
     ParameterValue,
-    UnreadableParameter,
 )
 from rosidl_py_gen.runtime.parameters import ParameterEvent, SetResult
 
@@ -84,15 +84,14 @@ def to_message(parameter: Parameter) -> msg.Parameter:
 
 
 def asked_from_message(message: msg.Parameter) -> Parameter:
-    """What a peer wants to set; an `UnreadableParameter` for a type number that does not exist.
+    """What a peer wants to set; raises `InvalidParameterValue` for a type number that does not exist.
 
     rclpy and rclcpp raise an error for one, which ends the server; nor can it mean NOT_SET, which would undeclare.
     """
     number = message.value.type
-    if number < len(_KINDS):
-        return from_message(message)
-    reason = f"parameter {message.name!r} cannot be set: {number} is no parameter type"
-    return UnreadableParameter(message.name, reason=reason)
+    if number >= len(_KINDS):
+        raise InvalidParameterValue(f"parameter {message.name!r} cannot be set: {number} is no parameter type")
+    return from_message(message)
 
 
 def from_message(message: msg.Parameter) -> Parameter:

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
 from rosidl_py_gen.runtime.late_types import late_message_type, late_service_type
 from rosidl_py_gen.runtime.parameter_messages import (
+    asked_from_message,
     descriptor_to_message,
     event_to_message,
+    result_to_message,
     value_to_message,
 )
-from rosidl_py_gen.runtime.parameter_values import UnreadableParameter
-from rosidl_py_gen.runtime.parameter_wire import SETTING, set_service_type
+from rosidl_py_gen.runtime.parameter_values import InvalidParameterValue
 from rosidl_py_gen.runtime.parameters import CallbackAnswerError, SetResult
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from rosidl_py_gen.runtime.clock import Clock
-    from rosidl_py_gen.runtime.parameter_values import Parameter
     from rosidl_py_gen.runtime.parameters import ParameterEvent, ParameterStore
     from rosidl_py_gen.runtime.remap_rules import NodeNames
     from rosidl_py_gen.runtime.scope import Scope
@@ -114,7 +114,7 @@ class ParameterServices:
         self._services: list[ServiceServer[Any, Any]] = [
             ServiceServer(
                 scope,
-                set_service_type(title) if title in SETTING else late_service_type(f"rcl_interfaces/srv/{title}"),
+                late_service_type(f"rcl_interfaces/srv/{title}"),
                 names.resolve_service(f"~/{name}"),
                 handler,
                 PARAMETERS,
@@ -139,27 +139,27 @@ class ParameterServices:
         result = msg.ListParametersResult(names=list(found.names), prefixes=list(found.prefixes))
         return srv.ListParameters_Response(result=result)
 
-    def _set(self, parameters: Sequence[Parameter]) -> list[SetResult]:
+    def _set(self, request: srv.SetParameters_Request) -> srv.SetParameters_Response:
+        return srv.SetParameters_Response(results=[self._answer([item]) for item in request.parameters])
+
+    def _set_atomically(self, request: srv.SetParametersAtomically_Request) -> srv.SetParametersAtomically_Response:
+        return srv.SetParametersAtomically_Response(result=self._answer(request.parameters))
+
+    def _answer(self, asked: Sequence[msg.Parameter]) -> msg.SetParametersResult:
         self._events.hold()
         try:
-            return [self._answer((item,)) for item in parameters]
+            return result_to_message(self._set_together(asked))
         finally:
             self._events.let_go()
 
-    def _set_atomically(self, parameters: Sequence[Parameter]) -> list[SetResult]:
-        self._events.hold()
-        try:
-            return [self._answer(parameters)]
-        finally:
-            self._events.let_go()
-
-    def _answer(self, parameters: Sequence[Parameter]) -> SetResult:
+    def _set_together(self, asked: Sequence[msg.Parameter]) -> SetResult:
         """Always an answer: whoever asks must not wait for a callback's mistake."""
-        for parameter in parameters:
-            if isinstance(parameter, UnreadableParameter):
-                return SetResult(False, parameter.reason)
         try:
-            return self._store.set_atomically(parameters)
+            wanted = [asked_from_message(item) for item in asked]
+        except InvalidParameterValue as error:
+            return SetResult(False, str(error))
+        try:
+            return self._store.set_atomically(wanted)
         except Exception as error:
             self._scope.report_failure("setting a parameter for another node")
             text = str(error) if isinstance(error, CallbackAnswerError) else f"{type(error).__name__}: {error}"

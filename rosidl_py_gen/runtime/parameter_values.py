@@ -114,13 +114,6 @@ ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
 
 
 @dataclass(frozen=True, slots=True)
-class UnreadableParameter(Parameter):
-    """A parameter in a peer's request whose value nobody can know; `reason` is the answer to setting it."""
-
-    reason: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class ParameterEvent:
     """What one set or declaration did. Changed parameters had a value before, even an equal one."""
 
