@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.memory import MemoryTransport
     from rosidl_py_gen.runtime.node import Node
     from rosidl_py_gen.runtime.parameter_callbacks import CallbackAnswerError
-    from rosidl_py_gen.runtime.parameter_classes import snapshot, update_parameters
     from rosidl_py_gen.runtime.parameter_client import MalformedAnswerError
     from rosidl_py_gen.runtime.parameter_fields import (
         Int8,
@@ -70,6 +69,7 @@ if TYPE_CHECKING:
         UInt32,
         UInt64,
     )
+    from rosidl_py_gen.runtime.parameter_live import snapshot, update_parameters
     from rosidl_py_gen.runtime.parameter_overrides import ParameterFileError
     from rosidl_py_gen.runtime.parameter_values import (
         FloatRange,
@@ -153,7 +153,7 @@ _HOMES = {
     "memory": ("MemoryTransport",),
     "node": ("Node",),
     "parameter_callbacks": ("CallbackAnswerError",),
-    "parameter_classes": ("snapshot", "update_parameters"),
+    "parameter_live": ("snapshot", "update_parameters"),
     "parameter_client": ("MalformedAnswerError",),
     "parameter_fields": (
         "Int16",

@@ -123,7 +123,7 @@ class NodeParameters:
         initial: T | None = None,
         validator: Callable[[T], str | None] | None = None,
     ) -> T:
-        """Declare the fields of a dataclass; returns a live object whose attributes follow, see `parameter_classes.py`.
+        """Declare the fields of a dataclass; returns an object whose attributes follow, see `parameter_live.py`.
 
         Raises:
             ParameterClassError: an annotation cannot be a parameter, or a field has no default and nor has `initial`.

@@ -7,6 +7,7 @@ object and its binding to a store are in `parameter_classes.py`.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -107,7 +108,7 @@ class FieldPlan:
     Attributes:
         path: attribute names from the outermost object to the leaf.
         name: the dotted name of the parameter, with the prefix of the whole class.
-        choices: the allowed wire values, empty when any is allowed.
+        choices: the allowed parameter values, empty when any is allowed.
         container: list or tuple for arrays.
     """
 
@@ -127,12 +128,12 @@ class FieldPlan:
         name = prefix + self.name
         return dataclasses.replace(self, name=name, descriptor=dataclasses.replace(self.descriptor, name=name))
 
-    def to_wire(self, value: Any) -> ParameterValue:
+    def to_parameter(self, value: Any) -> ParameterValue:
         """The parameter value of a field's value; raises `InvalidParameterValue` naming the field."""
         if value is None and self.optional:
             return ParameterValue()
         if self.enum is not None and isinstance(value, self.enum):
-            value = _enum_wire(self.enum, value)
+            value = _enum_plain(self.enum, value)
         elif self.kind is ParameterType.DOUBLE and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)  # A default of 1 for a float is what Python means too.
         elif self.kind is ParameterType.DOUBLE_ARRAY and isinstance(value, (list, tuple)):
@@ -142,7 +143,7 @@ class FieldPlan:
         except InvalidParameterValue as error:
             raise InvalidParameterValue(f"parameter {self.name!r}: {error}") from error
 
-    def from_wire(self, value: ParameterValue) -> Any:
+    def from_parameter(self, value: ParameterValue) -> Any:
         """The field's value; raises `InvalidParameterValue` when it is none of the choices."""
         plain = value.value
         if plain is None:
@@ -181,7 +182,7 @@ def _enum_by_value(enum: type[Enum]) -> bool:
     return len(kinds) == 1 and kinds <= {str, int}
 
 
-def _enum_wire(enum: type[Enum], member: Enum) -> Any:
+def _enum_plain(enum: type[Enum], member: Enum) -> Any:
     return member.value if _enum_by_value(enum) else member.name
 
 
@@ -211,14 +212,21 @@ def plan_class(cls: type, prefix: tuple[str, ...] = ()) -> tuple[FieldPlan, ...]
             continue
         if "." in item.name or item.name.startswith("__"):
             raise ParameterClassError(f"{cls.__name__}.{item.name}: this name cannot be a parameter")
-        annotation = hints[item.name]
-        if get_origin(annotation) is Annotated and dataclasses.is_dataclass(get_args(annotation)[0]):
-            annotation = get_args(annotation)[0]
-        if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
-            plans += plan_class(annotation, (*prefix, item.name))
+        nested = nested_class(cls, item.name)
+        if nested is not None:
+            plans += plan_class(nested, (*prefix, item.name))
         else:
-            plans.append(_plan_field(cls, item.name, annotation, (*prefix, item.name)))
+            plans.append(_plan_field(cls, item.name, hints[item.name], (*prefix, item.name)))
     return tuple(plans)
+
+
+def nested_class(cls: type, name: str) -> type | None:
+    """The dataclass that makes this field a group of parameters, if one does."""
+    hint = _hints_without_metadata(cls)[name]
+    return hint if isinstance(hint, type) and dataclasses.is_dataclass(hint) else None
+
+
+_hints_without_metadata = functools.cache(get_type_hints)
 
 
 def _plan_field(cls: type, name: str, annotation: Any, path: tuple[str, ...]) -> FieldPlan:
@@ -283,7 +291,7 @@ def _peel(where: str, annotation: Any) -> _Shape:
     if origin is list or (origin is tuple and len(arguments) == 2 and arguments[1] is Ellipsis):
         return _peel_array(where, origin, arguments[0])
     if isinstance(annotation, type) and issubclass(annotation, Enum):
-        choices = tuple(_enum_wire(annotation, member) for member in annotation)
+        choices = tuple(_enum_plain(annotation, member) for member in annotation)
         return _Shape(kind=_common_kind(where, choices), enum=annotation, choices=choices)
     return _Shape(kind=_SCALARS.get(annotation))
 

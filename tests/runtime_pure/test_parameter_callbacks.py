@@ -10,7 +10,8 @@ from typing import Annotated, Any
 
 import pytest
 
-from rosidl_py_gen.runtime.parameter_classes import bind_class, update_parameters
+from rosidl_py_gen.runtime.parameter_classes import bind_class
+from rosidl_py_gen.runtime.parameter_live import update_parameters
 from rosidl_py_gen.runtime.parameter_values import (
     InvalidParameterValue,
     Parameter,
