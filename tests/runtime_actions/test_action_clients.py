@@ -28,17 +28,17 @@ from action_worlds import (
 from rosidl_py_gen.errors import EncodeError, RosidlError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
-from rosidl_py_gen.runtime.action_checks import ActionArgumentError
-from rosidl_py_gen.runtime.action_goal import GoalDecision
-from rosidl_py_gen.runtime.action_handle import (
+from rosidl_py_gen.runtime.actions.checks import ActionArgumentError
+from rosidl_py_gen.runtime.actions.client_goal import (
     ActionTimeoutError,
     CancelError,
     CancelRejected,
     GoalRejected,
     UnknownGoal,
 )
-from rosidl_py_gen.runtime.clock import Time
-from rosidl_py_gen.runtime.goal import GoalStatus
+from rosidl_py_gen.runtime.actions.server_goal import GoalDecision
+from rosidl_py_gen.runtime.actions.states import GoalStatus
+from rosidl_py_gen.runtime.time.clock import Time
 
 S = GoalStatus
 

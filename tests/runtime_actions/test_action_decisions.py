@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from action_worlds import Fibonacci, World, anext_of, fibonacci, goal, pair, result, run, until, until_canceled
 
-from rosidl_py_gen.runtime.action_goal import GoalDecision
-from rosidl_py_gen.runtime.action_handle import AlreadyTerminated, CancelRejected, GoalRejected
-from rosidl_py_gen.runtime.goal import GoalStatus, GoalTransitionError
+from rosidl_py_gen.runtime.actions.client_goal import AlreadyTerminated, CancelRejected, GoalRejected
+from rosidl_py_gen.runtime.actions.server_goal import GoalDecision
+from rosidl_py_gen.runtime.actions.states import GoalStatus, GoalTransitionError
 
 S = GoalStatus
 

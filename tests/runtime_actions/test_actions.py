@@ -15,8 +15,7 @@ from action_worlds import Fibonacci, World, anext_of, fibonacci, goal, pair, res
 from rosidl_py_gen.errors import ClosedError, EncodeError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
-from rosidl_py_gen.runtime.action_goal import GoalAlreadyAnsweredError, GoalDecision
-from rosidl_py_gen.runtime.action_handle import (
+from rosidl_py_gen.runtime.actions.client_goal import (
     ActionServerLost,
     ActionTimeoutError,
     AlreadyTerminated,
@@ -24,10 +23,11 @@ from rosidl_py_gen.runtime.action_handle import (
     GoalRejected,
     UnknownGoal,
 )
-from rosidl_py_gen.runtime.client import WouldDeadlockError
-from rosidl_py_gen.runtime.clock import ClockType, Time
-from rosidl_py_gen.runtime.goal import GoalStatus, GoalTransitionError
-from rosidl_py_gen.runtime.qos import ACTION_STATUS
+from rosidl_py_gen.runtime.actions.server_goal import GoalAlreadyAnsweredError, GoalDecision
+from rosidl_py_gen.runtime.actions.states import GoalStatus, GoalTransitionError
+from rosidl_py_gen.runtime.endpoints.client import WouldDeadlockError
+from rosidl_py_gen.runtime.time.clock import ClockType, Time
+from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 
 S = GoalStatus
 

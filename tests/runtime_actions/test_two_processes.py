@@ -15,9 +15,9 @@ from peer_process import Fibonacci, open_context
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.runtime.action_handle import ActionServerLost
-from rosidl_py_gen.runtime.goal import GoalStatus
-from rosidl_py_gen.runtime.parameters import SetResult
+from rosidl_py_gen.runtime.actions.client_goal import ActionServerLost
+from rosidl_py_gen.runtime.actions.states import GoalStatus
+from rosidl_py_gen.runtime.parameters.store import SetResult
 
 
 @pytest.fixture
