@@ -1,6 +1,6 @@
 """Dataclasses whose fields are parameters.
 
-`bind_class` declares every field and returns a parameter object (`parameter_live.py`), which follows sets from outside;
+`bind_class` declares every field and returns a parameter object (`live.py`), which follows sets from outside;
 setting an attribute sets the parameter. A set is checked on a complete new instance before anything changes, and that
 instance then replaces the one that is shown, so neither the store nor the object ever holds half an update.
 """

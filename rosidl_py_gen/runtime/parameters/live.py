@@ -2,7 +2,7 @@
 
 A parameter object is a proxy of one complete instance, which every set replaces as a whole: an instance, once seen,
 never changes. Assigning to an attribute sets the parameter. Decides what reading, assigning, comparing and copying
-mean; what may be set is the binding's business (`parameter_classes.py`).
+mean; what may be set is the binding's business (`classes.py`).
 
 Methods of the class get the proxy, so they may assign; everything else, properties included, is read from the instance.
 `isinstance` and the functions of `dataclasses` need the instance itself, of which `snapshot` gives a copy.
