@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 import random
 import threading
-import weakref
 from typing import Any
 
 import pytest
@@ -803,18 +801,3 @@ def test_two_hundred_goals_with_random_cancels_each_end_once(world: World) -> No
         assert server.goals == [] and all(client._goals == {} for client in clients)
 
     run(main, 60)
-
-
-def test_a_node_with_actions_that_nobody_holds_goes_at_once(world: World) -> None:
-    node = world.node("n")
-    node.create_action_server(Fibonacci, "fib", fibonacci)
-    node.create_action_client(Fibonacci, "fib")
-    world.nodes.remove(node)
-    gone = weakref.ref(node)
-    gc.disable()
-    try:
-        with pytest.warns(ResourceWarning, match="never closed"):
-            del node
-        assert gone() is None
-    finally:
-        gc.enable()

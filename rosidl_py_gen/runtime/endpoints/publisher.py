@@ -61,7 +61,7 @@ class Publisher(Generic[T]):
             EncodeError: the message does not fit its type. TypeError: it is of another type.
             ClosedError: the publisher or its node is closed, also while waiting; the message was not sent then.
         """
-        if self._closed:
+        if self._closed or self._scope.closed:
             self._scope.require_open(True, f"the publisher on {self.topic}")
         loop = self._bridge.attached
         if loop is None or loop.is_closed():  # the node was made before its loop

@@ -232,7 +232,6 @@ class NodeLifecycle:
     """
 
     scope: Scope
-    _closed: bool
     _names: NodeNames
     _machine: LifecycleMachine
 
@@ -296,7 +295,7 @@ class NodeLifecycle:
         self, msg_type: type[Message] | str, topic: str, qos: QoSLike = 10
     ) -> LifecyclePublisher[Any]:
         """A publisher that is silent while the node is not active; errors as `create_publisher`."""
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         machine = self._machine
         publisher: LifecyclePublisher[Any] = LifecyclePublisher(
             self.scope,
