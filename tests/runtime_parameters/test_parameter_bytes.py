@@ -6,7 +6,7 @@ import pytest
 from parameter_worlds import World, run, until
 
 from rosidl_py_gen.runtime.names.dds import reply_name, request_name
-from rosidl_py_gen.runtime.parameters.values import ParameterNotDeclared
+from rosidl_py_gen.runtime.parameters.values import ParameterNotDeclaredError
 from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -62,7 +62,7 @@ def test_asking_for_an_unknown_parameter_is_answered_with_nothing(world: World) 
         replies = watcher.create_reader(reply_name("/n/get_parameters"), dds, DEEP, b"")
         world.node("n")
         remote = world.node("other").create_parameter_client("/n")
-        with pytest.raises(ParameterNotDeclared):
+        with pytest.raises(ParameterNotDeclaredError):
             await remote.get(["use_sim_time", "nope"], timeout_s=5)
         (reply,) = [bytes(item[0]) for item in replies.queue.items]
         assert (reply[:4] + reply[20:]).hex() == wire("00 00 00 00")

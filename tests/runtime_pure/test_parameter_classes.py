@@ -26,13 +26,13 @@ from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStor
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
-    ParameterAlreadyDeclared,
+    ParameterAlreadyDeclaredError,
     ParameterDescriptor,
-    ParameterImmutable,
+    ParameterImmutableError,
     ParameterType,
-    WrongParameterType,
+    WrongParameterTypeError,
     parameter_value,
 )
 
@@ -188,11 +188,11 @@ def test_refusals_say_why_and_change_nothing(values: dict[str, object], reason: 
 def test_assigning_a_refused_value_raises_and_changes_nothing() -> None:
     world = World()
     drive = bind_class(world.store, Drive)
-    with pytest.raises(InvalidParameterValue, match="out of range"):
+    with pytest.raises(InvalidParameterValueError, match="out of range"):
         drive.max_speed = 9.0
-    with pytest.raises(InvalidParameterValue, match=r"'mode'.*INTEGER, expected STRING"):
+    with pytest.raises(InvalidParameterValueError, match=r"'mode'.*INTEGER, expected STRING"):
         drive.mode = 5  # type: ignore[assignment]
-    with pytest.raises(ParameterImmutable, match="read-only parameter: frame"):
+    with pytest.raises(ParameterImmutableError, match="read-only parameter: frame"):
         drive.frame = "x"
     with pytest.raises(AttributeError, match="has no parameter 'typo'"):
         drive.typo = 1  # type: ignore[attr-defined]
@@ -246,10 +246,10 @@ def test_post_init_may_refuse_too() -> None:
 @pytest.mark.parametrize(
     ("overrides", "error"),
     [
-        ({"max_speed": 1}, WrongParameterType),
-        ({"max_speed": 9.0}, InvalidParameterValue),
-        ({"mode": "x"}, InvalidParameterValue),
-        ({"teeth": 3}, InvalidParameterValue),
+        ({"max_speed": 1}, WrongParameterTypeError),
+        ({"max_speed": 9.0}, InvalidParameterValueError),
+        ({"mode": "x"}, InvalidParameterValueError),
+        ({"teeth": 3}, InvalidParameterValueError),
     ],
 )
 def test_a_bad_override_declares_nothing(overrides: dict[str, object], error: type[Exception]) -> None:
@@ -262,7 +262,7 @@ def test_a_bad_override_declares_nothing(overrides: dict[str, object], error: ty
 def test_a_taken_name_declares_nothing() -> None:
     world = World()
     world.store.declare("left.pwm", parameter_value(1))
-    with pytest.raises(ParameterAlreadyDeclared):
+    with pytest.raises(ParameterAlreadyDeclaredError):
         bind_class(world.store, Drive)
     assert list(world.store.values()) == ["left.pwm"]
     assert world.store.set_atomically([Parameter("left.pwm", parameter_value(999))]).successful
@@ -356,7 +356,7 @@ def test_reasons_have_the_prefix() -> None:
     arrays = bind_class(world.store, Arrays, prefix="a")
     assert world.set(a__numbers=[10]).reason == "Parameter a.numbers[0] out of range. Min: 0, Max: 9, value: 10"
     assert world.set(a__left__pwm=-1).reason == "Parameter a.left.pwm out of range. Min: 0, Max: 255, value: -1"
-    with pytest.raises(InvalidParameterValue, match=r"parameter 'a\.numbers'"):
+    with pytest.raises(InvalidParameterValueError, match=r"parameter 'a\.numbers'"):
         arrays.numbers = "text"  # type: ignore[assignment]
 
 

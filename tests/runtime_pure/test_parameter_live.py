@@ -16,7 +16,7 @@ import pytest
 from rosidl_py_gen.runtime.parameters.classes import bind_class
 from rosidl_py_gen.runtime.parameters.live import snapshot, update_parameters
 from rosidl_py_gen.runtime.parameters.store import ParameterStore
-from rosidl_py_gen.runtime.parameters.values import InvalidParameterValue, Parameter, parameter_value
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, Parameter, parameter_value
 
 
 @dataclass
@@ -229,9 +229,11 @@ def test_a_group_takes_only_an_object_of_its_class(store: ParameterStore) -> Non
         drive.left = 5  # type: ignore[assignment]
     with pytest.raises(TypeError, match="left must be an object of Motor, got None"):
         update_parameters(drive, speed=1.0, left=None)
-    with pytest.raises(InvalidParameterValue, match=r"parameter 'speed': <object"):
+    with pytest.raises(InvalidParameterValueError, match=r"parameter 'speed': <object"):
         drive.speed = object()  # type: ignore[assignment]
-    with pytest.raises(InvalidParameterValue, match=r"parameter 'left\.pwm': 'x' is of type STRING, expected INTEGER"):
+    with pytest.raises(
+        InvalidParameterValueError, match=r"parameter 'left\.pwm': 'x' is of type STRING, expected INTEGER"
+    ):
         drive.left = Motor(pwm="x")  # type: ignore[arg-type]
     assert drive == Drive() and drive.left == Motor()
 
@@ -242,7 +244,7 @@ def test_an_undeclared_field_keeps_its_last_value(store: ParameterStore) -> None
     store.undeclare("mode")
     drive.speed = 2.0
     assert (drive.mode, drive.speed) == ("manual", 2.0)
-    with pytest.raises(InvalidParameterValue, match=r"undeclared parameter\(s\): \['mode'\]"):
+    with pytest.raises(InvalidParameterValueError, match=r"undeclared parameter\(s\): \['mode'\]"):
         drive.mode = "auto"
 
 

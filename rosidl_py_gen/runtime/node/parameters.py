@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.node.time import TimeSource
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionService
-from rosidl_py_gen.runtime.parameters.rules import Listing
 from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterServices
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     ParameterType,
     PythonValue,
-    WrongParameterType,
+    WrongParameterTypeError,
     as_parameters,
     as_prefixes,
     parameter_value,
@@ -132,7 +132,8 @@ class NodeParameters:
         """Declare one parameter and return its value, which is the override's if there is one.
 
         Raises:
-            ParameterAlreadyDeclared, InvalidParameterName, InvalidParameterValue, WrongParameterType.
+            ParameterAlreadyDeclaredError, InvalidParameterNameError, InvalidParameterValueError,
+            WrongParameterTypeError.
             TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
         self.scope.require_open(False, "the node")
@@ -143,7 +144,7 @@ class NodeParameters:
         return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
 
     def undeclare_parameter(self, name: str) -> None:
-        """Forget a parameter; raises `ParameterNotDeclared`, `ParameterImmutable` when it is read-only, `ClosedError`.
+        """Forget a parameter; raises `ParameterNotDeclaredError`, `ParameterImmutableError` when it is read-only.
 
         The field of a dataclass keeps showing its last value, until a parameter of that name and type is declared.
         """
@@ -169,7 +170,7 @@ class NodeParameters:
             type: ``bool``, ``int``, ``float``, ``str``, ``bytes``, or a list of one of the first four. None: any.
 
         Raises:
-            ParameterNotDeclared, WrongParameterType (names both types).
+            ParameterNotDeclaredError, WrongParameterTypeError (names both types).
         """
         value = self._store.peek(require_name(name))
         kind = None if type is None else _kind_of(type)
@@ -178,19 +179,19 @@ class NodeParameters:
         if kind is None:
             return value.value
         if kind is not value.type:
-            raise WrongParameterType(name, kind.name, value.type.name)
+            raise WrongParameterTypeError(name, kind.name, value.type.name)
         return list(value.value) if get_origin(type) is list else value.value  # type: ignore[arg-type]
 
     def get_parameters(self, names: Sequence[str]) -> list[PythonValue]:
         """Values as they are at one moment, in order; `get_parameter` is for one.
 
         Raises:
-            ParameterNotDeclared, ParameterUninitialized. TypeError: for a single text.
+            ParameterNotDeclaredError, ParameterUninitializedError. TypeError: for a single text.
         """
         return [value.value for value in self._store.get_values(require_names(names))]
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
-        """Raises `ParameterNotDeclared`."""
+        """Raises `ParameterNotDeclaredError`."""
         return self._store.describe(require_name(name))
 
     def describe(self, name: str) -> ParameterDescriptor:
@@ -204,16 +205,16 @@ class NodeParameters:
     # ----------------------------------------------------------------------------------------------------- setting
 
     def set_parameter(self, name: str, value: object) -> None:
-        """Set one; raises `InvalidParameterValue` with the reason when it is refused. From any thread."""
+        """Set one; raises `InvalidParameterValueError` with the reason when it is refused. From any thread."""
         result = self.set_parameters_atomically({name: value})
         if not result.successful:
-            raise InvalidParameterValue(result.reason)
+            raise InvalidParameterValueError(result.reason)
 
     def set_parameters(self, values: ParametersToSet) -> list[SetResult]:
         """Set one by one, from any thread; the result of each says whether and why not.
 
         Raises:
-            InvalidParameterValue: one is no parameter value; nothing is set then. TypeError: a name is no text.
+            InvalidParameterValueError: one is no parameter value; nothing is set then. TypeError: a name is no text.
             CallbackAnswerError: a callback answered something it must not. ClosedError.
         """
         return self._store.set_each(self._fitted(values))

@@ -10,13 +10,13 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from rosidl_py_gen.runtime.parameters.callbacks import Refused, called, require_plain, validate
+from rosidl_py_gen.runtime.parameters.callbacks import RefusedError, called, require_plain, validate
 from rosidl_py_gen.runtime.parameters.fields import ParameterClassError, nested_class, plan_class
 from rosidl_py_gen.runtime.parameters.live import FixedList, ParameterProxy, current
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
-    ParameterImmutable,
+    ParameterImmutableError,
     ParameterValue,
     require_name,
 )
@@ -45,7 +45,7 @@ class _Binding:
     # A set travels: on-set callbacks -> prepare -> store -> commit (before the event) -> event -> post-set callbacks.
 
     def prepare(self, changes: Mapping[str, ParameterValue]) -> Commit | None:
-        """Check a change and make the instance that shows it. Raises `Refused`, `CallbackAnswerError`."""
+        """Check a change and make the instance that shows it. Raises `RefusedError`, `CallbackAnswerError`."""
         mine = {name: value for name, value in changes.items() if name in self.plans}
         if not mine and self.current is not None:
             return None
@@ -64,14 +64,14 @@ class _Binding:
             plan = self.plans[name]
             if value.type is not plan.kind and (value.is_set or not plan.optional):
                 field = f"{self.cls.__name__}.{'.'.join(plan.path)}"
-                raise Refused(f"it shows as {field}, which is of type {plan.kind.name}, not {value.type.name}")
+                raise RefusedError(f"it shows as {field}, which is of type {plan.kind.name}, not {value.type.name}")
 
     def _complete(self, values: Mapping[str, ParameterValue], changed: Mapping[str, ParameterValue]) -> Any:
         """A complete instance with these values; validators of the `changed` fields and that of the class agree."""
         try:
             fields = {name: plan.from_parameter(values[name]) for name, plan in self.plans.items()}
-        except InvalidParameterValue as error:
-            raise Refused(str(error)) from None
+        except InvalidParameterValueError as error:
+            raise RefusedError(str(error)) from None
         for name in changed:
             self.plans[name].check(fields[name])
         made = _build(self.cls, {plan.path: fields[name] for name, plan in self.plans.items()})
@@ -90,9 +90,9 @@ class _Binding:
             [parameter for path, value in changes.items() for parameter in self._parameters(path, current(value))]
         )
         if result.reason.startswith("Trying to set a read-only parameter"):
-            raise ParameterImmutable(result.reason)
+            raise ParameterImmutableError(result.reason)
         if not result.successful:
-            raise InvalidParameterValue(result.reason)
+            raise InvalidParameterValueError(result.reason)
 
     def _parameters(self, path: tuple[str, ...], value: Any) -> list[Parameter]:
         """The parameters at or below `path`, with the values that `value` gives them."""
@@ -112,10 +112,10 @@ def _build(cls: Any, fields: Mapping[tuple[str, ...], Any]) -> Any:
         made[name] = _build(nested_class(cls, name), below)
     try:
         return called(f"{cls.__name__}(...)", lambda: cls(**made))
-    except Refused as refusal:
+    except RefusedError as refusal:
         if isinstance(refusal.__cause__, ValueError):
             # From the class's own __post_init__: the text is the reason.
-            raise Refused(str(refusal.__cause__) or f"{cls.__name__} refused the values") from None
+            raise RefusedError(str(refusal.__cause__) or f"{cls.__name__} refused the values") from None
         raise
 
 
@@ -174,9 +174,9 @@ def bind_class(
         values |= {name: value for name, value in store.values().items() if name in values}  # callbacks may set, too
         try:
             commit = binding.prepare(values)
-        except Refused as refusal:
+        except RefusedError as refusal:
             reason = f"the parameters of {cls.__name__} cannot be declared: {refusal}"
-            raise InvalidParameterValue(reason) from refusal.__cause__
+            raise InvalidParameterValueError(reason) from refusal.__cause__
         assert commit is not None
         commit()
         store.add_mirror(binding.prepare)

@@ -42,11 +42,11 @@ from rosidl_py_gen.runtime.parameters.messages import (
     value_from_message,
 )
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, overrides_for
-from rosidl_py_gen.runtime.parameters.rules import Listing
+from rosidl_py_gen.runtime.parameters.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
     Parameter,
     ParameterDescriptor,
-    ParameterNotDeclared,
+    ParameterNotDeclaredError,
     ParameterType,
     PythonValue,
     as_parameters,
@@ -182,7 +182,7 @@ class ParameterClient:
         """One value for one name, a list for several; None where nothing is set.
 
         Raises:
-            ParameterNotDeclared: at least one of them is not declared, or has no value.
+            ParameterNotDeclaredError: at least one of them is not declared, or has no value.
         """
         asked = _asked(names)
         response = await self._get.call(GetParameters_Request(names=asked), timeout_s)
@@ -198,7 +198,7 @@ class ParameterClient:
     async def types(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterType | list[ParameterType]:
-        """One type for one name, a list for several; raises `ParameterNotDeclared` when one is not declared there."""
+        """One type for one name, a list for several; raises `ParameterNotDeclaredError` as `get`."""
         asked = _asked(names)
         response = await self._types.call(GetParameterTypes_Request(names=asked), timeout_s)
         found = [parameter_type(int(item)) for item in self._complete(response.types, asked)]
@@ -213,7 +213,7 @@ class ParameterClient:
     async def describe(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
-        """One for one name, a list for several; raises `ParameterNotDeclared` when one is not declared there."""
+        """One for one name, a list for several; raises `ParameterNotDeclaredError` when one is not declared there."""
         asked = _asked(names)
         response = await self._describe.call(DescribeParameters_Request(names=asked), timeout_s)
         found = [descriptor_from_message(item) for item in self._complete(response.descriptors, asked)]
@@ -223,7 +223,7 @@ class ParameterClient:
         if len(answers) == len(asked):
             return answers
         if len(answers) == 0:
-            raise ParameterNotDeclared(asked, self.node)
+            raise ParameterNotDeclaredError(asked, self.node)
         raise MalformedAnswerError(f"{self.node} answered {len(answers)} values for {len(asked)} parameters")
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
@@ -232,7 +232,7 @@ class ParameterClient:
         An empty list takes the type the remote parameter has, which costs one or two more questions for each.
 
         Raises:
-            InvalidParameterValue: one is no parameter value. TypeError: a name is no text.
+            InvalidParameterValueError: one is no parameter value. TypeError: a name is no text.
         """
         wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
         request = SetParameters_Request(parameters=[to_message(item) for item in wanted])

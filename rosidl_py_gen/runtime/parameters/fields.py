@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from rosidl_py_gen.runtime.parameters.callbacks import Refused, require_plain, validate
-from rosidl_py_gen.runtime.parameters.rules import float_range_problem, integer_range_problem, range_flaw
+from rosidl_py_gen.runtime.parameters.callbacks import RefusedError, require_plain, validate
+from rosidl_py_gen.runtime.parameters.validation import float_range_reason, integer_range_reason, range_reason
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
     INT64_MIN,
     FloatRange,
     IntRange,
-    InvalidParameterValue,
+    InvalidParameterValueError,
     ParameterDescriptor,
     ParameterError,
     ParameterType,
@@ -129,7 +129,7 @@ class FieldPlan:
         return dataclasses.replace(self, name=name, descriptor=dataclasses.replace(self.descriptor, name=name))
 
     def to_parameter(self, value: Any) -> ParameterValue:
-        """The parameter value of a field's value; raises `InvalidParameterValue` naming the field."""
+        """The parameter value of a field's value; raises `InvalidParameterValueError` naming the field."""
         if value is None and self.optional:
             return ParameterValue()
         if self.enum is not None and isinstance(value, self.enum):
@@ -140,25 +140,26 @@ class FieldPlan:
             value = [float(item) if type(item) is int else item for item in value]
         try:
             return parameter_value(value, self.kind)
-        except InvalidParameterValue as error:
-            raise InvalidParameterValue(f"parameter {self.name!r}: {error}") from error
+        except InvalidParameterValueError as error:
+            raise InvalidParameterValueError(f"parameter {self.name!r}: {error}") from error
 
     def from_parameter(self, value: ParameterValue) -> Any:
-        """The field's value; raises `InvalidParameterValue` when it is none of the choices."""
+        """The field's value; raises `InvalidParameterValueError` when it is none of the choices."""
         plain = value.value
         if plain is None:
             return None
         if self.choices and plain not in self.choices:
             known = ", ".join(repr(choice) for choice in self.choices)
-            raise InvalidParameterValue(f"Parameter {self.name} must be one of {known}, got {plain!r}")
+            raise InvalidParameterValueError(f"Parameter {self.name} must be one of {known}, got {plain!r}")
         if self.enum is not None:
             return _enum_member(self.enum, plain)
         return self.container(plain) if self.container is not None else plain  # type: ignore[arg-type]
 
     def check(self, value: Any) -> None:
-        """Raises `Refused` for a value that ranges of items or validators refuse; other ranges are the descriptor's.
+        """Ask validators and ranges of items; other ranges are the descriptor's.
 
-        Raises `CallbackAnswerError` for a validator that answers neither None nor a text.
+        Raises:
+            RefusedError: one of them refused. CallbackAnswerError: a validator answers neither None nor a text.
         """
         if value is None:
             return
@@ -167,11 +168,11 @@ class FieldPlan:
             for index, item in enumerate(value):
                 name = f"{self.name}[{index}]"
                 if isinstance(allowed, IntRange):
-                    reason = integer_range_problem(name, item, allowed)
+                    reason = integer_range_reason(name, item, allowed)
                 else:
-                    reason = float_range_problem(name, item, allowed)
+                    reason = float_range_reason(name, item, allowed)
                 if reason:
-                    raise Refused(reason)
+                    raise RefusedError(reason)
         for validator in self.validators:
             validate(f"the validator of {self.name!r}", validator, value)
 
@@ -322,9 +323,9 @@ def _range(where: str, shape: _Shape) -> FloatRange | IntRange | None:
     if given is None:
         return None if width is None or width.range == IntRange(INT64_MIN, INT64_MAX) else width.range
     made = _real_range(given) if real else _integer_range(where, given)
-    flaw = range_flaw(made)
-    if flaw:
-        raise ParameterClassError(f"{where}: {flaw}")
+    reason = range_reason(made)
+    if reason:
+        raise ParameterClassError(f"{where}: {reason}")
     if width is not None and not (
         width.range.from_value <= min(made.from_value, made.to_value)
         and max(made.from_value, made.to_value) <= width.range.to_value
@@ -337,7 +338,7 @@ def _real_range(given: Range) -> FloatRange:
     try:
         return FloatRange(float(given.from_value), float(given.to_value), float(given.step))
     except (TypeError, ValueError, OverflowError):
-        return FloatRange(given.from_value, given.to_value, given.step)  # for `range_flaw` to say what is wrong
+        return FloatRange(given.from_value, given.to_value, given.step)  # for `range_reason` to say what is wrong
 
 
 def _integer_range(where: str, given: Range) -> IntRange:

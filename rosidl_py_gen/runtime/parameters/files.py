@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, Parameter
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
     INT64_MIN,
-    InvalidParameterValue,
+    InvalidParameterValueError,
     ParameterType,
     ParameterValue,
     parameter_value,
@@ -48,9 +48,9 @@ _INFINITE = re.compile(r"(?P<sign>[+-]?)(?:\.inf|\.Inf|\.INF|[iI][nN][fF](?:[iI]
 
 
 def plain_scalar(text: str) -> ParameterValue:
-    """The value of an unquoted scalar; raises `InvalidParameterValue` for an empty one."""
+    """The value of an unquoted scalar; raises `InvalidParameterValueError` for an empty one."""
     if not text:
-        raise InvalidParameterValue("an empty value; write '' for an empty text")
+        raise InvalidParameterValueError("an empty value; write '' for an empty text")
     if text in _TRUE or text in _FALSE:
         return ParameterValue(ParameterType.BOOL, text in _TRUE)
     integer = _INTEGER.match(text)
@@ -199,7 +199,7 @@ def _value(name: str, node: yaml.Node) -> ParameterValue:
             if not isinstance(item, yaml.ScalarNode):
                 _fail(name, item, "a list must hold plain values, no lists and no maps")
         return parameter_value([_scalar(item).value for item in node.value])
-    except InvalidParameterValue as error:
+    except InvalidParameterValueError as error:
         _fail(name, node, str(error))
 
 
@@ -210,7 +210,7 @@ def _scalar(node: yaml.ScalarNode) -> ParameterValue:
                 ParameterType.BYTE_ARRAY, base64.b64decode("".join(node.value.split()), validate=True)
             )
         except (binascii.Error, ValueError) as error:
-            raise InvalidParameterValue(f"not base64: {error}") from error
+            raise InvalidParameterValueError(f"not base64: {error}") from error
     if node.tag == _PLAIN:
         return plain_scalar(node.value)
     return ParameterValue(ParameterType.STRING, node.value)

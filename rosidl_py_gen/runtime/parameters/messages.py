@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime.parameters.store import ParameterEvent, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     ParameterType,
@@ -84,13 +84,13 @@ def to_message(parameter: Parameter) -> msg.Parameter:
 
 
 def asked_from_message(message: msg.Parameter) -> Parameter:
-    """What a peer wants to set; raises `InvalidParameterValue` for a type number that does not exist.
+    """What a peer wants to set; raises `InvalidParameterValueError` for a type number that does not exist.
 
     rclpy and rclcpp raise an error for one, which ends the server; nor can it mean NOT_SET, which would undeclare.
     """
     number = message.value.type
     if number >= len(_KINDS):
-        raise InvalidParameterValue(f"parameter {message.name!r} cannot be set: {number} is no parameter type")
+        raise InvalidParameterValueError(f"parameter {message.name!r} cannot be set: {number} is no parameter type")
     return from_message(message)
 
 

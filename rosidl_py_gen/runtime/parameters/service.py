@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime.parameters.messages import (
     value_to_message,
 )
 from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, SetResult
-from rosidl_py_gen.runtime.parameters.values import InvalidParameterValue
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ class ParameterServices:
         """Always an answer: whoever asks must not wait for a callback's mistake."""
         try:
             wanted = [asked_from_message(item) for item in asked]
-        except InvalidParameterValue as error:
+        except InvalidParameterValueError as error:
             return SetResult(False, str(error))
         try:
             return self._store.set_atomically(wanted)
