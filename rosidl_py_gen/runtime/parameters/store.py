@@ -179,7 +179,7 @@ class ParameterStore:
                 raise
 
     def _agreed(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
-        """The consent, and what to call once the values are stored; raises `RefusedError`, for `reason` or a callback's."""
+        """Consent, and what to call once the values are stored; raises `RefusedError`, for `reason` or theirs."""
         if reason:
             raise RefusedError(reason)
         if self._callbacks.preparing:
