@@ -42,7 +42,7 @@ from rosidl_py_gen.runtime.parameters.messages import (
     value_from_message,
 )
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, overrides_for
-from rosidl_py_gen.runtime.parameters.validation import Listing
+from rosidl_py_gen.runtime.parameters.store.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
     Parameter,
     ParameterDescriptor,
