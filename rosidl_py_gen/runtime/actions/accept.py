@@ -11,8 +11,7 @@ import inspect
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime.actions.server_goal import GoalDecision, decision_of
-from rosidl_py_gen.runtime.endpoints.scope import is_async
-from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel
+from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable

@@ -10,7 +10,6 @@ Source: protocol.md 8.
 from __future__ import annotations
 
 import asyncio
-import math
 from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
@@ -19,7 +18,7 @@ from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
 from rosidl_py_gen.runtime.actions.accept import AcceptDesk
 from rosidl_py_gen.runtime.actions.cancel import CancelDesk
-from rosidl_py_gen.runtime.actions.checks import require_seconds, require_server_options
+from rosidl_py_gen.runtime.actions.checks import require_server_options
 from rosidl_py_gen.runtime.actions.execution import HandlerRunner
 from rosidl_py_gen.runtime.actions.readiness import Hearing
 from rosidl_py_gen.runtime.actions.requests import GoalRequests
@@ -39,7 +38,7 @@ from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.callbacks import on_loop
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.time.clock import ClockType
-from rosidl_py_gen.runtime.time.values import Duration
+from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -77,7 +76,7 @@ class ActionServer(Generic[ActionT_co]):
         policy: Policy,
     ) -> None:
         require_server_options(names.action, execute, accept, on_cancel, policy)
-        kept_s = require_seconds("result_timeout_s", result_timeout_s)
+        kept_ns = limit_to_ns("result_timeout_s", result_timeout_s)
         self.name = names.action
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
@@ -89,9 +88,7 @@ class ActionServer(Generic[ActionT_co]):
         self._desk: CancelDesk[ActionT_co] = CancelDesk(scope, names.action, execute, on_cancel)
         self._policy = policy
         self._closed = False
-        self._book: GoalBook[bytes, asyncio.Future[bytes]] = GoalBook(
-            None if kept_s == math.inf else round(kept_s * 1e9)
-        )
+        self._book: GoalBook[bytes, asyncio.Future[bytes]] = GoalBook(kept_ns)
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._goals: dict[bytes, ServerGoal[ActionT_co]] = {}
         self._running: set[bytes] = set()

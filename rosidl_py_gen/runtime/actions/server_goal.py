@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.actions.states import GoalEvent, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
-from rosidl_py_gen.runtime.loop.latch import Latch
+from rosidl_py_gen.runtime.loop.waiters import Latch
 
 if TYPE_CHECKING:
     import asyncio

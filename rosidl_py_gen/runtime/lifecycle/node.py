@@ -8,7 +8,7 @@ from rosidl_py_gen.runtime.lifecycle.machine import NodeLifecycle
 from rosidl_py_gen.runtime.node.node import Node
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.node.node.options import NodeOptions
+    from rosidl_py_gen.runtime.node.options import NodeOptions
 
 
 class LifecycleNode(NodeLifecycle, Node):

@@ -111,15 +111,16 @@ class NodeGraph:
 
     async def graph_changes(self) -> AsyncIterator[int]:
         """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""
-        scope, graph = self.scope, self.scope.graph
-        seen = graph.version
-        while not scope.closed:
-            change = scope.discovery.next_change()
-            if graph.version == seen:
-                await change
-            change.cancel()
-            if not scope.closed and graph.version != seen:
-                seen = graph.version
+        seen = self.scope.graph.version
+
+        def has_changed() -> bool:
+            return self.scope.closed or self.scope.graph.version != seen
+
+        while not self.scope.closed:
+            self.scope.bridge.running_loop()
+            await self.scope.discovery.changes.wait(has_changed)
+            if not self.scope.closed:
+                seen = self.scope.graph.version
                 yield seen
 
     # -------------------------------------------------------------------------------------------------------- types

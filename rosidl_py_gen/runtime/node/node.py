@@ -21,10 +21,10 @@ from rosidl_py_gen.runtime.names.rules import normalize_namespace, validate_node
 from rosidl_py_gen.runtime.node.actions import NodeActions
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph import NodeGraph
-from rosidl_py_gen.runtime.node.node.options import NodeOptions
-from rosidl_py_gen.runtime.node.node.timers import NodeTime
+from rosidl_py_gen.runtime.node.options import NodeOptions
 from rosidl_py_gen.runtime.node.parameters import NodeParameters
 from rosidl_py_gen.runtime.node.rosout import RosoutPublisher
+from rosidl_py_gen.runtime.node.timers import NodeTime
 from rosidl_py_gen.runtime.time.clock import Clock, ClockType
 from rosidl_py_gen.runtime.transport.qos import as_profile
 

@@ -14,7 +14,7 @@ from rosidl_py_gen.runtime.node.time import TimeSource
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionService
 from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterServices
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
-from rosidl_py_gen.runtime.parameters.store.validation import Listing
+from rosidl_py_gen.runtime.parameters.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     Parameter,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.context import Context
-    from rosidl_py_gen.runtime.node.node.options import NodeOptions
+    from rosidl_py_gen.runtime.node.options import NodeOptions
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet

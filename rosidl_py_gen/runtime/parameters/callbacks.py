@@ -10,8 +10,8 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rosidl_py_gen.runtime.endpoints.scope import is_async
-from rosidl_py_gen.runtime.parameters.store.validation import EMPTY_LIST_REASON
+from rosidl_py_gen.runtime.loop.callbacks import is_async
+from rosidl_py_gen.runtime.parameters.validation import EMPTY_LIST_REASON
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     Parameter,

@@ -15,7 +15,7 @@ from enum import Enum
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from rosidl_py_gen.runtime.parameters.callbacks import RefusedError, require_plain, validate
-from rosidl_py_gen.runtime.parameters.store.validation import float_range_reason, integer_range_reason, range_reason
+from rosidl_py_gen.runtime.parameters.validation import float_range_reason, integer_range_reason, range_reason
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
     INT64_MIN,

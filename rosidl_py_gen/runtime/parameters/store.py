@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError, RefusedError, SetCallbacks
 from rosidl_py_gen.runtime.parameters.notifier import Notifier
-from rosidl_py_gen.runtime.parameters.store.validation import (
+from rosidl_py_gen.runtime.parameters.validation import (
     Listing,
     descriptor_reason,
     list_names,

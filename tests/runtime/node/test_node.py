@@ -6,6 +6,7 @@ import asyncio
 import logging
 import subprocess
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -199,7 +200,7 @@ def test_a_forgotten_node_lives_until_the_process_ends_and_is_warned_about() -> 
         "print(Node('n', context=context).get_node_names())\n"
     )
     command = [sys.executable, "-W", "always", "-c", program]
-    run = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=True)
+    run = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, text=True, check=True)
     assert run.stdout == "['/forgotten', '/n']\n"
     assert "ResourceWarning: node /forgotten was never closed" in run.stderr
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import pytest
-from rosidl_py_gen.runtime.parameters.store.validation import (
+
+from rosidl_py_gen.runtime.parameters.validation import (
     float_range_reason,
     integer_range_reason,
     list_names,
     refusal_reason,
 )
-
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
