@@ -92,7 +92,7 @@ class NodeParameters:
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
-            self.scope.own(ParameterServices(self.scope, self._names, self._store, events))
+            ParameterServices(self.scope, self._names, self._store)
         if options.logger_services:
             from rosidl_py_gen.runtime.node.logger_levels import LoggerServices
 
@@ -265,10 +265,10 @@ class NodeParameters:
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
         """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
-        from rosidl_py_gen.runtime.parameters.client import event_stream
+        from rosidl_py_gen.runtime.parameters.client import ParameterEvents
 
         wanted = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))
-        return event_stream(self.scope, self._names, wanted)
+        return ParameterEvents(self.scope, self._names, wanted)
 
     def create_parameter_client(self, node: str) -> ParameterClient:
         """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""

@@ -9,7 +9,7 @@ before one is set the remote node is asked which array type the parameter has.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
@@ -61,11 +61,13 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Coroutine, Sequence
 
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.endpoints.types import ServiceType
+    from rosidl_py_gen.runtime.endpoints.scope import Closable, Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent, SetResult
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
+
+
+T = TypeVar("T")
 
 
 class MalformedAnswerError(RosidlError):
@@ -80,26 +82,19 @@ class RemoteParameterEvent(NamedTuple):
     event: ParameterEvent
 
 
-def event_stream(
-    scope: Scope, names: NodeNames, node: str | None, kept: list[ParameterEvents] | None = None
-) -> ParameterEvents:
-    """The events of one node, or of all nodes; in the list `kept` while it is open."""
-    return ParameterEvents(scope, names.resolve_topic("/parameter_events"), node, [] if kept is None else kept)
-
-
 class ParameterEvents(Stream[RemoteParameterEvent]):
     """An async iterator of parameter events; close it when it is no longer needed."""
 
-    def __init__(self, scope: Scope, topic: str, node: str | None, kept: list[ParameterEvents]) -> None:
+    def __init__(self, scope: Scope, names: NodeNames, node: str | None) -> None:
+        """`node` None means all nodes."""
         super().__init__()
-        self._kept = kept
         self._scope = scope
         self._node = node
+        topic = names.resolve_topic("/parameter_events")
         self._subscription: Subscription[EventMessage] = Subscription(
             scope, message_type(EventMessage), topic, self._arrived, PARAMETER_EVENTS
         )
         scope.own(self)
-        kept.append(self)
 
     def _arrived(self, message: EventMessage) -> None:
         if self._node is None or message.node == self._node:
@@ -114,12 +109,23 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
         super().close(error)
         self._scope.disown(self)
         self._subscription.close()
-        if self in self._kept:
-            self._kept.remove(self)
 
 
-def _asked(names: str | Sequence[str]) -> list[str]:
-    return [names] if isinstance(names, str) else require_names(names)
+class _Asked:
+    """One name or several, and the answer that belongs to them."""
+
+    def __init__(self, node: str, names: str | Sequence[str]) -> None:
+        self._node = node
+        self._single = isinstance(names, str)
+        self.names = [names] if isinstance(names, str) else require_names(names)
+
+    def answer(self, found: list[T]) -> T | list[T]:
+        """One for one name, a list for several; raises `ParameterNotDeclaredError`, `MalformedAnswerError`."""
+        if len(found) == len(self.names):
+            return found[0] if self._single else found
+        if not found:
+            raise ParameterNotDeclaredError(self.names, self._node)
+        raise MalformedAnswerError(f"{self._node} answered {len(found)} values for {len(self.names)} parameters")
 
 
 class ParameterClient:
@@ -139,25 +145,25 @@ class ParameterClient:
         self._closed = False
         self._streams: list[ParameterEvents] = []
 
-        def client(known: ServiceType[Any, Any], name: str) -> Client[Any, Any]:
-            made: Client[Any, Any] = Client(scope, known, names.resolve_service(f"{self.node}/{name}"), PARAMETERS, run)
-            return made
+        self._clients: list[Client[Any, Any]] = []
 
-        self._get = client(service_type(GetParameters), "get_parameters")
-        self._types = client(service_type(GetParameterTypes), "get_parameter_types")
-        self._set = client(service_type(SetParameters), "set_parameters")
-        self._set_atomically = client(service_type(SetParametersAtomically), "set_parameters_atomically")
-        self._describe = client(service_type(DescribeParameters), "describe_parameters")
-        self._list = client(service_type(ListParameters), "list_parameters")
+        def client(service: Any, name: str) -> Client[Any, Any]:
+            topic = names.resolve_service(f"{self.node}/{name}")
+            self._clients.append(Client(scope, service_type(service), topic, PARAMETERS, run))
+            return self._clients[-1]
 
-    def _clients(self) -> tuple[Client[Any, Any], ...]:
-        return (self._get, self._types, self._set, self._set_atomically, self._describe, self._list)
+        self._get = client(GetParameters, "get_parameters")
+        self._types = client(GetParameterTypes, "get_parameter_types")
+        self._set = client(SetParameters, "set_parameters")
+        self._set_atomically = client(SetParametersAtomically, "set_parameters_atomically")
+        self._describe = client(DescribeParameters, "describe_parameters")
+        self._list = client(ListParameters, "list_parameters")
 
     async def wait_for_services(self, timeout_s: float | None = None) -> bool:
         """Wait until the remote node serves its parameters; False when the time passed."""
 
         def ready() -> bool:
-            return all(client.service_is_available() for client in self._clients())
+            return all(client.service_is_available() for client in self._clients)
 
         return await self._scope.wait_until(ready, timeout_s, lambda: self._closed)
 
@@ -173,10 +179,9 @@ class ParameterClient:
         Raises:
             ParameterNotDeclaredError: at least one of them is not declared, or has no value.
         """
-        asked = _asked(names)
-        response = await self._get.call(GetParameters_Request(names=asked), timeout_s)
-        values = [value_from_message(item).value for item in self._complete(response.values, asked)]
-        return values[0] if isinstance(names, str) else values
+        asked = _Asked(self.node, names)
+        response = await self._get.call(GetParameters_Request(names=asked.names), timeout_s)
+        return asked.answer([value_from_message(item).value for item in response.values])
 
     @overload
     async def types(  # type: ignore[overload-overlap]  # a text is a sequence of texts
@@ -188,10 +193,9 @@ class ParameterClient:
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterType | list[ParameterType]:
         """One type for one name, a list for several; raises `ParameterNotDeclaredError` as `get`."""
-        asked = _asked(names)
-        response = await self._types.call(GetParameterTypes_Request(names=asked), timeout_s)
-        found = [parameter_type(int(item)) for item in self._complete(response.types, asked)]
-        return found[0] if isinstance(names, str) else found
+        asked = _Asked(self.node, names)
+        response = await self._types.call(GetParameterTypes_Request(names=asked.names), timeout_s)
+        return asked.answer([parameter_type(int(item)) for item in response.types])
 
     @overload
     async def describe(  # type: ignore[overload-overlap]  # a text is a sequence of texts
@@ -203,17 +207,9 @@ class ParameterClient:
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
         """One for one name, a list for several; raises `ParameterNotDeclaredError` when one is not declared there."""
-        asked = _asked(names)
-        response = await self._describe.call(DescribeParameters_Request(names=asked), timeout_s)
-        found = [descriptor_from_message(item) for item in self._complete(response.descriptors, asked)]
-        return found[0] if isinstance(names, str) else found
-
-    def _complete(self, answers: Sequence[Any], asked: list[str]) -> Sequence[Any]:
-        if len(answers) == len(asked):
-            return answers
-        if len(answers) == 0:
-            raise ParameterNotDeclaredError(asked, self.node)
-        raise MalformedAnswerError(f"{self.node} answered {len(answers)} values for {len(asked)} parameters")
+        asked = _Asked(self.node, names)
+        response = await self._describe.call(DescribeParameters_Request(names=asked.names), timeout_s)
+        return asked.answer([descriptor_from_message(item) for item in response.descriptors])
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
         """Set one by one; the result of each says whether and why not.
@@ -295,7 +291,9 @@ class ParameterClient:
     def events(self) -> ParameterEvents:
         """What happens to the remote node's parameters from now on."""
         self._scope.require_open(self._closed, f"the parameter client of {self.node}")
-        return event_stream(self._scope, self._names, self.node, self._streams)
+        stream = ParameterEvents(self._scope, self._names, self.node)
+        self._streams = [*(known for known in self._streams if not known.closed), stream]
+        return stream
 
     def close(self) -> None:
         """May be called twice; event streams end."""
@@ -303,7 +301,6 @@ class ParameterClient:
             return
         self._closed = True
         self._scope.disown(self)
-        for stream in tuple(self._streams):
-            stream.close()
-        for client in self._clients():
-            client.close()
+        parts: tuple[Closable, ...] = (*self._streams, *self._clients)
+        for part in parts:
+            part.close()
