@@ -138,9 +138,6 @@ class NodeParameters:
         """
         self.scope.require_open(False, "the node")
         value = parameter_value(default)
-        kind = getattr(descriptor, "type", ParameterType.NOT_SET)
-        if value.value == b"" and isinstance(kind, ParameterType) and kind.is_array:
-            value = parameter_value((), kind)
         return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
 
     def undeclare_parameter(self, name: str) -> None:

@@ -87,25 +87,12 @@ def _float(text: str) -> float | None:
 def _underflows(text: str, value: float) -> bool:
     """Whether glibc's strtod reports ERANGE for a tiny number, which makes it a text for rcl.
 
-    It does when the number is not exactly the subnormal or zero it becomes, so for ``1e-400`` and ``1e-310``, but not
-    for ``0e-400`` and ``0x1p-1074``.
+    It does when digits are lost: ``1e-310`` as ``1e-400``, but not ``0e-400``. Hexadecimal ones are taken for exact
+    unless they become zero.
     """
-    if abs(value) > sys.float_info.min:
-        return False
-    base, exponent_mark = (16, "p") if "x" in text.lower() else (10, "e")
-    digits, _, exponent = text.lower().lstrip("+-").removeprefix("0x").partition(exponent_mark)
-    if value == 0.0:
-        return digits.strip("0.") != ""
-    from decimal import Decimal
-    from fractions import Fraction
-
-    if base == 10:
-        exact = abs(Fraction(Decimal(text)))
-    else:
-        whole, _, part = digits.partition(".")
-        exact = int(whole + part, 16) * Fraction(2) ** (int(exponent or 0) - 4 * len(part))
-    # Rounded to 53 bits first, what is nearer to the smallest normal number is that.
-    return exact != abs(Fraction(value)) and exact < Fraction(sys.float_info.min) - Fraction(1, 2**1076)
+    is_hex = "x" in text.lower()
+    digits = text.lower().partition("p" if is_hex else "e")[0].strip("+-0x.")
+    return digits != "" and (value == 0.0 or (abs(value) < sys.float_info.min and not is_hex))
 
 
 # ----------------------------------------------------------------------------------------------------------- reading

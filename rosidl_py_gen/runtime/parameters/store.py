@@ -143,7 +143,7 @@ class ParameterStore:
         """
         with self.lock:
             described = self._declaration(name, default, descriptor)
-            value = default if ignore_override else _fitted(self.overrides.get(name, default), described)
+            value = _fitted(default if ignore_override else self.overrides.get(name, default), described)
             if value.is_set and not described.dynamic_typing and value.type is not described.type:
                 raise WrongParameterTypeError(name, described.type.name, value.type.name)
             parameter = Parameter(name, value)
@@ -198,6 +198,7 @@ class ParameterStore:
             raise TypeError(f"parameter {name!r}: {reason}")
         if reason := range_reason(descriptor.floating_point_range) or range_reason(descriptor.integer_range):
             raise InvalidParameterValueError(f"parameter {name!r}: {reason}")
+        default = _fitted(default, descriptor)
         if descriptor.dynamic_typing:
             return replace(descriptor, name=name)
         kind = default.type if descriptor.type is ParameterType.NOT_SET else descriptor.type
