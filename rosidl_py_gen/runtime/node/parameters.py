@@ -16,6 +16,8 @@ from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, Pa
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
+    ARRAY_OF,
+    TYPE_OF,
     InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
@@ -42,14 +44,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
 
 T = TypeVar("T")
-
-_KINDS: dict[object, ParameterType] = {
-    bool: ParameterType.BOOL,
-    int: ParameterType.INTEGER,
-    float: ParameterType.DOUBLE,
-    str: ParameterType.STRING,
-    bytes: ParameterType.BYTE_ARRAY,
-}
 
 
 class ParameterChange(NamedTuple):
@@ -293,13 +287,11 @@ class _Changes(Stream[ParameterChange]):
 
 
 def _kind_of(wanted: Any) -> ParameterType:
-    arguments = get_args(wanted)
-    if get_origin(wanted) in (list, tuple) and arguments:
-        scalar = _KINDS.get(arguments[0])
-        if scalar is not None and ParameterType.BOOL <= scalar <= ParameterType.STRING:
-            return ParameterType(scalar + 5)  # BOOL 1 -> BOOL_ARRAY 6 and so on
-    elif isinstance(wanted, type) and wanted in _KINDS:
-        return _KINDS[wanted]
+    kind = TYPE_OF.get(wanted) if isinstance(wanted, type) else None
+    if get_origin(wanted) in (list, tuple) and get_args(wanted):
+        kind = ARRAY_OF.get(TYPE_OF.get(get_args(wanted)[0]))
+    if kind is not None:
+        return kind
     raise TypeError(
         f"{wanted!r} is no parameter type; expected bool, int, float, str, bytes or a list such as list[int]"
     )

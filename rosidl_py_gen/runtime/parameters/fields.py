@@ -17,8 +17,10 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from rosidl_py_gen.runtime.parameters.callbacks import RefusedError, require_plain, validate
 from rosidl_py_gen.runtime.parameters.validation import float_range_reason, integer_range_reason, range_reason
 from rosidl_py_gen.runtime.parameters.values import (
+    ARRAY_OF,
     INT64_MAX,
     INT64_MIN,
+    TYPE_OF,
     FloatRange,
     IntRange,
     InvalidParameterValueError,
@@ -73,20 +75,6 @@ UInt8 = Annotated[int, Width(8, signed=False)]
 UInt16 = Annotated[int, Width(16, signed=False)]
 UInt32 = Annotated[int, Width(32, signed=False)]
 UInt64 = Annotated[int, Width(64, signed=False)]
-
-_SCALARS: dict[object, ParameterType] = {
-    bool: ParameterType.BOOL,
-    int: ParameterType.INTEGER,
-    float: ParameterType.DOUBLE,
-    str: ParameterType.STRING,
-    bytes: ParameterType.BYTE_ARRAY,
-}
-_ARRAYS: dict[object, ParameterType] = {
-    bool: ParameterType.BOOL_ARRAY,
-    int: ParameterType.INTEGER_ARRAY,
-    float: ParameterType.DOUBLE_ARRAY,
-    str: ParameterType.STRING_ARRAY,
-}
 
 
 @dataclass(slots=True)
@@ -294,19 +282,18 @@ def _peel(where: str, annotation: Any) -> _Shape:
     if isinstance(annotation, type) and issubclass(annotation, Enum):
         choices = tuple(_enum_plain(annotation, member) for member in annotation)
         return _Shape(kind=_common_kind(where, choices), enum=annotation, choices=choices)
-    return _Shape(kind=_SCALARS.get(annotation))
+    return _Shape(kind=TYPE_OF.get(annotation))
 
 
 def _peel_array(where: str, container: Any, item: Any) -> _Shape:
     inner = _peel(where, item)
     if inner.enum is not None or inner.choices or inner.optional or inner.container is not None:
         return _Shape()
-    element = next((python for python, kind in _SCALARS.items() if kind is inner.kind), None)
-    return _Shape(kind=_ARRAYS.get(element), container=container, metadata=inner.metadata)
+    return _Shape(kind=ARRAY_OF.get(inner.kind), container=container, metadata=inner.metadata)
 
 
 def _common_kind(where: str, values: tuple[Any, ...]) -> ParameterType:
-    kinds = {_SCALARS.get(type(value)) for value in values}
+    kinds = {TYPE_OF.get(type(value)) for value in values}
     kind = kinds.pop() if len(kinds) == 1 else None
     if kind not in (ParameterType.STRING, ParameterType.INTEGER, ParameterType.BOOL):
         raise ParameterClassError(f"{where}: choices must be all str, all int or all bool, got {values!r}")

@@ -172,14 +172,14 @@ class ParameterDescriptor:
     integer_range: IntRange | None = None
 
 
-_SCALARS = ((bool, ParameterType.BOOL), (int, ParameterType.INTEGER), (float, ParameterType.DOUBLE))
-_READY: dict[type, ParameterType] = {
+TYPE_OF: dict[object, ParameterType] = {
     bool: ParameterType.BOOL,
+    int: ParameterType.INTEGER,
     float: ParameterType.DOUBLE,
+    str: ParameterType.STRING,
     bytes: ParameterType.BYTE_ARRAY,
 }
-"""Types whose every value is a parameter value as it is."""
-_ARRAY_OF = {
+ARRAY_OF: dict[ParameterType | None, ParameterType] = {
     ParameterType.BOOL: ParameterType.BOOL_ARRAY,
     ParameterType.INTEGER: ParameterType.INTEGER_ARRAY,
     ParameterType.DOUBLE: ParameterType.DOUBLE_ARRAY,
@@ -194,11 +194,12 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
     is a byte array, as in rclpy, unless `kind` names the array type. Raises `InvalidParameterValueError`, for a
     `ParameterValue` whose type and value do not fit too.
     """
-    ready = _READY.get(type(value))
-    if ready is not None:
-        made = ParameterValue(ready, value)  # type: ignore[arg-type]
+    if type(value) in (float, bool, bytes):  # each is a parameter value as it is
+        made = ParameterValue(TYPE_OF[type(value)], value)  # type: ignore[arg-type]
     elif isinstance(value, ParameterValue):
-        made = parameter_value(value.value, _checked_type(value))
+        if not isinstance(value.type, ParameterType):
+            raise InvalidParameterValueError(f"the type of a ParameterValue must be a ParameterType, got {value!r}")
+        made = parameter_value(value.value, value.type)
     else:
         plain = _plain(value)
         if kind is not None and kind.is_array and isinstance(plain, tuple) and not plain:
@@ -211,16 +212,10 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
     return made
 
 
-def _checked_type(value: ParameterValue) -> ParameterType:
-    if not isinstance(value.type, ParameterType):
-        raise InvalidParameterValueError(f"the type of a ParameterValue must be a ParameterType, got {value!r}")
-    return value.type
-
-
 def as_parameters(values: ParametersToSet) -> list[Parameter]:
     """Raises `TypeError` for what is neither, `InvalidParameterValueError` for a value that is no parameter value."""
     if isinstance(values, Mapping):
-        return [Parameter(require_name(name), _named_value(name, value)) for name, value in values.items()]
+        return [_parameter(name, value) for name, value in values.items()]
     if isinstance(values, (str, bytes, Parameter)) or not isinstance(values, Iterable):
         raise TypeError(f"expected a dict of names and values, or a list of Parameter objects, got {values!r}")
     return [checked_parameter(item) for item in values]
@@ -235,15 +230,12 @@ def checked_parameter(item: object) -> Parameter:
         raise TypeError(f"expected Parameter objects, found {item!r}; a dict of names and values will do too")
     if not isinstance(item.value, ParameterValue) or not isinstance(item.value.type, ParameterType):
         raise TypeError(f"the value of a Parameter must be a ParameterValue, as parameter_value makes it, got {item!r}")
-    try:
-        return Parameter(require_name(item.name), parameter_value(item.value.value, item.value.type))
-    except InvalidParameterValueError as error:
-        raise InvalidParameterValueError(f"parameter {item.name!r}: {error}") from error
+    return _parameter(item.name, item.value)
 
 
-def _named_value(name: str, value: object) -> ParameterValue:
+def _parameter(name: object, value: object) -> Parameter:
     try:
-        return parameter_value(value)
+        return Parameter(require_name(name), parameter_value(value))
     except InvalidParameterValueError as error:
         raise InvalidParameterValueError(f"parameter {name!r}: {error}") from error
 
@@ -297,11 +289,12 @@ def _infer_scalar(value: object) -> tuple[ParameterType, bool | int | float | st
     if isinstance(value, str):
         # str() drops the class of str enums and the like, which would not compare or print as plain text.
         return ParameterType.STRING, _utf8(str.__str__(value))
-    for python_type, kind in _SCALARS:
-        if isinstance(value, python_type):
-            if kind is ParameterType.INTEGER:
-                return kind, _int64(value)
-            return kind, value if kind is ParameterType.BOOL else float(value)
+    if isinstance(value, bool):
+        return ParameterType.BOOL, value
+    if isinstance(value, int):
+        return ParameterType.INTEGER, _int64(value)
+    if isinstance(value, float):
+        return ParameterType.DOUBLE, float(value)
     raise InvalidParameterValueError(
         f"{value!r} of type {type(value).__name__} is no parameter value; expected None, bool, int, float, str, bytes "
         "or a list of one of these types"
@@ -337,5 +330,4 @@ def _infer_array(items: tuple[object, ...]) -> ParameterValue:
     if len(kinds) != 1:
         names = ", ".join(sorted(kind.name for kind in kinds))
         raise InvalidParameterValueError(f"all items of an array must have one type, got {names} in {list(items)!r}")
-    array_kind = _ARRAY_OF[kinds.pop()]
-    return ParameterValue(array_kind, tuple(value for _, value in found))  # type: ignore[arg-type]
+    return ParameterValue(ARRAY_OF[kinds.pop()], tuple(value for _, value in found))  # type: ignore[arg-type]
