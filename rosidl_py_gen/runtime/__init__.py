@@ -21,21 +21,18 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.action_goal import (
         CancelRequest,
         Finished,
-        GoalAlreadyAnsweredError,
         GoalDecision,
         GoalRequest,
         ServerGoal,
     )
     from rosidl_py_gen.runtime.action_handle import (
-        ActionError,
-        ActionServerLost,
+        ActionServerLostError,
         ActionTimeoutError,
-        AlreadyTerminated,
+        AlreadyTerminatedError,
         CancelError,
-        CancelRejected,
+        CancelRejectedError,
         ClientGoal,
-        GoalRejected,
-        UnknownGoal,
+        GoalRejectedError,
     )
     from rosidl_py_gen.runtime.action_server import ActionServer
     from rosidl_py_gen.runtime.arguments import RosArgumentError
@@ -45,7 +42,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.clock_sleep import Rate
     from rosidl_py_gen.runtime.context import Context
     from rosidl_py_gen.runtime.environment import EnvironmentSettingError
-    from rosidl_py_gen.runtime.goal import GoalStatus, GoalTransitionError, UnknownGoalError
+    from rosidl_py_gen.runtime.goal import ActionError, GoalStatus, GoalTransitionError, UnknownGoalError
     from rosidl_py_gen.runtime.graph import EndpointType, NodeInfo, TopicEndpointInfo
     from rosidl_py_gen.runtime.introspection import IntrospectionState
     from rosidl_py_gen.runtime.lifecycle_node import LifecycleNode
@@ -119,21 +116,18 @@ _HOMES = {
     "action_goal": (
         "CancelRequest",
         "Finished",
-        "GoalAlreadyAnsweredError",
         "GoalDecision",
         "GoalRequest",
         "ServerGoal",
     ),
     "action_handle": (
-        "ActionError",
-        "ActionServerLost",
+        "ActionServerLostError",
         "ActionTimeoutError",
-        "AlreadyTerminated",
+        "AlreadyTerminatedError",
         "CancelError",
-        "CancelRejected",
+        "CancelRejectedError",
         "ClientGoal",
-        "GoalRejected",
-        "UnknownGoal",
+        "GoalRejectedError",
     ),
     "action_server": ("ActionServer",),
     "arguments": ("RosArgumentError",),
@@ -143,7 +137,7 @@ _HOMES = {
     "clock_sleep": ("Rate",),
     "context": ("Context",),
     "environment": ("EnvironmentSettingError",),
-    "goal": ("GoalStatus", "GoalTransitionError", "UnknownGoalError"),
+    "goal": ("ActionError", "GoalStatus", "GoalTransitionError", "UnknownGoalError"),
     "graph": ("EndpointType", "NodeInfo", "TopicEndpointInfo"),
     "introspection": ("IntrospectionState",),
     "lifecycle_node": ("LifecycleNode",),
@@ -218,16 +212,16 @@ __all__ = [
     "ActionClient",
     "ActionError",
     "ActionServer",
-    "ActionServerLost",
+    "ActionServerLostError",
     "ActionTimeoutError",
     "AlreadyRespondedError",
-    "AlreadyTerminated",
+    "AlreadyTerminatedError",
     "BackendMissingError",
     "CallTimeoutError",
     "CallbackAnswerError",
     "CallbackInUseError",
     "CancelError",
-    "CancelRejected",
+    "CancelRejectedError",
     "CancelRequest",
     "Client",
     "ClientGoal",
@@ -248,9 +242,8 @@ __all__ = [
     "Finished",
     "FloatRange",
     "ForeignServiceError",
-    "GoalAlreadyAnsweredError",
     "GoalDecision",
-    "GoalRejected",
+    "GoalRejectedError",
     "GoalRequest",
     "GoalStatus",
     "GoalTransitionError",
@@ -316,7 +309,6 @@ __all__ = [
     "UInt16",
     "UInt32",
     "UInt64",
-    "UnknownGoal",
     "UnknownGoalError",
     "WaitTimeoutError",
     "WouldDeadlockError",

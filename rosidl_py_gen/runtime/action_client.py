@@ -25,17 +25,16 @@ from rosidl_py_gen.runtime.action_checks import (
 )
 from rosidl_py_gen.runtime.action_handle import (
     ActionTimeoutError,
-    AlreadyTerminated,
+    AlreadyTerminatedError,
     CancelError,
-    CancelRejected,
+    CancelRejectedError,
     ClientGoal,
-    GoalRejected,
-    UnknownGoal,
+    GoalRejectedError,
 )
 from rosidl_py_gen.runtime.action_results import ResultClient
 from rosidl_py_gen.runtime.action_types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.client import Client, WouldDeadlockError
-from rosidl_py_gen.runtime.goal import ZERO_ID, CancelCode, GoalStatus
+from rosidl_py_gen.runtime.goal import ZERO_ID, CancelCode, GoalStatus, UnknownGoalError
 from rosidl_py_gen.runtime.message_types import raw_type
 from rosidl_py_gen.runtime.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 from rosidl_py_gen.runtime.request import CallTimeoutError, carrier_qos
@@ -139,7 +138,7 @@ class ActionClient(Generic[ActionT_co]):
             goal_id: 16 bytes, not all zero; None makes a random UUID.
 
         Raises:
-            GoalRejected: the server does not want it.
+            GoalRejectedError: the server does not want it.
             ActionTimeoutError: no answer in `timeout_s` seconds; a `TimeoutError`.
             EncodeError, TypeError: the goal does not fit its type.
             ActionArgumentError: no goal id, or one of a goal of this client that has not ended.
@@ -158,7 +157,7 @@ class ActionClient(Generic[ActionT_co]):
         try:
             response = await self._call_send_goal(request, timeout_s)
             if not response.accepted:
-                raise GoalRejected(f"action server {self.name} rejected the goal {goal!r:.200}")
+                raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
             handle.accepted(Time.from_msg(response.stamp))
             self._ask_result(handle)
         except BaseException:
@@ -230,7 +229,7 @@ class ActionClient(Generic[ActionT_co]):
         try:
             status = GoalStatus(response.status)
             if status is GoalStatus.UNKNOWN:
-                raise UnknownGoal(f"action server {self.name} does not know goal {handle.goal_id.hex()} any more")
+                raise UnknownGoalError(f"action server {self.name} does not know goal {handle.goal_id.hex()} any more")
             handle.finished(status, self._type.result.to_value(response.result))
         except Exception as error:
             handle.failed(error)
@@ -246,14 +245,14 @@ class ActionClient(Generic[ActionT_co]):
         goal_id = require_goal_id(goal_id)
         code, canceling = await self._ask_cancel(goal_id, None, timeout_s)
         if code == CancelCode.UNKNOWN_GOAL_ID:
-            raise UnknownGoal(f"action server {self.name} does not know goal {goal_id.hex()}")
+            raise UnknownGoalError(f"action server {self.name} does not know goal {goal_id.hex()}")
         if code == CancelCode.GOAL_TERMINATED:
-            raise AlreadyTerminated(
+            raise AlreadyTerminatedError(
                 f"goal {goal_id.hex()} of action {self.name} has ended or is being cancelled already"
             )
         # rclpy servers answer 0 with an empty list when they refuse.
         if code == CancelCode.REJECTED or (code == CancelCode.NONE and goal_id not in canceling):
-            raise CancelRejected(f"action server {self.name} refused to cancel goal {goal_id.hex()}")
+            raise CancelRejectedError(f"action server {self.name} refused to cancel goal {goal_id.hex()}")
         if code != CancelCode.NONE:
             raise CancelError(f"action server {self.name} answered a cancel with the unknown code {code}")
 
@@ -261,7 +260,8 @@ class ActionClient(Generic[ActionT_co]):
         """Ask to cancel every goal of the server, other clients' too; returns the ids being cancelled.
 
         Raises:
-            CancelRejected: there were goals, and the server refused for all of them. ActionTimeoutError, ClosedError.
+            CancelRejectedError: there were goals, and the server refused for all of them.
+            ActionTimeoutError, ClosedError.
         """
         return await self._cancel_many(None, timeout_s)
 
@@ -276,7 +276,7 @@ class ActionClient(Generic[ActionT_co]):
     async def _cancel_many(self, stamp: Time | None, timeout_s: float | None) -> list[bytes]:
         code, canceling = await self._ask_cancel(ZERO_ID, stamp, timeout_s)
         if code == CancelCode.REJECTED:
-            raise CancelRejected(f"action server {self.name} refused to cancel any goal")
+            raise CancelRejectedError(f"action server {self.name} refused to cancel any goal")
         if code != CancelCode.NONE:
             raise CancelError(f"action server {self.name} answered a cancel with code {code}")
         return canceling

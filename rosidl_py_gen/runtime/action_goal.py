@@ -10,10 +10,10 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.action_latch import Latch
 from rosidl_py_gen.runtime.action_types import ActionT_co
 from rosidl_py_gen.runtime.goal import GoalEvent, GoalStatus
+from rosidl_py_gen.runtime.service import AlreadyRespondedError
 
 if TYPE_CHECKING:
     import asyncio
@@ -70,10 +70,10 @@ class GoalServer(Protocol):
         """UNKNOWN when it is forgotten."""
 
     def admit(self, goal: ServerGoal[Any], *, start: bool) -> None:
-        """Accept a goal that waits for an answer. Raises `GoalAlreadyAnsweredError`."""
+        """Accept a goal that waits for an answer. Raises `AlreadyRespondedError`."""
 
     def refuse(self, goal: ServerGoal[Any]) -> None:
-        """Reject a goal that waits for an answer. Raises `GoalAlreadyAnsweredError`."""
+        """Reject a goal that waits for an answer. Raises `AlreadyRespondedError`."""
 
     def on_loop(self, function: Callable[[], T]) -> T:
         """Run `function` on the loop's thread and return what it returns."""
@@ -185,10 +185,6 @@ class ServerGoal(Generic[ActionT_co]):
         return f"ServerGoal({self.goal_id.hex()}, {self.status.name})"
 
 
-class GoalAlreadyAnsweredError(RosidlError, RuntimeError):
-    """The caller accepted or rejected one request twice, or its server is closed."""
-
-
 class GoalRequest(Generic[ActionT_co]):
     """A goal that waits for `accept` or `reject`, from iterating over an action server.
 
@@ -220,7 +216,7 @@ class GoalRequest(Generic[ActionT_co]):
         ``await goal.started()`` returns.
 
         Raises:
-            GoalAlreadyAnsweredError: also when the policy is ``"reject"`` and another goal was accepted meanwhile.
+            AlreadyRespondedError: also when the policy is ``"reject"`` and another goal was accepted meanwhile.
         """
         self._server.on_loop(lambda: self._server.admit(self._goal, start=True))
         return self._goal
@@ -253,5 +249,5 @@ class CancelRequest(Generic[ActionT_co]):
 
     def _decide(self, accepted: bool) -> None:
         if self._answer.done():
-            raise GoalAlreadyAnsweredError("this cancel request was answered already, or its goal has ended")
+            raise AlreadyRespondedError("this cancel request was answered already, or its goal has ended")
         self._answer.set_result(accepted)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
-from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.action_latch import Latch
 from rosidl_py_gen.runtime.action_types import ActionT_co
-from rosidl_py_gen.runtime.goal import GoalStatus
+from rosidl_py_gen.runtime.goal import ActionError, GoalStatus
 from rosidl_py_gen.runtime.scope import require_timeout
 from rosidl_py_gen.runtime.stream import Stream
 
@@ -23,11 +22,7 @@ T = TypeVar("T")
 _STATUSES = {int(status): status for status in GoalStatus}
 
 
-class ActionError(RosidlError):
-    """An action server did not do what the caller asked for."""
-
-
-class GoalRejected(ActionError):
+class GoalRejectedError(ActionError):
     """The server does not want this goal."""
 
 
@@ -35,23 +30,19 @@ class ActionTimeoutError(ActionError, TimeoutError):
     """The server did not answer in time; the goal may go on."""
 
 
-class ActionServerLost(ActionError):
+class ActionServerLostError(ActionError):
     """The server went away before the result was in."""
 
 
 class CancelError(ActionError):
-    """A cancel request was not granted; see the subclasses."""
+    """A cancel request was not granted."""
 
 
-class CancelRejected(CancelError):
+class CancelRejectedError(CancelError):
     """The server refused to cancel."""
 
 
-class UnknownGoal(CancelError, LookupError):
-    """The server does not know the goal, or has forgotten it."""
-
-
-class AlreadyTerminated(CancelError):
+class AlreadyTerminatedError(CancelError):
     """The goal has ended, or is being cancelled already."""
 
 
@@ -105,7 +96,7 @@ class ClientGoal(Generic[ActionT_co]):
     def feedback(self: ClientGoal[Action[Any, Any, FeedbackT]]) -> Stream[FeedbackT]:
         """Iterate over the feedback, from the first one on; ends when the result is in.
 
-        Ends with an error when there will be no result: `ActionServerLost`, `ClosedError`.
+        Ends with an error when there will be no result: `ActionServerLostError`, `ClosedError`.
         """
         return self._feedback
 
@@ -116,7 +107,7 @@ class ClientGoal(Generic[ActionT_co]):
 
         Raises:
             ActionTimeoutError: not ended in `timeout_s` seconds; the goal goes on. TypeError, ValueError: no seconds.
-            ActionServerLost: the server went away. UnknownGoal: it came back without knowing the goal.
+            ActionServerLostError: the server went away. UnknownGoalError: it came back without knowing the goal.
             ClosedError: the client was closed.
         """
         require_timeout(timeout_s)
@@ -133,7 +124,7 @@ class ClientGoal(Generic[ActionT_co]):
         """Ask the server to cancel; returns when it agreed. The goal ends some time later, see `result`.
 
         Raises:
-            CancelRejected, AlreadyTerminated, UnknownGoal: the server's answer.
+            CancelRejectedError, AlreadyTerminatedError, UnknownGoalError: the server's answer.
             ActionTimeoutError: no answer in `timeout_s` seconds. ClosedError.
         """
         await self._client.cancel_goal(self.goal_id, timeout_s)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime.action_goal import GoalAlreadyAnsweredError, GoalRequest, ServerGoal
+from rosidl_py_gen.runtime.action_goal import GoalRequest, ServerGoal
+from rosidl_py_gen.runtime.service import AlreadyRespondedError
 from rosidl_py_gen.runtime.stream import Stream
 
 if TYPE_CHECKING:
@@ -39,10 +40,10 @@ class GoalRequests:
             del self._answers[goal.goal_id]
 
     def answer_to(self, goal: ServerGoal[Any]) -> asyncio.Future[GoalInfo | None]:
-        """Where the answer goes; raises `GoalAlreadyAnsweredError`."""
+        """Where the answer goes; raises `AlreadyRespondedError`."""
         answer = self._answers.get(goal.goal_id)
         if answer is None or answer.done():
-            raise GoalAlreadyAnsweredError(f"goal {goal.goal_id.hex()} was answered already, or its server is closed")
+            raise AlreadyRespondedError(f"goal {goal.goal_id.hex()} was answered already, or its server is closed")
         return answer
 
     def _let_go(self, goal_id: bytes) -> None:

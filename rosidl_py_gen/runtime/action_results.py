@@ -14,7 +14,7 @@ import asyncio
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime.action_handle import ActionServerLost
+from rosidl_py_gen.runtime.action_handle import ActionServerLostError
 from rosidl_py_gen.runtime.client import Client
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.request import ForeignServiceError, message_begin, split_header
@@ -91,7 +91,7 @@ class ResultClient(Client[Any, Any]):
 
         Args:
             tell: gets the response.
-            fail: gets `ActionServerLost`, `ForeignServiceError`, `DecodeError` or `ClosedError`.
+            fail: gets `ActionServerLostError`, `ForeignServiceError`, `DecodeError` or `ClosedError`.
         """
         loop = self._scope.bridge.running_loop()
         self._put(Question(self._type.request.encode(request), tell, fail))
@@ -187,7 +187,7 @@ class ResultClient(Client[Any, Any]):
             elif now_s - self._seen_s >= self._lost_after_s:
                 del self._pending[question.sequence]
                 question.set_exception(
-                    ActionServerLost(
+                    ActionServerLostError(
                         f"the server of {self.name} went away and did not come back in {self._lost_after_s} s; "
                         "the goal's result is lost"
                     )

@@ -22,7 +22,6 @@ from rosidl_py_gen.runtime.action_cancel import CancelDesk
 from rosidl_py_gen.runtime.action_checks import require_seconds, require_server_options
 from rosidl_py_gen.runtime.action_goal import (
     CancelRequest,
-    GoalAlreadyAnsweredError,
     GoalDecision,
     GoalRequest,
     ServerGoal,
@@ -38,7 +37,7 @@ from rosidl_py_gen.runtime.goal import GoalBook, GoalEvent, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.message_types import raw_type
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import DEFAULT, SERVICES_DEFAULT
-from rosidl_py_gen.runtime.service import ServiceServer
+from rosidl_py_gen.runtime.service import AlreadyRespondedError, ServiceServer
 from rosidl_py_gen.runtime.stream import Stream
 from rosidl_py_gen.runtime.time_values import Duration
 
@@ -193,7 +192,7 @@ class ActionServer(Generic[ActionT_co]):
         answer = self._requests.answer_to(goal)
         if self._policy == "reject" and self._goals:
             answer.set_result(None)
-            raise GoalAlreadyAnsweredError(
+            raise AlreadyRespondedError(
                 f"goal {goal.goal_id.hex()} is rejected: another one was accepted meanwhile, and the policy is 'reject'"
             )
         answer.set_result(self._enter(goal, start=start))

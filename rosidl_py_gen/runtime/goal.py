@@ -86,7 +86,11 @@ class GoalTransitionError(RosidlError):
         super().__init__(f"a goal that is {status.name} cannot {event.value}; possible now: {possible}")
 
 
-class UnknownGoalError(RosidlError, LookupError):
+class ActionError(RosidlError):
+    """An action server did not do what the caller asked for."""
+
+
+class UnknownGoalError(ActionError, LookupError):
     """The caller named a goal the server does not know, or has already forgotten."""
 
 

@@ -133,8 +133,8 @@ class NodeActions:
         Args:
             feedback_depth: how many feedback messages a goal keeps until somebody iterates, at least 1; older ones are
                 dropped, and counted in `goal.feedback_dropped`.
-            server_lost_after_s: how long a server may be away before goals end with `ActionServerLost`; `math.inf` for
-                ever.
+            server_lost_after_s: how long a server may be away before goals end with `ActionServerLostError`; `math.inf`
+                for ever.
 
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError. TypeError, ActionArgumentError: an argument is of no use.

@@ -44,7 +44,7 @@ _READER_BIT = 0x04
 
 
 class AlreadyRespondedError(RosidlError, RuntimeError):
-    """The caller answered one request twice."""
+    """The caller answered one request twice; that of a goal or a cancel also when it is over by itself."""
 
 
 class ServiceRequest(Generic[RequestT, ResponseT]):

@@ -28,17 +28,17 @@ from action_worlds import (
 from rosidl_py_gen.errors import EncodeError, RosidlError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
-from rosidl_py_gen.runtime.action_checks import ActionArgumentError
-from rosidl_py_gen.runtime.action_goal import GoalDecision
-from rosidl_py_gen.runtime.action_handle import (
+from rosidl_py_gen.runtime import (
+    ActionArgumentError,
     ActionTimeoutError,
     CancelError,
-    CancelRejected,
-    GoalRejected,
-    UnknownGoal,
+    CancelRejectedError,
+    GoalDecision,
+    GoalRejectedError,
+    GoalStatus,
+    Time,
+    UnknownGoalError,
 )
-from rosidl_py_gen.runtime.clock import Time
-from rosidl_py_gen.runtime.goal import GoalStatus
 
 S = GoalStatus
 
@@ -154,7 +154,7 @@ def test_a_server_that_stayed_is_asked_when_the_one_that_accepted_is_gone(world:
         world.node("second").create_action_server(Fibonacci, "fib", fibonacci)
         await until(lambda: len(client._result._present()) == 2)
         server.close()
-        with pytest.raises(UnknownGoal, match="does not know goal"):
+        with pytest.raises(UnknownGoalError, match="does not know goal"):
             await handle.result(timeout_s=10)
 
     run(main)
@@ -168,7 +168,7 @@ def test_an_unknown_return_code_is_an_error_of_its_own(world: World) -> None:
         for ask in (client.cancel_goal(bytes(range(16)), timeout_s=5), client.cancel_all(timeout_s=5)):
             with pytest.raises(CancelError, match="code 77") as caught:
                 await ask
-            assert type(caught.value) is CancelError and not isinstance(caught.value, CancelRejected)
+            assert type(caught.value) is CancelError and not isinstance(caught.value, CancelRejectedError)
 
     run(main)
 
@@ -186,7 +186,7 @@ def test_the_id_of_a_running_goal_is_refused_before_anything_is_sent(world: Worl
         assert isinstance(caught.value, RosidlError) and isinstance(caught.value, ValueError)
         await first.cancel(timeout_s=5)
         assert (await first.result(timeout_s=5))[0] is S.CANCELED
-        with pytest.raises(GoalRejected):
+        with pytest.raises(GoalRejectedError):
             await client.send_goal(goal(), goal_id=one, timeout_s=5)
 
     run(main)
@@ -338,7 +338,7 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
         async def some(count: int) -> None:
             for number in range(count):
                 if number % 5 == 1:
-                    with pytest.raises(GoalRejected):
+                    with pytest.raises(GoalRejectedError):
                         await client.send_goal(goal(1), timeout_s=5)
                     continue
                 handle = await client.send_goal(goal(0), timeout_s=5)

@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 from action_worlds import Fibonacci, World, anext_of, fibonacci, goal, pair, result, run, until, until_canceled
 
-from rosidl_py_gen.runtime.action_goal import GoalDecision
-from rosidl_py_gen.runtime.action_handle import AlreadyTerminated, CancelRejected, GoalRejected
-from rosidl_py_gen.runtime.goal import GoalStatus, GoalTransitionError
+from rosidl_py_gen.runtime import (
+    AlreadyTerminatedError,
+    CancelRejectedError,
+    GoalDecision,
+    GoalRejectedError,
+    GoalStatus,
+    GoalTransitionError,
+)
 
 S = GoalStatus
 
@@ -32,7 +37,7 @@ def test_answers_that_accept(world: World, answer: object) -> None:
 def test_answers_that_reject(world: World, answer: object) -> None:
     async def main() -> None:
         server, client = await pair(world, accept=lambda request: answer)
-        with pytest.raises(GoalRejected):
+        with pytest.raises(GoalRejectedError):
             await client.send_goal(goal(), timeout_s=5)
         assert server.goals == [] and server._undecided == set()
 
@@ -50,7 +55,7 @@ def test_answers_to_a_cancel(world: World, answer: object, agreed: bool) -> None
             await handle.cancel(timeout_s=5)
             assert (await handle.result(timeout_s=5))[0] is S.CANCELED
         else:
-            with pytest.raises(CancelRejected):
+            with pytest.raises(CancelRejectedError):
                 await handle.cancel(timeout_s=5)
 
     run(main)
@@ -63,12 +68,12 @@ def test_a_callback_that_raises_cancelled_error_refuses(world: World) -> None:
     async def main() -> None:
         server, client = await pair(world, until_canceled, on_cancel=refuse)
         handle = await client.send_goal(goal())
-        with pytest.raises(CancelRejected):
+        with pytest.raises(CancelRejectedError):
             await handle.cancel(timeout_s=5)
         server.close()
         world.node().create_action_server(Fibonacci, "other", fibonacci, accept=refuse)
         other = world.node().create_action_client(Fibonacci, "other")
-        with pytest.raises(GoalRejected):
+        with pytest.raises(GoalRejectedError):
             await other.send_goal(goal(), timeout_s=5)
 
     run(main)
@@ -120,7 +125,7 @@ def test_one_goal_that_ends_while_its_cancel_is_decided_is_terminated(world: Wor
         await asyncio.wait_for(asked.wait(), 5)
         accepted.succeed(result(1))
         decide.set()
-        with pytest.raises(AlreadyTerminated):
+        with pytest.raises(AlreadyTerminatedError):
             await waiting
 
     run(main)

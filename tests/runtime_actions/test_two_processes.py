@@ -14,9 +14,7 @@ from action_worlds import DOMAIN, run
 from peer_process import Fibonacci, open_context
 
 from rosidl_py_gen import type_hash
-from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.runtime.action_handle import ActionServerLost
-from rosidl_py_gen.runtime.goal import GoalStatus
+from rosidl_py_gen.runtime import ActionServerLostError, GoalStatus, Node
 from rosidl_py_gen.runtime.parameters import SetResult
 
 
@@ -95,7 +93,7 @@ def test_a_server_that_is_killed_is_noticed(peer: subprocess.Popen[bytes]) -> No
             handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
             peer.kill()
             # The lease of a participant that says nothing any more is 10 s.
-            with pytest.raises(ActionServerLost):
+            with pytest.raises(ActionServerLostError):
                 await handle.result(timeout_s=40)
             assert client._goals == {} and client._result._pending == {}
             node.close()
