@@ -93,8 +93,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
             raise TypeError(f"context must be a Context, such as Context(transport=...), got {context!r:.100}")
         validate_node_name(name)  # before a context is opened for it
         normalize_namespace(namespace)
-        shared = Context.default() if context is None else context
-        self.context = shared
+        self.context = shared = Context.default() if context is None else context
         try:
             self._names = NodeNames.create(name, namespace, shared.ros_arguments.remap_rules)
             shared.adopt(self)
@@ -104,11 +103,10 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         self._closed = False
         self._made_on = id(asyncio._get_running_loop())
         shared.bridge.adopt_running_loop()
-        number = shared.discovery.add_node(self._names.name, self._names.namespace)
-        self.scope = Scope(shared, number, self._names.fully_qualified_name)
+        number = shared.discovery.add_node(self.name, self.namespace)
+        self.scope = Scope(shared, number, self.fully_qualified_name)
         """What endpoint modules outside this file build on."""
-        self._graph = self.scope.graph
-        self._discovery = self.scope.discovery
+        self._graph, self._discovery = self.scope.graph, self.scope.discovery
         self.clock = Clock(ClockType.ROS_TIME)
         """ROS time; system time until simulated time is switched on."""
         try:
@@ -121,9 +119,13 @@ class Node(NodeGraph, NodeActions, NodeParameters):
                 start_services=start_services,
                 logger_services=logger_services,
             )
+            self._open_services()
         except BaseException:
             self.close()
             raise
+
+    def _open_services(self) -> None:
+        """What a managed node serves besides; a node that fails here is closed."""
 
     # -------------------------------------------------------------------------------------------------------- names
 
@@ -354,8 +356,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""
         if self._closed:
             return
-        owned = list(self.scope.owned.values())
-        if not self.context.had_loop and any(_calls_back(endpoint) for endpoint in owned):
+        if not self.context.had_loop and any(map(_calls_back, list(self.scope.owned.values()))):
             self.logger.warning(
                 f"the callbacks of {self.fully_qualified_name} never ran, because no event loop was running: "
                 "use `async with` on the node, spin(node) or run(main)"
