@@ -32,6 +32,7 @@ from rosidl_py_gen.runtime.action_handle import (
     GoalRejectedError,
 )
 from rosidl_py_gen.runtime.action_results import ResultClient
+from rosidl_py_gen.runtime.action_status import find_status
 from rosidl_py_gen.runtime.action_types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.client import Client, WouldDeadlockError
 from rosidl_py_gen.runtime.goal import ZERO_ID, CancelCode, GoalStatus, UnknownGoalError
@@ -39,7 +40,6 @@ from rosidl_py_gen.runtime.message_types import raw_type
 from rosidl_py_gen.runtime.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 from rosidl_py_gen.runtime.request import CallTimeoutError, carrier_qos
 from rosidl_py_gen.runtime.scope import require_timeout
-from rosidl_py_gen.runtime.status_rows import find_status
 from rosidl_py_gen.runtime.subscription import Subscription
 from rosidl_py_gen.runtime.time_values import Time
 

@@ -33,7 +33,7 @@ from rosidl_py_gen.runtime.action_status import StatusTopic
 from rosidl_py_gen.runtime.action_types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
 from rosidl_py_gen.runtime.callbacks import on_loop
 from rosidl_py_gen.runtime.clock import ClockType
-from rosidl_py_gen.runtime.goal import GoalBook, GoalEvent, GoalInfo, GoalStatus, ResultAnswer
+from rosidl_py_gen.runtime.goal import GoalBook, GoalEvent, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.message_types import raw_type
 from rosidl_py_gen.runtime.publisher import Publisher
 from rosidl_py_gen.runtime.qos import DEFAULT, SERVICES_DEFAULT
@@ -293,14 +293,14 @@ class ActionServer(Generic[ActionT_co]):
         if self._closed:
             return CancelGoal_Response()
         agreed = [info for info, yes in zip(selection.goals, decisions, strict=True) if yes]
-        answer = self._book.answer_cancel(selection, agreed)
-        response = CancelGoal_Response(return_code=int(answer.code))
-        for info in answer.goals:
+        code, canceled = self._book.answer_cancel(selection, agreed)
+        response = CancelGoal_Response(return_code=int(code))
+        for info in canceled:
             found = GoalInfoMessage()
             found.goal_id.uuid = info.goal_id  # type: ignore[assignment]
             set_stamp(found, info.stamp_ns)
             response.goals_canceling.append(found)
-        for info in answer.goals:
+        for info in canceled:
             if info.goal_id in self._running:
                 self._mark_canceling(info.goal_id)
             else:
@@ -328,9 +328,8 @@ class ActionServer(Generic[ActionT_co]):
     def _on_get_result(self, request: Any) -> bytes | Coroutine[Any, Any, bytes]:
         self._expire()
         goal_id = goal_id_of(request)
-        answer, data = self._book.request_result(goal_id)
-        if answer is not ResultAnswer.WAIT:
-            return self._unknown if data is None else data
+        if not self._book.status(goal_id).is_active:
+            return self._book.result(goal_id) or self._unknown
         end: asyncio.Future[bytes] = self._scope.bridge.running_loop().create_future()
         self._book.wait_for_result(goal_id, end)
         return self._await_result(goal_id, end)

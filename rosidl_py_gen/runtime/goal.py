@@ -1,6 +1,6 @@
-"""Action goals on the server: the state machine as a table, and the book of all goals.
+"""Goals on an action server: the state machine as a table, and the list of all goals.
 
-A plain object without I/O, fed with values; times are nanoseconds of the server's clock. Decides which event is
+Plain objects without I/O, fed with values; times are nanoseconds of the server's clock. Decides which event is
 possible when (protocol.md 8.2), who may be cancelled with which return code (8.4), who waits for a result and when a
 finished goal is forgotten (8.3). Sending answers and publishing status is `action_server.py`.
 """
@@ -132,22 +132,6 @@ class CancelSelection:
     by_id: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class CancelAnswer:
-    """The return code, and the goals that are cancelled."""
-
-    code: CancelCode
-    goals: tuple[GoalInfo, ...] = ()
-
-
-class ResultAnswer(Enum):
-    """What to do with a get_result request."""
-
-    UNKNOWN = "answer UNKNOWN at once"
-    READY = "answer the result at once"
-    WAIT = "answer when the goal ends"
-
-
 @dataclass(slots=True)
 class _Goal(Generic[ResultT, TokenT]):
     info: GoalInfo
@@ -192,14 +176,6 @@ class GoalBook(Generic[ResultT, TokenT]):
         goal = self._goals.get(goal_id)
         return GoalStatus.UNKNOWN if goal is None else goal.status
 
-    def statuses(self) -> list[tuple[GoalInfo, GoalStatus]]:
-        """For GoalStatusArray: all goals, the terminal ones until they expire."""
-        return [(goal.info, goal.status) for goal in self._goals.values()]
-
-    def active(self) -> list[GoalInfo]:
-        """Goals that have not ended."""
-        return [goal.info for goal in self._goals.values() if goal.status.is_active]
-
     def apply(self, goal_id: bytes, event: GoalEvent) -> GoalStatus:
         """Let something happen that does not end the goal; raises `UnknownGoalError`, `GoalTransitionError`."""
         goal = self._find(goal_id)
@@ -221,14 +197,10 @@ class GoalBook(Generic[ResultT, TokenT]):
         waiting, goal.waiting = goal.waiting, []
         return waiting
 
-    def request_result(self, goal_id: bytes) -> tuple[ResultAnswer, ResultT | None]:
-        """What to answer a get_result request; with WAIT see `wait_for_result`."""
+    def result(self, goal_id: bytes) -> ResultT | None:
+        """None for goals that have not ended, and for those not in the book."""
         goal = self._goals.get(goal_id)
-        if goal is None:
-            return ResultAnswer.UNKNOWN, None
-        if goal.status.is_terminal:
-            return ResultAnswer.READY, goal.result
-        return ResultAnswer.WAIT, None
+        return None if goal is None else goal.result
 
     def wait_for_result(self, goal_id: bytes, token: TokenT) -> None:
         """Let `finish` return the token. Raises `UnknownGoalError`."""
@@ -261,8 +233,10 @@ class GoalBook(Generic[ResultT, TokenT]):
         ]
         return CancelSelection(CancelCode.NONE, tuple(chosen))
 
-    def answer_cancel(self, selection: CancelSelection, agreed: Collection[GoalInfo]) -> CancelAnswer:
-        """What to answer once the user has agreed to some of the selected goals, or to none.
+    def answer_cancel(
+        self, selection: CancelSelection, agreed: Collection[GoalInfo]
+    ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
+        """The return code and the goals to cancel, once the user has agreed to some of the selected ones, or to none.
 
         Goals that ended meanwhile count as if they had ended before: GOAL_TERMINATED for one named by its id, nothing
         for others. REJECTED when the user refused every one that is left: rclcpp says so, while rclpy leaves 0, with
@@ -271,8 +245,8 @@ class GoalBook(Generic[ResultT, TokenT]):
         left = [info for info in selection.goals if self.status(info.goal_id).is_cancelable]
         canceled = tuple(info for info in left if info in agreed)
         if selection.goals and not left and selection.by_id:
-            return CancelAnswer(CancelCode.GOAL_TERMINATED)
-        return CancelAnswer(CancelCode.REJECTED if left and not canceled else selection.code, canceled)
+            return CancelCode.GOAL_TERMINATED, ()
+        return CancelCode.REJECTED if left and not canceled else selection.code, canceled
 
     def expire(self, now_ns: int) -> list[bytes]:
         """Forget finished goals whose time is over; returns their ids."""

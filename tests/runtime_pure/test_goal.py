@@ -11,7 +11,6 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from rosidl_py_gen.runtime.goal import (
     ZERO_ID,
-    CancelAnswer,
     CancelCode,
     CancelSelection,
     GoalBook,
@@ -19,7 +18,6 @@ from rosidl_py_gen.runtime.goal import (
     GoalInfo,
     GoalStatus,
     GoalTransitionError,
-    ResultAnswer,
     UnknownGoalError,
     next_status,
 )
@@ -79,27 +77,14 @@ def test_a_known_id_is_refused_even_after_the_end() -> None:
     assert goals.accept(gid(1), 8) is None and len(goals) == 1
 
 
-def test_statuses_are_listed_in_the_order_of_acceptance_with_terminal_ones() -> None:
-    goals = book(5, 4, 6)
-    goals.apply(gid(2), E.EXECUTE)
-    goals.finish(gid(2), E.ABORT, "r", 9)
-    assert goals.statuses() == [
-        (GoalInfo(gid(1), 5), S.ACCEPTED),
-        (GoalInfo(gid(2), 4), S.ABORTED),
-        (GoalInfo(gid(3), 6), S.ACCEPTED),
-    ]
-    assert [info.goal_id for info in goals.active()] == [gid(1), gid(3)]
-
-
 def test_results_wait_for_the_end_and_are_there_at_once_afterwards() -> None:
     goals = book(5)
-    assert goals.request_result(gid(9)) == (ResultAnswer.UNKNOWN, None)
     with pytest.raises(UnknownGoalError):
         goals.wait_for_result(gid(9), "z")
-    assert goals.request_result(gid(1)) == (ResultAnswer.WAIT, None)
+    assert goals.result(gid(1)) is goals.result(gid(9)) is None
     goals.wait_for_result(gid(1), "a")
     goals.apply(gid(1), E.EXECUTE)
-    assert goals.request_result(gid(1)) == (ResultAnswer.WAIT, None)
+    assert goals.result(gid(1)) is goals.result(gid(9)) is None
     goals.wait_for_result(gid(1), "b")
     goals.wait_for_result(gid(1), "gone")
     assert goals.waiting() == ["a", "b", "gone"]
@@ -107,7 +92,7 @@ def test_results_wait_for_the_end_and_are_there_at_once_afterwards() -> None:
     goals.forget_waiting(gid(1), "gone")
     goals.forget_waiting(gid(9), "gone")
     assert goals.finish(gid(1), E.SUCCEED, "result", 7) == ["a", "b"]
-    assert goals.request_result(gid(1)) == (ResultAnswer.READY, "result") and goals.waiting() == []
+    assert goals.result(gid(1)) == "result" and goals.waiting() == []
 
 
 def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
@@ -116,7 +101,7 @@ def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
     goals.finish(gid(1), E.SUCCEED, "first", 7)
     with pytest.raises(GoalTransitionError):
         goals.finish(gid(1), E.ABORT, "second", 8)
-    assert goals.request_result(gid(1)) == (ResultAnswer.READY, "first")
+    assert goals.result(gid(1)) == "first"
     with pytest.raises(UnknownGoalError):
         goals.finish(gid(2), E.ABORT, "r", 8)
     with pytest.raises(UnknownGoalError):
@@ -132,7 +117,7 @@ def test_results_are_forgotten_when_their_time_is_over() -> None:
     goals.finish(gid(1), E.SUCCEED, "r", 1000)
     assert goals.expire(1100) == [] and goals.next_expiry_ns() == 1101
     assert goals.expire(1101) == [gid(1)]
-    assert goals.request_result(gid(1))[0] is ResultAnswer.UNKNOWN
+    assert goals.status(gid(1)) is S.UNKNOWN and goals.result(gid(1)) is None
     assert goals.expire(10**9) == [] and gid(2) in goals
     assert goals.accept(gid(1), 2000) is not None
 
@@ -214,7 +199,7 @@ def test_the_answer_to_a_cancel(goal: int, agreed: list[int], ended: list[int], 
         goals.finish(gid(number), E.SUCCEED, "r", 3)
     infos = {number: GoalInfo(gid(number), number) for number in (1, 2)}
     answer = goals.answer_cancel(selection, [infos[number] for number in agreed])
-    assert answer == CancelAnswer(CancelCode(code), tuple(infos[number] for number in chosen))
+    assert answer == (code, tuple(infos[number] for number in chosen))
 
 
 def test_a_goal_named_with_a_stamp_is_one_of_many() -> None:
@@ -222,10 +207,10 @@ def test_a_goal_named_with_a_stamp_is_one_of_many() -> None:
     selection = goals.select_for_cancel(gid(5), 20)
     for number in (1, 2, 5):
         goals.apply(gid(number), E.CANCEL_GOAL)
-    assert goals.answer_cancel(selection, selection.goals) == CancelAnswer(CancelCode.NONE)
+    assert goals.answer_cancel(selection, selection.goals) == (CancelCode.NONE, ())
     only = goals.select_for_cancel(gid(3), 0)
     assert only == CancelSelection(CancelCode.GOAL_TERMINATED, by_id=True)
-    assert goals.answer_cancel(only, ()) == CancelAnswer(CancelCode.GOAL_TERMINATED)
+    assert goals.answer_cancel(only, ()) == (CancelCode.GOAL_TERMINATED, ())
 
 
 class BookAgainstModel(RuleBasedStateMachine):
@@ -274,15 +259,10 @@ class BookAgainstModel(RuleBasedStateMachine):
     @rule(goal=ids)
     def ask_result(self, goal: int) -> None:
         self.tokens += 1
-        answer, result = self.book.request_result(gid(goal))
         known = self.model.get(goal, S.UNKNOWN)
         assert self.book.status(gid(goal)) is known
-        if known is S.UNKNOWN:
-            assert answer is ResultAnswer.UNKNOWN
-        elif known.is_terminal:
-            assert answer is ResultAnswer.READY and result == self.ended[goal]
-        else:
-            assert answer is ResultAnswer.WAIT
+        assert self.book.result(gid(goal)) == (self.ended[goal] if known.is_terminal else None)
+        if known.is_active:
             self.book.wait_for_result(gid(goal), self.tokens)
             self.waiting[goal].append(self.tokens)
 
@@ -311,7 +291,8 @@ class BookAgainstModel(RuleBasedStateMachine):
 
     @invariant()
     def agree(self) -> None:
-        assert {int.from_bytes(i.goal_id, "big"): s for i, s in self.book.statuses()} == self.model
+        assert {goal: self.book.status(gid(goal)) for goal in self.model} == self.model
+        assert len(self.book) == len(self.model)
         assert ZERO_ID not in self.book
 
 
