@@ -20,8 +20,8 @@ class Floor:
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        from rosidl_py_gen.runtime.cyclone import _data_type
-        from rosidl_py_gen.runtime.environment import cyclone_xml, read_environment
+        from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
+        from rosidl_py_gen.runtime.transport.cyclone.participant import _data_type
 
         self.clayer = clayer
         qos = Qos(

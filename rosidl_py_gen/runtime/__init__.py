@@ -16,16 +16,9 @@ if TYPE_CHECKING:
         RosidlError,
         TypeNotFoundError,
     )
-    from rosidl_py_gen.runtime.action_checks import ActionArgumentError
-    from rosidl_py_gen.runtime.action_client import ActionClient
-    from rosidl_py_gen.runtime.action_goal import (
-        CancelRequest,
-        Finished,
-        GoalDecision,
-        GoalRequest,
-        ServerGoal,
-    )
-    from rosidl_py_gen.runtime.action_handle import (
+    from rosidl_py_gen.runtime.actions.checks import ActionArgumentError
+    from rosidl_py_gen.runtime.actions.client import ActionClient
+    from rosidl_py_gen.runtime.actions.client_goal import (
         ActionServerLostError,
         ActionTimeoutError,
         AlreadyTerminatedError,
@@ -34,27 +27,39 @@ if TYPE_CHECKING:
         ClientGoal,
         GoalRejectedError,
     )
-    from rosidl_py_gen.runtime.action_server import ActionServer
-    from rosidl_py_gen.runtime.arguments import RosArgumentError
-    from rosidl_py_gen.runtime.bridge import LoopMismatchError
-    from rosidl_py_gen.runtime.client import Client, WouldDeadlockError
-    from rosidl_py_gen.runtime.clock import Clock, ClockChange, ClockType, Duration, JumpHandle, Time, TimeJump
-    from rosidl_py_gen.runtime.clock_sleep import Rate
-    from rosidl_py_gen.runtime.context import Context
-    from rosidl_py_gen.runtime.environment import EnvironmentSettingError
-    from rosidl_py_gen.runtime.goal import ActionError, GoalStatus, GoalTransitionError, UnknownGoalError
-    from rosidl_py_gen.runtime.graph import EndpointType, NodeInfo, TopicEndpointInfo
-    from rosidl_py_gen.runtime.introspection import IntrospectionState
-    from rosidl_py_gen.runtime.lifecycle_node import LifecycleNode
-    from rosidl_py_gen.runtime.lifecycle_rule import Outcome, State, TransitionError
-    from rosidl_py_gen.runtime.log_file import LogFileError
-    from rosidl_py_gen.runtime.logging import LogLevelError
-    from rosidl_py_gen.runtime.memory import MemoryTransport
-    from rosidl_py_gen.runtime.node import Node
-    from rosidl_py_gen.runtime.parameter_callbacks import CallbackAnswerError
-    from rosidl_py_gen.runtime.parameter_classes import snapshot, update_parameters
-    from rosidl_py_gen.runtime.parameter_client import MalformedAnswerError
-    from rosidl_py_gen.runtime.parameter_fields import (
+    from rosidl_py_gen.runtime.actions.server import ActionServer
+    from rosidl_py_gen.runtime.actions.server_goal import (
+        CancelRequest,
+        Finished,
+        GoalDecision,
+        GoalRequest,
+        ServerGoal,
+    )
+    from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus, GoalTransitionError, UnknownGoalError
+    from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
+    from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, ForeignServiceError
+    from rosidl_py_gen.runtime.endpoints.introspection import IntrospectionState
+    from rosidl_py_gen.runtime.endpoints.publisher import Publisher
+    from rosidl_py_gen.runtime.endpoints.scope import WaitTimeoutError
+    from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest, ServiceServer
+    from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError, MessageInfo, Subscription
+    from rosidl_py_gen.runtime.endpoints.timer import Timer
+    from rosidl_py_gen.runtime.graph.state import EndpointType, NodeInfo, TopicEndpointInfo
+    from rosidl_py_gen.runtime.lifecycle.node import LifecycleNode
+    from rosidl_py_gen.runtime.lifecycle.states import Outcome, State, TransitionError
+    from rosidl_py_gen.runtime.logs.file import LogFileError
+    from rosidl_py_gen.runtime.logs.loggers import LogLevelError
+    from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+    from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError
+    from rosidl_py_gen.runtime.node.arguments import RosArgumentError
+    from rosidl_py_gen.runtime.node.context import Context
+    from rosidl_py_gen.runtime.node.environment import EnvironmentSettingError
+    from rosidl_py_gen.runtime.node.node import Node
+    from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError
+    from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError
+    from rosidl_py_gen.runtime.parameters.classes import snapshot, update_parameters
+    from rosidl_py_gen.runtime.parameters.client import MalformedAnswerError
+    from rosidl_py_gen.runtime.parameters.fields import (
         Int8,
         Int16,
         Int32,
@@ -67,8 +72,8 @@ if TYPE_CHECKING:
         UInt32,
         UInt64,
     )
-    from rosidl_py_gen.runtime.parameter_overrides import ParameterFileError
-    from rosidl_py_gen.runtime.parameter_values import (
+    from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError
+    from rosidl_py_gen.runtime.parameters.values import (
         FloatRange,
         IntRange,
         InvalidParameterName,
@@ -86,8 +91,13 @@ if TYPE_CHECKING:
         WrongParameterType,
         parameter_value,
     )
-    from rosidl_py_gen.runtime.publisher import Publisher
-    from rosidl_py_gen.runtime.qos import (
+    from rosidl_py_gen.runtime.runner import run, spin
+    from rosidl_py_gen.runtime.time.clock import Clock, ClockChange, ClockType, Duration, JumpHandle, Time, TimeJump
+    from rosidl_py_gen.runtime.time.sleep import Rate
+    from rosidl_py_gen.runtime.time.values import ClockTypeError, TimeRangeError
+    from rosidl_py_gen.runtime.transport.interface import BackendMissingError, TransportError
+    from rosidl_py_gen.runtime.transport.memory import MemoryTransport
+    from rosidl_py_gen.runtime.transport.qos import (
         Compatibility,
         CompatibilityResult,
         Durability,
@@ -98,29 +108,19 @@ if TYPE_CHECKING:
         Reliability,
         check_compatible,
     )
-    from rosidl_py_gen.runtime.remap_rules import InvalidRemapRuleError
-    from rosidl_py_gen.runtime.request import CallTimeoutError, ForeignServiceError
-    from rosidl_py_gen.runtime.runner import run, spin
-    from rosidl_py_gen.runtime.scope import WaitTimeoutError
-    from rosidl_py_gen.runtime.service import AlreadyRespondedError, ServiceRequest, ServiceServer
-    from rosidl_py_gen.runtime.subscription import CallbackInUseError, MessageInfo, Subscription
-    from rosidl_py_gen.runtime.time_values import ClockTypeError, TimeRangeError
-    from rosidl_py_gen.runtime.timer import Timer
-    from rosidl_py_gen.runtime.transport import BackendMissingError, TransportError
-    from rosidl_py_gen.runtime.type_description_service import TypeDescriptionError
 
 _HOMES = {
     ".errors": ("ClosedError", "DecodeError", "EncodeError", "InvalidNameError", "RosidlError", "TypeNotFoundError"),
-    "action_checks": ("ActionArgumentError",),
-    "action_client": ("ActionClient",),
-    "action_goal": (
+    "actions.checks": ("ActionArgumentError",),
+    "actions.client": ("ActionClient",),
+    "actions.server_goal": (
         "CancelRequest",
         "Finished",
         "GoalDecision",
         "GoalRequest",
         "ServerGoal",
     ),
-    "action_handle": (
+    "actions.client_goal": (
         "ActionServerLostError",
         "ActionTimeoutError",
         "AlreadyTerminatedError",
@@ -129,27 +129,27 @@ _HOMES = {
         "ClientGoal",
         "GoalRejectedError",
     ),
-    "action_server": ("ActionServer",),
-    "arguments": ("RosArgumentError",),
-    "bridge": ("LoopMismatchError",),
-    "client": ("Client", "WouldDeadlockError"),
-    "clock": ("Clock", "ClockChange", "ClockType", "Duration", "JumpHandle", "Time", "TimeJump"),
-    "clock_sleep": ("Rate",),
-    "context": ("Context",),
-    "environment": ("EnvironmentSettingError",),
-    "goal": ("ActionError", "GoalStatus", "GoalTransitionError", "UnknownGoalError"),
-    "graph": ("EndpointType", "NodeInfo", "TopicEndpointInfo"),
-    "introspection": ("IntrospectionState",),
-    "lifecycle_node": ("LifecycleNode",),
-    "lifecycle_rule": ("Outcome", "State", "TransitionError"),
-    "log_file": ("LogFileError",),
-    "logging": ("LogLevelError",),
-    "memory": ("MemoryTransport",),
-    "node": ("Node",),
-    "parameter_callbacks": ("CallbackAnswerError",),
-    "parameter_classes": ("snapshot", "update_parameters"),
-    "parameter_client": ("MalformedAnswerError",),
-    "parameter_fields": (
+    "actions.server": ("ActionServer",),
+    "node.arguments": ("RosArgumentError",),
+    "loop.bridge": ("LoopMismatchError",),
+    "endpoints.client": ("Client", "WouldDeadlockError"),
+    "time.clock": ("Clock", "ClockChange", "ClockType", "Duration", "JumpHandle", "Time", "TimeJump"),
+    "time.sleep": ("Rate",),
+    "node.context": ("Context",),
+    "node.environment": ("EnvironmentSettingError",),
+    "actions.states": ("ActionError", "GoalStatus", "GoalTransitionError", "UnknownGoalError"),
+    "graph.state": ("EndpointType", "NodeInfo", "TopicEndpointInfo"),
+    "endpoints.introspection": ("IntrospectionState",),
+    "lifecycle.node": ("LifecycleNode",),
+    "lifecycle.states": ("Outcome", "State", "TransitionError"),
+    "logs.file": ("LogFileError",),
+    "logs.loggers": ("LogLevelError",),
+    "transport.memory": ("MemoryTransport",),
+    "node.node": ("Node",),
+    "parameters.callbacks": ("CallbackAnswerError",),
+    "parameters.classes": ("snapshot", "update_parameters"),
+    "parameters.client": ("MalformedAnswerError",),
+    "parameters.fields": (
         "Int16",
         "Int32",
         "Int64",
@@ -162,8 +162,8 @@ _HOMES = {
         "UInt64",
         "UInt8",
     ),
-    "parameter_overrides": ("ParameterFileError",),
-    "parameter_values": (
+    "parameters.overrides": ("ParameterFileError",),
+    "parameters.values": (
         "FloatRange",
         "IntRange",
         "InvalidParameterName",
@@ -181,8 +181,8 @@ _HOMES = {
         "WrongParameterType",
         "parameter_value",
     ),
-    "publisher": ("Publisher",),
-    "qos": (
+    "endpoints.publisher": ("Publisher",),
+    "transport.qos": (
         "Compatibility",
         "CompatibilityResult",
         "Durability",
@@ -193,16 +193,16 @@ _HOMES = {
         "Reliability",
         "check_compatible",
     ),
-    "remap_rules": ("InvalidRemapRuleError",),
-    "request": ("CallTimeoutError", "ForeignServiceError"),
+    "names.remap": ("InvalidRemapRuleError",),
+    "endpoints.header": ("CallTimeoutError", "ForeignServiceError"),
     "runner": ("run", "spin"),
-    "scope": ("WaitTimeoutError",),
-    "service": ("AlreadyRespondedError", "ServiceRequest", "ServiceServer"),
-    "subscription": ("CallbackInUseError", "MessageInfo", "Subscription"),
-    "time_values": ("ClockTypeError", "TimeRangeError"),
-    "timer": ("Timer",),
-    "transport": ("BackendMissingError", "TransportError"),
-    "type_description_service": ("TypeDescriptionError",),
+    "endpoints.scope": ("WaitTimeoutError",),
+    "endpoints.server": ("AlreadyRespondedError", "ServiceRequest", "ServiceServer"),
+    "endpoints.subscription": ("CallbackInUseError", "MessageInfo", "Subscription"),
+    "time.values": ("ClockTypeError", "TimeRangeError"),
+    "endpoints.timer": ("Timer",),
+    "transport.interface": ("BackendMissingError", "TransportError"),
+    "node.type_description": ("TypeDescriptionError",),
 }
 """Module -> what it exports; what begins with a dot stands beside this package."""
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}

@@ -14,14 +14,14 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rosidl_py_gen.runtime.memory import MemoryTransport
-    from rosidl_py_gen.runtime.node import Node
+    from rosidl_py_gen.runtime.node.node import Node
+    from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
 
 @pytest.fixture
 def ros_world() -> MemoryTransport:
     """A fresh `MemoryTransport`; give it to every `Context` of the test."""
-    from rosidl_py_gen.runtime.memory import MemoryTransport
+    from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
     return MemoryTransport()
 
@@ -33,8 +33,8 @@ def ros_node(ros_world: MemoryTransport) -> Iterator[Callable[..., Node]]:
     Each node has a context of its own, as if it were another process; `args` is its command line. Nodes may be made
     before the test's event loop runs: the first use of any of them inside the loop is enough for all.
     """
-    from rosidl_py_gen.runtime.context import Context
-    from rosidl_py_gen.runtime.node import Node
+    from rosidl_py_gen.runtime.node.context import Context
+    from rosidl_py_gen.runtime.node.node import Node
 
     contexts: list[Context] = []
 

@@ -16,15 +16,15 @@ import sys
 import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
-from rosidl_py_gen.runtime.bridge import LoopMismatchError
-from rosidl_py_gen.runtime.context import Context
-from rosidl_py_gen.runtime.logging import get_root_logger
+from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.node.context import Context
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
     from types import FrameType, TracebackType
 
-    from rosidl_py_gen.runtime.node import Node
+    from rosidl_py_gen.runtime.node.node import Node
 
 T = TypeVar("T")
 

@@ -16,7 +16,7 @@ from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiAr
 
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.runtime import ForeignServiceError, Node, QoSProfile
-from rosidl_py_gen.runtime.qos import SENSOR_DATA
+from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
     from collections.abc import Callable

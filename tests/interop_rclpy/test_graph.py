@@ -11,7 +11,7 @@ from rclpy_worlds import fresh, message, service, until
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import EndpointType, Node, QoSProfile
-from rosidl_py_gen.runtime.qos import INFINITE_NS
+from rosidl_py_gen.runtime.transport.qos import INFINITE_NS
 
 STRING = "std_msgs/msg/String"
 TRIGGER = "std_srvs/srv/Trigger"

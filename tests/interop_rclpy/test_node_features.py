@@ -11,7 +11,7 @@ from rclpy_worlds import fresh, message, plain, repeated, service, until
 
 from rosidl_py_gen import from_dict, get_message, type_hash
 from rosidl_py_gen.runtime import IntrospectionState, Node, TypeDescriptionError
-from rosidl_py_gen.runtime.qos import ROSOUT, SYSTEM_DEFAULT
+from rosidl_py_gen.runtime.transport.qos import ROSOUT, SYSTEM_DEFAULT
 
 WAIT_S = 10
 LOG = "rcl_interfaces/msg/Log"

@@ -17,7 +17,8 @@ import pytest
 from rclpy_peer import Peer, PeerError
 from rclpy_worlds import action, fresh, service
 
-from rosidl_py_gen.runtime import ServerGoal, cyclone
+from rosidl_py_gen.runtime import ServerGoal
+from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 
 MINUTES = float(os.environ.get("SOAK_MINUTES", "0.4"))
 KILLED_EVERY_S = 20.0

@@ -11,7 +11,7 @@ from rclpy_worlds import digest, fresh, message, plain, random_bytes, random_val
 
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.runtime import Node, QoSProfile
-from rosidl_py_gen.runtime.qos import SENSOR_DATA
+from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -52,7 +52,7 @@ def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     for name in ("CYCLONEDDS_URI", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(sys, "argv", ["test"])
-    from rosidl_py_gen.runtime import cyclone
+    from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 
     original = cyclone.CycloneTransport.open
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 from std_msgs.msg import Int32
 
-from rosidl_py_gen.runtime.bridge import DirectSelector
+from rosidl_py_gen.runtime.loop.bridge import DirectSelector
 
 if TYPE_CHECKING:
     from .conftest import World

@@ -19,7 +19,7 @@ from std_msgs.msg import Int32
 
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
 from rosidl_py_gen.runtime import Context, Node, TransportError
-from rosidl_py_gen.runtime.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -203,7 +203,7 @@ def test_a_broken_cyclonedds_uri_is_named(uri: str) -> None:
 
 
 def test_a_full_domain_says_so(dds: World) -> None:
-    from rosidl_py_gen.runtime.cyclone_domain import _has_free_index
+    from rosidl_py_gen.runtime.transport.cyclone.domain import _has_free_index
 
     number = dds.context().domain_id
     assert _has_free_index(number)

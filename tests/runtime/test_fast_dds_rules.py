@@ -1,4 +1,5 @@
-"""The rules of `cyclone_fastdds.py`: what is replaced, when, for whom, and what happens when something is not as known.
+"""The rules of `transport/cyclone/fastdds.py`: what is replaced, when, for whom, and what happens when something is
+not as known.
 
 The peers here are our own, told to speak as Fast DDS peers do; real ones are in `tests/interop` and
 `tests/interop_rclpy`. HOOK_ROUNDS=1000 starts, stops and forks a thousand processes.
@@ -25,10 +26,12 @@ from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
 
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
-from rosidl_py_gen.runtime import ForeignServiceError, cyclone, rtps
-from rosidl_py_gen.runtime.cyclone_fastdds import FastDds
-from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
-from rosidl_py_gen.runtime.transport import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime import ForeignServiceError
+from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+from rosidl_py_gen.runtime.transport.cyclone import rtps
+from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,8 +48,9 @@ READER = -1
 """Stands for a reader of participants; no real one has that handle."""
 AS_FAST_DDS = """
 import asyncio, os, sys
-import rosidl_py_gen.runtime.client as client
-from rosidl_py_gen.runtime import Node, cyclone
+import rosidl_py_gen.runtime.endpoints.client as client
+from rosidl_py_gen.runtime import Node
+from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
 client.is_foreign = lambda guid: True  # every server is taken for one on Fast DDS
@@ -118,7 +122,7 @@ def program(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 @pytest.fixture
 def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Clients of this test take every server for one on Fast DDS, and received samples are looked into."""
-    monkeypatch.setattr("rosidl_py_gen.runtime.client.is_foreign", lambda guid: True)
+    monkeypatch.setattr("rosidl_py_gen.runtime.endpoints.client.is_foreign", lambda guid: True)
     cyclone._fast_dds.notice(READER)
     yield
     cyclone._fast_dds.forget(READER)

@@ -29,11 +29,11 @@ from rosidl_py_gen.runtime import (
     State,
     WaitTimeoutError,
 )
-from rosidl_py_gen.runtime.bridge import LoopMismatchError
-from rosidl_py_gen.runtime.late_types import MESSAGES, SERVICES, late_message_type, late_service_type
-from rosidl_py_gen.runtime.message_types import message_type, service_type
-from rosidl_py_gen.runtime.parameter_values import ParameterError
-from rosidl_py_gen.runtime.qos import ROSOUT, Durability, History, Reliability
+from rosidl_py_gen.runtime.endpoints.late_types import MESSAGES, SERVICES, late_message_type, late_service_type
+from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
+from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.parameters.values import ParameterError
+from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability
 
 from .conftest import domain_id, second_domain_id
 
@@ -260,7 +260,7 @@ async def test_what_a_node_logs_is_published_on_rosout(world: World) -> None:
 
 
 async def test_best_available_follows_the_peers_at_creation(world: World) -> None:
-    from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
+    from rosidl_py_gen.runtime.transport.qos import BEST_AVAILABLE
 
     alice, bob = world.pair()
     alice.create_publisher(String, "s", QoSProfile().best_effort())

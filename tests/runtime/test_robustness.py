@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool
 from rosidl_py_gen import compile_text
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, TransportError
-from rosidl_py_gen.runtime.qos import QoSProfile
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:
     from .conftest import World
@@ -76,7 +76,7 @@ async def test_entering_a_closed_node_of_an_open_context_is_an_error(memory: Wor
 
 
 def test_the_garbage_collector_may_close_a_node_during_a_take(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rosidl_py_gen.runtime import transport
+    from rosidl_py_gen.runtime.transport import interface as transport
 
     context = dds.context()
     node = dds.node("stays", context=context)
@@ -105,7 +105,7 @@ def test_the_garbage_collector_may_close_a_node_during_a_take(dds: World, monkey
 
 def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
     """What the garbage collector may cause in any line."""
-    from rosidl_py_gen.runtime import cyclone_endpoints
+    from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_endpoints
 
     node = dds.node("n")
     first, other = node.create_subscription(String, "first"), node.create_subscription(String, "other")

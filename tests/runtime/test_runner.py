@@ -19,7 +19,7 @@ from std_msgs.msg import Int32
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Node, run, spin
-from rosidl_py_gen.runtime.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

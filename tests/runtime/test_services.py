@@ -14,10 +14,10 @@ from std_srvs.srv import Empty, SetBool
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, WouldDeadlockError
-from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
-from rosidl_py_gen.runtime.request import add_header, split_header
-from rosidl_py_gen.runtime.service import AlreadyRespondedError, ServiceRequest
-from rosidl_py_gen.runtime.transport import EndpointFound
+from rosidl_py_gen.runtime.endpoints.header import add_header, split_header
+from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest
+from rosidl_py_gen.runtime.transport.interface import EndpointFound
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
     from .conftest import World

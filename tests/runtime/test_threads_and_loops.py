@@ -17,7 +17,7 @@ from std_srvs.srv import SetBool
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
     from .conftest import World
@@ -93,7 +93,7 @@ def test_what_was_published_between_two_loops_does_not_stop_delivery(world: Worl
 
 def test_a_client_may_be_used_on_one_loop_after_the_other(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     # A server that keeps few requests, as on rmw_cyclonedds: bursts are spread over time.
-    from rosidl_py_gen.runtime import service
+    from rosidl_py_gen.runtime.endpoints import server as service
 
     monkeypatch.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(5))
     server, caller = world.pair()
@@ -263,7 +263,7 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
 async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rosidl_py_gen.runtime import service
+    from rosidl_py_gen.runtime.endpoints import server as service
 
     monkeypatch.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
     server, caller = world.pair()

@@ -16,8 +16,9 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Int32, String
 
 from rosidl_py_gen.errors import ClosedError, EncodeError, InvalidNameError, TypeNotFoundError
-from rosidl_py_gen.runtime import QoSProfile, WaitTimeoutError, cyclone
-from rosidl_py_gen.runtime.subscription import CallbackInUseError
+from rosidl_py_gen.runtime import QoSProfile, WaitTimeoutError
+from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError
+from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 
 if TYPE_CHECKING:
     from .conftest import World

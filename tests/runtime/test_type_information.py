@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from std_msgs.msg import String
 
-from rosidl_py_gen.runtime.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
     from .conftest import World
@@ -20,7 +20,8 @@ ROOT = Path(__file__).parents[2]
 
 EARLIER_VERSION = """
 import asyncio, sys
-from rosidl_py_gen.runtime import Node, cyclone_topics
+from rosidl_py_gen.runtime import Node
+from rosidl_py_gen.runtime.transport.cyclone import topics as cyclone_topics
 
 cyclone_topics.TypeObjects._silence = lambda self, sertype: None  # as it was up to 0.1.0
 

@@ -6,12 +6,13 @@ import pytest
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
-from rosidl_py_gen.runtime import ddsnames, graph_message
-from rosidl_py_gen.runtime.cyclone_types import member_name, type_blobs
-from rosidl_py_gen.runtime.discovery import _TYPE_HASH
-from rosidl_py_gen.runtime.graph import BARE_DDS_NODE, UNKNOWN_NODE, Graph, NodeEntities
-from rosidl_py_gen.runtime.qos import DEFAULT
-from rosidl_py_gen.runtime.transport import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.graph import message as graph_message
+from rosidl_py_gen.runtime.graph.discovery import _TYPE_HASH
+from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE, Graph, NodeEntities
+from rosidl_py_gen.runtime.names import dds as ddsnames
+from rosidl_py_gen.runtime.transport.cyclone.types import member_name, type_blobs
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 PREFIX = bytes.fromhex("0110f307 0a0b0c0d 01020304")
 GUID = PREFIX + b"\0\0\1\xc1"

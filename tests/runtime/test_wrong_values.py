@@ -14,8 +14,8 @@ from std_msgs.msg import Int32
 from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.environment import EnvironmentSettingError
-from rosidl_py_gen.runtime.qos import DEFAULT, InvalidQoSError, QoSProfile, Reliability
+from rosidl_py_gen.runtime.node.environment import EnvironmentSettingError
+from rosidl_py_gen.runtime.transport.qos import DEFAULT, InvalidQoSError, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

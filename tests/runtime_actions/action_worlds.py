@@ -10,7 +10,7 @@ from typing import Any
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.environment import cyclone_xml, read_environment
+from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 

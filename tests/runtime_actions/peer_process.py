@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 from rosidl_py_gen import get_action
 from rosidl_py_gen.runtime import Context, Node
-from rosidl_py_gen.runtime.environment import cyclone_xml
-from rosidl_py_gen.runtime.parameter_fields import Range
+from rosidl_py_gen.runtime.node.environment import cyclone_xml
+from rosidl_py_gen.runtime.parameters.fields import Range
 
 Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
 

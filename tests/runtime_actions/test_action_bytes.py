@@ -6,11 +6,11 @@ from typing import Any
 
 from action_worlds import Fibonacci, World, run, until
 
-from rosidl_py_gen.runtime.ddsnames import reply_name, request_name, topic_name, type_name
-from rosidl_py_gen.runtime.message_types import service_type
-from rosidl_py_gen.runtime.node_actions import NodeActions
-from rosidl_py_gen.runtime.qos import QoSProfile
-from rosidl_py_gen.runtime.time_values import ClockType, Time
+from rosidl_py_gen.runtime.endpoints.types import service_type
+from rosidl_py_gen.runtime.names.dds import reply_name, request_name, topic_name, type_name
+from rosidl_py_gen.runtime.node.actions import NodeActions
+from rosidl_py_gen.runtime.time.values import ClockType, Time
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 GOAL_ID = bytes.fromhex("00112233445566778899aabbccddeeff")
 HEADER = "00 01 00 00"  # XCDR1, little endian

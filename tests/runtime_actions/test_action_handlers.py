@@ -16,7 +16,7 @@ import pytest
 from action_worlds import Fibonacci, World, feedback, goal, pair, result, run, until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.goal import GoalStatus
+from rosidl_py_gen.runtime.actions.states import GoalStatus
 
 S = GoalStatus
 

@@ -10,7 +10,7 @@ import pytest
 from action_worlds import Fibonacci, World, anext_of, goal, pair, result, run, until
 
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
-from rosidl_py_gen.runtime.goal import GoalStatus as S
+from rosidl_py_gen.runtime.actions.states import GoalStatus as S
 
 
 def record(monkeypatch: pytest.MonkeyPatch, server: Any) -> list[str]:

@@ -25,7 +25,7 @@ from typing_extensions import assert_type
 from rosidl_py_gen import get_action
 from rosidl_py_gen.cdr import Action
 from rosidl_py_gen.runtime import ActionClient, ActionServer, ClientGoal, GoalDecision, GoalStatus, Node, ServerGoal
-from rosidl_py_gen.runtime.action_goal import Finished
+from rosidl_py_gen.runtime.actions.server_goal import Finished
 
 node = Node("n")
 """

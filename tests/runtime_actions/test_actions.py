@@ -30,7 +30,7 @@ from rosidl_py_gen.runtime import (
     UnknownGoalError,
     WouldDeadlockError,
 )
-from rosidl_py_gen.runtime.qos import ACTION_STATUS
+from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 
 S = GoalStatus
 

@@ -15,7 +15,7 @@ from peer_process import Fibonacci, open_context
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import ActionServerLostError, GoalStatus, Node
-from rosidl_py_gen.runtime.parameters import SetResult
+from rosidl_py_gen.runtime.parameters.store import SetResult
 
 
 @pytest.fixture

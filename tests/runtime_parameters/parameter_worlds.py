@@ -8,7 +8,7 @@ from collections.abc import Callable, Coroutine
 from typing import Any
 
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.environment import cyclone_xml, read_environment
+from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
 
 DOMAIN = 181 + os.getpid() % 50
 """Of this test process alone, so that parallel runs do not see each other."""

@@ -19,7 +19,7 @@ from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     GetState,
 )
 from rosidl_py_gen.runtime import Context, LifecycleNode
-from rosidl_py_gen.runtime.lifecycle_rule import Outcome, State, TransitionError
+from rosidl_py_gen.runtime.lifecycle.states import Outcome, State, TransitionError
 
 
 class Managed(LifecycleNode):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from parameter_worlds import World, run, until
 
-from rosidl_py_gen.runtime.ddsnames import reply_name, request_name
-from rosidl_py_gen.runtime.parameter_values import ParameterNotDeclared
-from rosidl_py_gen.runtime.qos import QoSProfile
-from rosidl_py_gen.runtime.time_values import ClockType, Time
+from rosidl_py_gen.runtime.names.dds import reply_name, request_name
+from rosidl_py_gen.runtime.parameters.values import ParameterNotDeclared
+from rosidl_py_gen.runtime.time.values import ClockType, Time
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 HEADER = "00 01 00 00"
 DEEP = QoSProfile().keep_all()

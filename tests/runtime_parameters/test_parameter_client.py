@@ -12,8 +12,9 @@ import pytest
 from parameter_worlds import World, run
 
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.parameter_overrides import ParameterFileError
-from rosidl_py_gen.runtime.parameter_values import (
+from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError
+from rosidl_py_gen.runtime.parameters.store import SetResult
+from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterName,
     InvalidParameterValue,
     Parameter,
@@ -22,7 +23,6 @@ from rosidl_py_gen.runtime.parameter_values import (
     ParameterType,
     parameter_value,
 )
-from rosidl_py_gen.runtime.parameters import SetResult
 
 T = ParameterType
 OK = SetResult(True)

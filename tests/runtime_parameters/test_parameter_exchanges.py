@@ -16,8 +16,8 @@ from rosidl_py_gen.runtime import (
     SetResult,
     parameter_value,
 )
-from rosidl_py_gen.runtime.ddsnames import reply_name, request_name
-from rosidl_py_gen.runtime.parameter_client import ParameterClient
+from rosidl_py_gen.runtime.names.dds import reply_name, request_name
+from rosidl_py_gen.runtime.parameters.client import ParameterClient
 
 DEEP = QoSProfile().keep_all()
 AB = "03 00 00 00  61 62 00"  # "ab" with its NUL

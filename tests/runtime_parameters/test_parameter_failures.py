@@ -10,8 +10,8 @@ import pytest
 from parameter_worlds import World, run
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import SetParametersResult
-from rosidl_py_gen.runtime.parameter_values import InvalidParameterValue, Parameter, parameter_value
-from rosidl_py_gen.runtime.parameters import CallbackAnswerError, SetResult
+from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, SetResult
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValue, Parameter, parameter_value
 
 
 def reciprocal(value: int) -> str | None:

@@ -6,8 +6,8 @@ import pytest
 from parameter_worlds import World, run, until
 
 from rosidl_py_gen.runtime import Durability, History, QoSProfile, Reliability
-from rosidl_py_gen.runtime.ddsnames import reply_name, request_name
-from rosidl_py_gen.runtime.qos import PARAMETER_EVENTS, PARAMETERS
+from rosidl_py_gen.runtime.names.dds import reply_name, request_name
+from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 SERVICES = [
     "describe_parameters",

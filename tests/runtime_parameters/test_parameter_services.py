@@ -17,14 +17,15 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterValue as ValueMessage
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters, SetParameters
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.parameter_fields import Range
-from rosidl_py_gen.runtime.parameter_messages import (
+from rosidl_py_gen.runtime.parameters.fields import Range
+from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_from_message,
     descriptor_to_message,
     value_from_message,
     value_to_message,
 )
-from rosidl_py_gen.runtime.parameter_values import (
+from rosidl_py_gen.runtime.parameters.store import SetResult
+from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
     InvalidParameterValue,
@@ -36,7 +37,6 @@ from rosidl_py_gen.runtime.parameter_values import (
     WrongParameterType,
     parameter_value,
 )
-from rosidl_py_gen.runtime.parameters import SetResult
 
 SERVICES = [
     "describe_parameters",

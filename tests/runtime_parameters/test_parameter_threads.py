@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from parameter_worlds import World, run, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
-from rosidl_py_gen.runtime.parameter_classes import snapshot, update_parameters
-from rosidl_py_gen.runtime.stream import Stream
+from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.parameters.classes import snapshot, update_parameters
 
 
 @dataclass

@@ -11,7 +11,7 @@ import pytest
 from parameter_worlds import World, run, until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.clock import Clock, ClockType, ClockTypeError, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.time.clock import Clock, ClockType, ClockTypeError, Duration, Time, TimeRangeError
 
 
 def ros(seconds: float) -> Time:

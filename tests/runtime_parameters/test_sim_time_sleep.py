@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from parameter_worlds import World, run, until
 
-from rosidl_py_gen.runtime.clock import Clock, ClockType, ClockTypeError, Duration, Time, TimeRangeError
-from rosidl_py_gen.runtime.clock_sleep import Rate
-from rosidl_py_gen.runtime.memory import MemoryTransport
+from rosidl_py_gen.runtime.time.clock import Clock, ClockType, ClockTypeError, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.time.sleep import Rate
+from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
 STEPS = 5
 """Rounds of the event loop after which whoever can go on has gone on."""

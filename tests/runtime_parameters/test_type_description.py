@@ -16,10 +16,11 @@ from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
-from rosidl_py_gen.runtime import CallTimeoutError, type_description_service
-from rosidl_py_gen.runtime.ddsnames import endpoint_user_data, reply_name
-from rosidl_py_gen.runtime.qos import QoSProfile
-from rosidl_py_gen.runtime.type_description_service import TypeDescriptionError
+from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name
+from rosidl_py_gen.runtime.node import type_description as type_description_service
+from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 Foo: Any = compile_text("my_pkg/msg/Foo", "int32 x")
 Ask: Any = compile_text("my_pkg/srv/Ask", "string question\n---\nint8 answer")

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime import Context, MemoryTransport
-from rosidl_py_gen.runtime.arguments import RosArgumentError, RosArguments, parse_arguments
-from rosidl_py_gen.runtime.parameter_values import parameter_value
-from rosidl_py_gen.runtime.remap_rules import RemapKind
+from rosidl_py_gen.runtime.names.remap import RemapKind
+from rosidl_py_gen.runtime.node.arguments import RosArgumentError, RosArguments, parse_arguments
+from rosidl_py_gen.runtime.parameters.values import parameter_value
 
 FILES = {
     "a.yaml": "/**: {ros__parameters: {x: 1, y: from file}}",

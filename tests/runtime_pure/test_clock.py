@@ -6,7 +6,7 @@ import logging
 
 import pytest
 
-from rosidl_py_gen.runtime.clock import (
+from rosidl_py_gen.runtime.time.clock import (
     Clock,
     ClockChange,
     ClockType,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.environment import (
+from rosidl_py_gen.runtime.node.environment import (
     DiscoveryRange,
     DomainSettings,
     EnvironmentSettingError,

@@ -9,7 +9,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from rosidl_py_gen.runtime.goal import (
+from rosidl_py_gen.runtime.actions.states import (
     ZERO_ID,
     CancelCode,
     CancelSelection,

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from rosidl_py_gen.runtime.lifecycle_rule import (
+from rosidl_py_gen.runtime.lifecycle.states import (
     TRANSITIONS,
     Outcome,
     State,

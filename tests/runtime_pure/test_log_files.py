@@ -12,8 +12,7 @@ from pathlib import Path
 import pytest
 
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.arguments import parse_arguments
-from rosidl_py_gen.runtime.log_file import (
+from rosidl_py_gen.runtime.logs.file import (
     LogFile,
     LogFileError,
     log_file_is_wanted,
@@ -21,7 +20,8 @@ from rosidl_py_gen.runtime.log_file import (
     log_folder,
     program_prefix,
 )
-from rosidl_py_gen.runtime.logging import get_logger, get_root_logger
+from rosidl_py_gen.runtime.logs.loggers import get_logger, get_root_logger
+from rosidl_py_gen.runtime.node.arguments import parse_arguments
 
 OpenNode = Callable[..., Node]
 

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 import pytest
 
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.runtime import log_console
-from rosidl_py_gen.runtime.log_console import ConsoleHandler, ConsoleSettings, format_record, read_console_environment
-from rosidl_py_gen.runtime.logging import (
+from rosidl_py_gen.runtime.logs import console as log_console
+from rosidl_py_gen.runtime.logs.console import ConsoleHandler, ConsoleSettings, format_record, read_console_environment
+from rosidl_py_gen.runtime.logs.loggers import (
     DEBUG,
     ERROR,
     FATAL,
@@ -32,7 +32,7 @@ from rosidl_py_gen.runtime.logging import (
     ros_level,
     set_logger_level,
 )
-from rosidl_py_gen.runtime.rosout import LogFields, RosoutRouter, log_fields, shared_router
+from rosidl_py_gen.runtime.logs.rosout import LogFields, RosoutRouter, log_fields, shared_router
 
 
 class Catcher(python_logging.Handler):

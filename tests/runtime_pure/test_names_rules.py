@@ -7,7 +7,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.runtime.names_rules import (
+from rosidl_py_gen.runtime.names.remap import (
+    InvalidRemapRuleError,
+    NodeNames,
+    RemapKind,
+    RemapRule,
+    parse_remap_rule,
+)
+from rosidl_py_gen.runtime.names.rules import (
     expand_name,
     is_hidden,
     normalize_namespace,
@@ -15,13 +22,6 @@ from rosidl_py_gen.runtime.names_rules import (
     validate_full_name,
     validate_name,
     validate_node_name,
-)
-from rosidl_py_gen.runtime.remap_rules import (
-    InvalidRemapRuleError,
-    NodeNames,
-    RemapKind,
-    RemapRule,
-    parse_remap_rule,
 )
 
 

@@ -10,14 +10,14 @@ from typing import Annotated, Any
 
 import pytest
 
-from rosidl_py_gen.runtime.parameter_classes import bind_class, update_parameters
-from rosidl_py_gen.runtime.parameter_values import (
+from rosidl_py_gen.runtime.parameters.classes import bind_class, update_parameters
+from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValue,
     Parameter,
     ParameterDescriptor,
     parameter_value,
 )
-from rosidl_py_gen.runtime.parameters import CallbackAnswerError, ParameterEvent, ParameterStore, SetResult
 
 OK = SetResult(True)
 

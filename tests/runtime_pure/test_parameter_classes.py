@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from rosidl_py_gen.runtime.parameter_classes import bind_class, snapshot, update_parameters
-from rosidl_py_gen.runtime.parameter_fields import (
+from rosidl_py_gen.runtime.parameters.classes import bind_class, snapshot, update_parameters
+from rosidl_py_gen.runtime.parameters.fields import (
     Int8,
     ParameterClassError,
     Range,
@@ -21,7 +21,8 @@ from rosidl_py_gen.runtime.parameter_fields import (
     UInt64,
     plan_class,
 )
-from rosidl_py_gen.runtime.parameter_values import (
+from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
     InvalidParameterValue,
@@ -33,7 +34,6 @@ from rosidl_py_gen.runtime.parameter_values import (
     WrongParameterType,
     parameter_value,
 )
-from rosidl_py_gen.runtime.parameters import ParameterEvent, ParameterStore, SetResult
 
 T = ParameterType
 

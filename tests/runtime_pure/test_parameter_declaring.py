@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import pytest
 
-from rosidl_py_gen.runtime.parameter_classes import bind_class
-from rosidl_py_gen.runtime.parameter_values import (
+from rosidl_py_gen.runtime.parameters.classes import bind_class
+from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValue,
     Parameter,
     ParameterDescriptor,
     ParameterType,
     parameter_value,
 )
-from rosidl_py_gen.runtime.parameters import ParameterEvent, ParameterStore, SetResult
 
 
 def p(name: str, value: object = None) -> Parameter:

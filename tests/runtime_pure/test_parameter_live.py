@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.runtime.parameter_classes import bind_class, snapshot, update_parameters
-from rosidl_py_gen.runtime.parameter_values import InvalidParameterValue, Parameter, parameter_value
-from rosidl_py_gen.runtime.parameters import ParameterStore
+from rosidl_py_gen.runtime.parameters.classes import bind_class, snapshot, update_parameters
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValue, Parameter, parameter_value
 
 
 @dataclass

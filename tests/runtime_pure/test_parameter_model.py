@@ -8,7 +8,8 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from rosidl_py_gen.runtime.parameter_values import (
+from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
     InvalidParameterValue,
@@ -21,7 +22,6 @@ from rosidl_py_gen.runtime.parameter_values import (
     ParameterValue,
     parameter_value,
 )
-from rosidl_py_gen.runtime.parameters import ParameterEvent, ParameterStore, SetResult
 
 VALUES = st.one_of(
     st.none(),

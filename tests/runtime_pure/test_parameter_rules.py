@@ -6,13 +6,13 @@ import math
 
 import pytest
 
-from rosidl_py_gen.runtime.parameter_rules import (
+from rosidl_py_gen.runtime.parameters.rules import (
     descriptor_problem,
     float_range_problem,
     integer_range_problem,
     list_names,
 )
-from rosidl_py_gen.runtime.parameter_values import (
+from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
     Parameter,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rosidl_py_gen.runtime.parameter_values import (
+from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
     INT64_MIN,
     InvalidParameterValue,

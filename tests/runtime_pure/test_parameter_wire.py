@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from rosidl_py_gen.errors import DecodeError, EncodeError
 from rosidl_py_gen.msgs.rcl_interfaces import srv
-from rosidl_py_gen.runtime.parameter_messages import from_message, result_to_message, to_message
-from rosidl_py_gen.runtime.parameter_values import Parameter, ParameterType, ParameterValue, SetResult, parameter_value
-from rosidl_py_gen.runtime.parameter_wire import SETTING, parse_simple_request, set_service_type, simple_request
+from rosidl_py_gen.runtime.parameters.messages import from_message, result_to_message, to_message
+from rosidl_py_gen.runtime.parameters.values import Parameter, ParameterType, ParameterValue, SetResult, parameter_value
+from rosidl_py_gen.runtime.parameters.wire import SETTING, parse_simple_request, set_service_type, simple_request
 
 TEXTS = st.text(st.characters(codec="utf-8"), max_size=12)
 SIMPLE = st.one_of(st.booleans(), st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False), TEXTS, st.none())

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.parameter_overrides import NodeParameters, ParameterFileError, overrides_for
-from rosidl_py_gen.runtime.parameter_values import ParameterType, ParameterValue, parameter_value
-from rosidl_py_gen.runtime.parameter_yaml import (
+from rosidl_py_gen.runtime.parameters.files import (
     dump_parameters,
     parse_parameter_file,
     parse_parameter_value,
     plain_scalar,
 )
+from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError, overrides_for
+from rosidl_py_gen.runtime.parameters.values import ParameterType, ParameterValue, parameter_value
 
 T = ParameterType
 

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 
 import pytest
 
-from rosidl_py_gen.runtime.parameter_callbacks import Refused
-from rosidl_py_gen.runtime.parameter_values import (
+from rosidl_py_gen.runtime.parameters.callbacks import Refused
+from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
     InvalidParameterName,
@@ -23,7 +24,6 @@ from rosidl_py_gen.runtime.parameter_values import (
     WrongParameterType,
     parameter_value,
 )
-from rosidl_py_gen.runtime.parameters import ParameterEvent, ParameterStore, SetResult
 
 DYNAMIC = ParameterDescriptor(dynamic_typing=True)
 OK = SetResult(True)

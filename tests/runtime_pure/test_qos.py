@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from rosidl_py_gen.runtime import qos
-from rosidl_py_gen.runtime.qos import (
+from rosidl_py_gen.runtime.transport import qos
+from rosidl_py_gen.runtime.transport.qos import (
     BEST_AVAILABLE,
     DEFAULT,
     INFINITE_NS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 
-from rosidl_py_gen.runtime.request_line import RequestLine
+from rosidl_py_gen.runtime.endpoints.window import RequestLine
 
 
 def test_the_next_burst_begins_when_the_last_one_is_answered() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from rosidl_py_gen.runtime.parameter_values import Parameter, parameter_value
-from rosidl_py_gen.runtime.sim_time_rule import SimTimeRule, SimTimeStep, check_use_sim_time
+from rosidl_py_gen.runtime.node.sim_time import SimTimeRule, SimTimeStep, check_use_sim_time
+from rosidl_py_gen.runtime.parameters.values import Parameter, parameter_value
 
 
 def p(value: object, name: str = "use_sim_time") -> Parameter:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatus, GoalStatusArray
-from rosidl_py_gen.runtime.action_status import StatusRows, find_status
+from rosidl_py_gen.runtime.actions.status import StatusRows, find_status
 
 IDS = st.lists(st.binary(min_size=16, max_size=16), unique=True, max_size=6)
 

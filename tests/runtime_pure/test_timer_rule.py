@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
-from rosidl_py_gen.runtime.time_values import Duration, TimeRangeError
-from rosidl_py_gen.runtime.timer_rule import TimerRule, period_to_ns
+from rosidl_py_gen.runtime.time.schedule import TimerRule, period_to_ns
+from rosidl_py_gen.runtime.time.values import Duration, TimeRangeError
 
 
 def test_due_times_stay_on_the_grid_although_calls_are_late() -> None:

@@ -1,0 +1,4 @@
+"""Actions: goals, their states, the server and the client.
+
+May import: endpoints and the rooms below.
+"""

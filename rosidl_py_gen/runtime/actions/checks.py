@@ -1,0 +1,79 @@
+"""What may be given to the public functions of actions, and what is said about everything else.
+
+Decides which special values mean something: an infinite time is "for ever", all zeros are no goal id and no stamp,
+because on the wire they select every goal (protocol.md 8.4).
+"""
+
+from __future__ import annotations
+
+from numbers import Integral, Real
+from typing import Any
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.loop.callbacks import require_callable
+from rosidl_py_gen.runtime.time.values import Time
+
+_ID_BYTES = 16
+_ALL = "all zeros select every goal; use cancel_all() for that"
+
+
+class ActionArgumentError(RosidlError, ValueError):
+    """The caller gave an action a value it cannot work with; the message names the argument."""
+
+
+def require_seconds(name: str, value: float) -> float:
+    """0 or more seconds; infinity is allowed. Raises `TypeError`, `ActionArgumentError`."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise TypeError(f"{name} must be a number of seconds, got {value!r:.100}")
+    seconds = float(value)
+    if not seconds >= 0:
+        raise ActionArgumentError(f"{name} must be 0 or more seconds (math.inf means for ever), got {value!r}")
+    return seconds
+
+
+def require_depth(name: str, value: int) -> int:
+    """1 or more. Raises `TypeError`, `ActionArgumentError`."""
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise TypeError(f"{name} must be an int, got {value!r:.100}")
+    if value < 1:
+        raise ActionArgumentError(f"{name} must be 1 or more, got {value!r}")
+    return int(value)
+
+
+def require_goal_id(goal_id: bytes) -> bytes:
+    """16 bytes that are not all zero. Raises `TypeError`, `ActionArgumentError`."""
+    if not isinstance(goal_id, bytes | bytearray):
+        raise TypeError(f"goal_id must be 16 bytes (uuid.UUID has them in its attribute bytes), got {goal_id!r:.100}")
+    if len(goal_id) != _ID_BYTES:
+        raise ActionArgumentError(f"goal_id must be 16 bytes, got {len(goal_id)}: {goal_id.hex()[:64]}")
+    if not any(goal_id):
+        raise ActionArgumentError(f"goal_id must not be 16 zero bytes: {_ALL}")
+    return bytes(goal_id)
+
+
+def require_stamp(stamp: Any) -> Time:
+    """A `Time`, or a message with sec and nanosec, that is not zero. Raises `TypeError`, `ActionArgumentError`."""
+    if not isinstance(stamp, Time):
+        if not all(isinstance(getattr(stamp, part, None), Integral) for part in ("sec", "nanosec")):
+            raise TypeError(f"stamp must be a Time or a builtin_interfaces/Time message, got {stamp!r:.100}")
+        stamp = Time.from_msg(stamp)
+    moment: Time = stamp
+    if moment.nanoseconds == 0:
+        raise ActionArgumentError(f"stamp must not be zero, as ROS time is before the first /clock: {_ALL}")
+    return moment
+
+
+_POLICIES = ("parallel", "reject", "preempt", "queue")
+
+
+def require_server_options(action: str, execute: object, accept: object, on_cancel: object, policy: object) -> None:
+    """Raise `TypeError` or `ValueError` for what an action server cannot be made of, before anything is."""
+    for callback, name in ((execute, "execute"), (accept, "accept"), (on_cancel, "on_cancel")):
+        require_callable(callback, f"{name} of action {action}")
+    if accept is not None and execute is None:
+        raise TypeError(
+            f"accept of action {action} needs execute too, else nobody serves the goals it accepts; without execute, "
+            "iterate over the server and answer each request: async for request in server"
+        )
+    if policy not in _POLICIES:
+        raise ValueError(f"policy must be one of {', '.join(_POLICIES)}, got {policy!r}")

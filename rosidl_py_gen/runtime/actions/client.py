@@ -1,0 +1,323 @@
+"""Action clients: send goals, follow them, cancel them.
+
+Decides that everything about a goal is remembered from before it is sent (feedback may overtake the acceptance) until
+its result is in, that a goal is sent only when all five endpoints of a server are connected, so that its feedback finds
+us, and that the result is asked for as soon as the goal is accepted. What happens when the server goes away is
+`action_results.py`'s.
+
+Source: protocol.md 8.1, 8.4, 8.5.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import uuid
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
+from rosidl_py_gen.runtime.actions.checks import (
+    ActionArgumentError,
+    require_depth,
+    require_goal_id,
+    require_seconds,
+    require_stamp,
+)
+from rosidl_py_gen.runtime.actions.client_goal import (
+    ActionTimeoutError,
+    AlreadyTerminatedError,
+    CancelError,
+    CancelRejectedError,
+    ClientGoal,
+    GoalRejectedError,
+)
+from rosidl_py_gen.runtime.actions.results import ResultClient
+from rosidl_py_gen.runtime.actions.states import ZERO_ID, CancelCode, GoalStatus, UnknownGoalError
+from rosidl_py_gen.runtime.actions.status import find_status
+from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
+from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
+from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
+from rosidl_py_gen.runtime.endpoints.scope import require_timeout
+from rosidl_py_gen.runtime.endpoints.subscription import Subscription
+from rosidl_py_gen.runtime.endpoints.types import raw_type
+from rosidl_py_gen.runtime.time.values import Time
+from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+    from rosidl_py_gen.cdr import Action
+    from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, GoalT
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.time.values import SecNanosec
+
+T = TypeVar("T")
+
+
+class ActionClient(Generic[ActionT_co]):
+    """Made by `create_action_client`."""
+
+    def __init__(
+        self,
+        scope: Scope,
+        action_type: ActionType,
+        names: ActionNames,
+        run: Callable[[Coroutine[Any, Any, Any]], Any],
+        *,
+        feedback_depth: int,
+        server_lost_after_s: float,
+    ) -> None:
+        self._feedback_depth = require_depth("feedback_depth", feedback_depth)
+        lost_after_s = require_seconds("server_lost_after_s", server_lost_after_s)
+        self.name = names.action
+        """Fully qualified name of the action."""
+        self.action_type = action_type.ros_name
+        """``pkg/action/Name``."""
+        self._scope = scope
+        self._type = action_type
+        self._run = run
+        self._closed = False
+        self._available = False
+        self._checked_version = -1
+        self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
+        # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
+        # know who wants the feedback. Feedback is kept until it is sorted: the queue is shared by all goals, each has
+        # its own depth.
+        self._feedback: Subscription[Any] = Subscription(
+            scope, action_type.feedback_message, names.feedback, self._on_feedback, carrier_qos(DEFAULT)
+        )
+        self._status: Subscription[bytes] = Subscription(
+            scope, raw_type(action_type.status), names.status, self._on_status, ACTION_STATUS
+        )
+        self._send: Client[Any, Any] = Client(scope, action_type.send_goal, names.send_goal, SERVICES_DEFAULT, run)
+        self._cancel: Client[Any, Any] = Client(scope, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT, run)
+        self._result = ResultClient(scope, action_type.get_result, names.get_result, run, lost_after_s)
+
+    # ------------------------------------------------------------------------------------------------ availability
+
+    def server_is_available(self) -> bool:
+        """Whether a server is connected: three services and both topics.
+
+        Raises:
+            ForeignServiceError: the only servers are Fast DDS ones.
+            ClosedError: the client is closed.
+        """
+        self._scope.require_open(self._closed, f"the action client of {self.name}")
+        self._scope.discovery.refresh()
+        return self._is_available()
+
+    def _is_available(self) -> bool:
+        version = self._scope.graph.version
+        if not self._available or version != self._checked_version:
+            self._available = not self._missing()
+            self._checked_version = version
+        return self._available
+
+    def _missing(self) -> list[str]:
+        """The names of what no server is connected at."""
+        services = (self._send, self._cancel, self._result)
+        missing = [client.name for client in services if not client.service_is_available()]
+        return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
+
+    async def wait_for_server(self, timeout_s: float | None = None) -> bool:
+        """Wait until a server is connected; False when the time passed. Raises as `server_is_available`."""
+        return await self._scope.wait_until(self._is_available, timeout_s, lambda: self._closed)
+
+    # ------------------------------------------------------------------------------------------------------- goals
+
+    async def send_goal(
+        self: ActionClient[Action[GoalT, Any, Any]],
+        goal: GoalT,
+        timeout_s: float | None = None,
+        *,
+        goal_id: bytes | None = None,
+    ) -> ClientGoal[ActionT_co]:
+        """Send a goal and wait until it is accepted; a server that is not there yet is waited for.
+
+        Args:
+            goal_id: 16 bytes, not all zero; None makes a random UUID.
+
+        Raises:
+            GoalRejectedError: the server does not want it.
+            ActionTimeoutError: no answer in `timeout_s` seconds; a `TimeoutError`.
+            EncodeError, TypeError: the goal does not fit its type.
+            ActionArgumentError: no goal id, or one of a goal of this client that has not ended.
+            ForeignServiceError, ClosedError.
+        """
+        self._scope.require_open(self._closed, f"the action client of {self.name}")
+        require_timeout(timeout_s)
+        request = self._type.cls.SendGoal.Request()
+        goal_id = uuid.uuid4().bytes if goal_id is None else require_goal_id(goal_id)
+        if goal_id in self._goals:
+            raise ActionArgumentError(f"goal_id {goal_id.hex()} belongs to a goal of this client that has not ended")
+        request.goal_id.uuid = goal_id
+        request.goal = self._type.goal.to_message(goal)
+        handle: ClientGoal[Any] = ClientGoal(self, goal_id, goal, self._feedback_depth)
+        self._goals[goal_id] = handle
+        try:
+            response = await self._call_send_goal(request, timeout_s)
+            if not response.accepted:
+                raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
+            handle.accepted(Time.from_msg(response.stamp))
+            self._ask_result(handle)
+        except BaseException:
+            self._goals.pop(goal_id, None)
+            raise
+        return handle
+
+    async def _call_send_goal(self, request: Any, timeout_s: float | None) -> Any:
+        loop = self._scope.bridge.running_loop()
+        started_s = loop.time()
+        if not self._is_available():
+            request._encode()  # a goal that does not fit is refused before anybody is waited for
+            if not await self.wait_for_server(timeout_s):
+                raise ActionTimeoutError(
+                    f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at "
+                    f"{', '.join(self._missing())}"
+                )
+        left_s = None if timeout_s is None else timeout_s - (loop.time() - started_s)
+        try:
+            return await self._send.call(request, left_s)
+        except CallTimeoutError as error:
+            raise ActionTimeoutError(f"goal not answered by action {self.name} in {timeout_s} s") from error
+
+    def send_goal_sync(
+        self: ActionClient[Action[GoalT, Any, Any]],
+        goal: GoalT,
+        timeout_s: float | None = None,
+        *,
+        goal_id: bytes | None = None,
+    ) -> ClientGoal[ActionT_co]:
+        """`send_goal` for plain code: from a script without event loop, or from another thread than the loop's.
+
+        The handle has `result_sync` and `cancel_sync`. Raises `WouldDeadlockError` inside the loop, else as
+        `send_goal`.
+        """
+        coroutine: Coroutine[Any, Any, Any] = self.send_goal(goal, timeout_s, goal_id=goal_id)
+        handle: ClientGoal[ActionT_co] = self.run_sync(coroutine)
+        return handle
+
+    def run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine of this client from plain code; see `send_goal_sync`."""
+        if self._scope.bridge.in_loop_thread() or asyncio._get_running_loop() is not None:
+            coroutine.close()
+            raise WouldDeadlockError(
+                f"a waiting call on action {self.name} from inside the event loop would wait for ever; use 'await' in "
+                "an async function, or call it from another thread"
+            )
+        done: T = self._run(coroutine)
+        return done
+
+    # ------------------------------------------------------------------------------------------------------ result
+
+    def _ask_result(self, handle: ClientGoal[Any]) -> None:
+        request = self._type.cls.GetResult.Request()
+        request.goal_id.uuid = handle.goal_id
+
+        def tell(response: Any) -> None:
+            self._take_feedback()
+            self._result_arrived(handle, response)
+
+        def fail(error: BaseException) -> None:
+            self._goals.pop(handle.goal_id, None)
+            handle.failed(error)
+
+        self._result.ask(request, tell, fail)
+
+    def _result_arrived(self, handle: ClientGoal[Any], response: Any) -> None:
+        self._goals.pop(handle.goal_id, None)
+        try:
+            status = GoalStatus(response.status)
+            if status is GoalStatus.UNKNOWN:
+                raise UnknownGoalError(f"action server {self.name} does not know goal {handle.goal_id.hex()} any more")
+            handle.finished(status, self._type.result.to_value(response.result))
+        except Exception as error:
+            handle.failed(error)
+
+    # ------------------------------------------------------------------------------------------------------ cancel
+
+    async def cancel_goal(self, goal_id: bytes, timeout_s: float | None = None) -> None:
+        """Ask to cancel one goal, which may be another client's; see `ClientGoal.cancel`.
+
+        Raises:
+            ActionArgumentError: no goal id. Else as `ClientGoal.cancel`.
+        """
+        goal_id = require_goal_id(goal_id)
+        code, canceling = await self._ask_cancel(goal_id, None, timeout_s)
+        if code == CancelCode.UNKNOWN_GOAL_ID:
+            raise UnknownGoalError(f"action server {self.name} does not know goal {goal_id.hex()}")
+        if code == CancelCode.GOAL_TERMINATED:
+            raise AlreadyTerminatedError(
+                f"goal {goal_id.hex()} of action {self.name} has ended or is being cancelled already"
+            )
+        # rclpy servers answer 0 with an empty list when they refuse.
+        if code == CancelCode.REJECTED or (code == CancelCode.NONE and goal_id not in canceling):
+            raise CancelRejectedError(f"action server {self.name} refused to cancel goal {goal_id.hex()}")
+        if code != CancelCode.NONE:
+            raise CancelError(f"action server {self.name} answered a cancel with the unknown code {code}")
+
+    async def cancel_all(self, timeout_s: float | None = None) -> list[bytes]:
+        """Ask to cancel every goal of the server, other clients' too; returns the ids being cancelled.
+
+        Raises:
+            CancelRejectedError: there were goals, and the server refused for all of them.
+            ActionTimeoutError, ClosedError.
+        """
+        return await self._cancel_many(None, timeout_s)
+
+    async def cancel_before(self, stamp: Time | SecNanosec, timeout_s: float | None = None) -> list[bytes]:
+        """Ask to cancel every goal accepted at `stamp` or before; returns and raises as `cancel_all`.
+
+        Raises:
+            ActionArgumentError: `stamp` is zero, which would mean all. TypeError: it is no time.
+        """
+        return await self._cancel_many(require_stamp(stamp), timeout_s)
+
+    async def _cancel_many(self, stamp: Time | None, timeout_s: float | None) -> list[bytes]:
+        code, canceling = await self._ask_cancel(ZERO_ID, stamp, timeout_s)
+        if code == CancelCode.REJECTED:
+            raise CancelRejectedError(f"action server {self.name} refused to cancel any goal")
+        if code != CancelCode.NONE:
+            raise CancelError(f"action server {self.name} answered a cancel with code {code}")
+        return canceling
+
+    async def _ask_cancel(self, goal_id: bytes, stamp: Time | None, timeout_s: float | None) -> tuple[int, list[bytes]]:
+        request = CancelGoal_Request()
+        request.goal_info.goal_id.uuid = goal_id  # type: ignore[assignment]  # bytes are welcome in a uint8 array
+        if stamp is not None:
+            set_stamp(request.goal_info, stamp.nanoseconds)
+        try:
+            response = await self._cancel.call(request, timeout_s)
+        except CallTimeoutError as error:
+            raise ActionTimeoutError(f"cancel not answered by action {self.name}: {error}") from error
+        return int(response.return_code), [goal_id_of(info) for info in response.goals_canceling]
+
+    # ------------------------------------------------------------------------------------------------------ topics
+
+    def _on_feedback(self, message: Any) -> None:
+        handle = self._goals.get(goal_id_of(message))
+        if handle is not None:
+            handle.feedback_arrived(self._type.feedback.to_value(message.feedback))
+
+    def _take_feedback(self) -> None:
+        """Deliver the feedback that is here already: another reader's, perhaps not looked at before the next wait."""
+        self._feedback._reader.fetch()
+        self._feedback._on_data()
+
+    def _on_status(self, data: bytes) -> None:
+        for goal_id, handle in self._goals.items():
+            status = find_status(data, goal_id)
+            if status is not None:
+                handle.status_arrived(status)
+
+    def close(self) -> None:
+        """Let go of all goals: whoever waits gets `ClosedError`, feedback ends. May be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self._scope.disown(self)
+        for handle in list(self._goals.values()):
+            handle.failed(ClosedError(f"the action client of {self.name} was closed"))
+        self._goals.clear()
+        for endpoint in (self._send, self._cancel, self._result, self._feedback, self._status):
+            endpoint.close()

@@ -1,0 +1,175 @@
+"""One goal as the action client that sent it sees it, and what can go wrong with it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
+from rosidl_py_gen.runtime.actions.types import ActionT_co
+from rosidl_py_gen.runtime.endpoints.scope import require_timeout
+from rosidl_py_gen.runtime.loop.latch import Latch
+from rosidl_py_gen.runtime.loop.stream import Stream
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
+    from rosidl_py_gen.cdr import Action
+    from rosidl_py_gen.runtime.actions.types import FeedbackT, GoalT, ResultT
+    from rosidl_py_gen.runtime.time.values import Time
+
+T = TypeVar("T")
+
+_STATUSES = {int(status): status for status in GoalStatus}
+
+
+class GoalRejectedError(ActionError):
+    """The server does not want this goal."""
+
+
+class ActionTimeoutError(ActionError, TimeoutError):
+    """The server did not answer in time; the goal may go on."""
+
+
+class ActionServerLostError(ActionError):
+    """The server went away before the result was in."""
+
+
+class CancelError(ActionError):
+    """A cancel request was not granted."""
+
+
+class CancelRejectedError(CancelError):
+    """The server refused to cancel."""
+
+
+class AlreadyTerminatedError(CancelError):
+    """The goal has ended, or is being cancelled already."""
+
+
+class GoalClient(Protocol):
+    """What a handle needs of its client."""
+
+    async def cancel_goal(self, goal_id: bytes, timeout_s: float | None = None) -> None:
+        """Ask to cancel one goal."""
+
+    def run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine from plain code."""
+
+
+class ClientGoal(Generic[ActionT_co]):
+    """A goal that was accepted; made by `ActionClient.send_goal`. `ClientGoal[Fibonacci]` to a type checker."""
+
+    def __init__(self, client: GoalClient, goal_id: bytes, goal: object, feedback_depth: int) -> None:
+        self._client = client
+        self._goal: Any = goal
+        self._status = GoalStatus.UNKNOWN
+        self._outcome: tuple[GoalStatus, Any] | None = None
+        self._error: BaseException | None = None
+        self._done = Latch()
+        self._feedback: Stream[Any] = Stream(feedback_depth)
+        self.goal_id = goal_id
+        """16 bytes."""
+        self.accepted_stamp: Time | None = None
+        """When the server accepted it, by the server's clock."""
+
+    @property
+    def goal(self: ClientGoal[Action[GoalT, Any, Any]]) -> GoalT:
+        """What was asked for."""
+        goal: GoalT = self._goal
+        return goal
+
+    @property
+    def status(self) -> GoalStatus:
+        """The newest status that was heard of."""
+        return self._status
+
+    @property
+    def is_done(self) -> bool:
+        """True once `result` returns or raises at once."""
+        return self._done.is_set
+
+    @property
+    def feedback_dropped(self) -> int:
+        """How many feedback messages were lost because nobody took them in time: the oldest ones."""
+        return self._feedback.dropped
+
+    def feedback(self: ClientGoal[Action[Any, Any, FeedbackT]]) -> Stream[FeedbackT]:
+        """Iterate over the feedback, from the first one on; ends when the result is in.
+
+        Ends with an error when there will be no result: `ActionServerLostError`, `ClosedError`.
+        """
+        return self._feedback
+
+    async def result(
+        self: ClientGoal[Action[Any, ResultT, Any]], timeout_s: float | None = None
+    ) -> tuple[GoalStatus, ResultT]:
+        """Wait for the end of the goal; may be called any number of times, from any number of tasks.
+
+        Raises:
+            ActionTimeoutError: not ended in `timeout_s` seconds; the goal goes on. TypeError, ValueError: no seconds.
+            ActionServerLostError: the server went away. UnknownGoalError: it came back without knowing the goal.
+            ClosedError: the client was closed.
+        """
+        require_timeout(timeout_s)
+        if not await self._done.wait(timeout_s):
+            raise ActionTimeoutError(
+                f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {self._status.name}"
+            )
+        if self._error is not None:
+            raise self._error
+        assert self._outcome is not None
+        return self._outcome
+
+    async def cancel(self, timeout_s: float | None = None) -> None:
+        """Ask the server to cancel; returns when it agreed. The goal ends some time later, see `result`.
+
+        Raises:
+            CancelRejectedError, AlreadyTerminatedError, UnknownGoalError: the server's answer.
+            ActionTimeoutError: no answer in `timeout_s` seconds. ClosedError.
+        """
+        await self._client.cancel_goal(self.goal_id, timeout_s)
+
+    def result_sync(
+        self: ClientGoal[Action[Any, ResultT, Any]], timeout_s: float | None = None
+    ) -> tuple[GoalStatus, ResultT]:
+        """`result` for plain code; see `ActionClient.send_goal_sync`."""
+        return self._client.run_sync(self.result(timeout_s))
+
+    def cancel_sync(self, timeout_s: float | None = None) -> None:
+        """`cancel` for plain code; see `ActionClient.send_goal_sync`."""
+        self._client.run_sync(self.cancel(timeout_s))
+
+    # ------------------------------------------------------------------------- what the client tells, on the loop
+
+    def accepted(self, stamp: Time) -> None:
+        """The server wants the goal."""
+        self.accepted_stamp = stamp
+        if self._status is GoalStatus.UNKNOWN:
+            self._status = GoalStatus.ACCEPTED
+
+    def status_arrived(self, number: int) -> None:
+        """The status topic mentions the goal. Never goes back: the topic may lag behind the answers."""
+        status = _STATUSES.get(number)
+        if status is not None and status > self._status:
+            self._status = status
+
+    def feedback_arrived(self, feedback: object) -> None:
+        """The feedback topic mentions the goal."""
+        self._feedback.push(feedback)
+
+    def finished(self, status: GoalStatus, result: object) -> None:
+        """The result is in."""
+        if not self._done.is_set:
+            self._status, self._outcome = status, (status, result)
+            self._feedback.close()
+            self._done.set()
+
+    def failed(self, error: BaseException) -> None:
+        """There will be no result."""
+        if not self._done.is_set:
+            self._error = error
+            self._feedback.close(error)
+            self._done.set()
+
+    def __repr__(self) -> str:
+        return f"ClientGoal({self.goal_id.hex()}, {self._status.name})"

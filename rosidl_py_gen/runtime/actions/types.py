@@ -1,0 +1,171 @@
+"""What both ends of an action need of its type, and the five names it lives under.
+
+Decides how goals, results and feedback cross between the user's values and messages: with a generated class they are
+messages, with a type given as text they are dicts. Everything else inside the action files is messages.
+
+Decides too how a type checker sees it: servers, clients and goals are generic in one variable, the action class, and
+their methods find the types of its parts by annotating `self`: ``self: ServerGoal[Action[GoalT, Any, Any]]``.
+Source: protocol.md 8.1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar, overload
+
+from rosidl_py_gen.cdr import Action, Message
+from rosidl_py_gen.errors import EncodeError
+from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
+from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal, CancelGoal_Request, CancelGoal_Response
+from rosidl_py_gen.runtime.endpoints.types import MessageType, ServiceType, Untyped, message_type, service_type
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.names.remap import NodeNames
+
+GoalT = TypeVar("GoalT")
+ResultT = TypeVar("ResultT")
+FeedbackT = TypeVar("FeedbackT")
+ActionT = TypeVar("ActionT", bound=Action[Any, Any, Any])
+ActionT_co = TypeVar("ActionT_co", bound=Action[Any, Any, Any], covariant=True)
+"""Covariant, so that ``ServerGoal[Fibonacci]`` is a ``ServerGoal[Action[Fibonacci_Goal, ...]]``."""
+
+
+UntypedAction: TypeAlias = Action[Untyped, Untyped, Untyped]
+"""What stands for an action whose type is given as text; its goals, results and feedback are dicts."""
+
+
+class ActionClass(Protocol[ActionT_co, GoalT, ResultT, FeedbackT]):
+    """A generated action class as a type checker sees it: the class itself, and the types of its parts.
+
+    Python cannot say "some class, whose base is `Action` of these"; but calling the class gives both.
+    """
+
+    @overload
+    def __call__(self) -> ActionT_co: ...
+    @overload
+    def __call__(self) -> Action[GoalT, ResultT, FeedbackT]: ...  # type: ignore[overload-cannot-match]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One of goal, result and feedback: its class, and how the user's values become messages and back.
+
+    Attributes:
+        to_message: raises `TypeError` for a value of another type, `EncodeError` for a dict that does not fit.
+    """
+
+    cls: type[Message]
+    to_message: Callable[[Any], Message]
+    to_value: Callable[[Any], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class ActionType:
+    """An action type as endpoints use it.
+
+    Attributes:
+        cls: the generated action class, with `SendGoal`, `GetResult` and `FeedbackMessage`.
+    """
+
+    ros_name: str
+    cls: Any
+    goal: Part
+    result: Part
+    feedback: Part
+    send_goal: ServiceType[Any, Any]
+    get_result: ServiceType[Any, Any]
+    feedback_message: MessageType[Any]
+    cancel: ServiceType[CancelGoal_Request, CancelGoal_Response]
+    status: MessageType[GoalStatusArray]
+
+    def encode_result(self, status: int, result: object | None) -> bytes:
+        """A get_result response; None is a default result. Raises `TypeError`, `EncodeError`."""
+        message = self.result.cls() if result is None else self.result.to_message(result)
+        try:
+            data: bytes = self.cls.GetResult.Response(status=int(status), result=message)._encode()
+        except EncodeError:
+            message._encode()  # says it without the names of what is around the result
+            raise
+        return data
+
+
+def action_type(source: object) -> ActionType:
+    """Raises `TypeNotFoundError` for a text that names no known type, `TypeError` for anything else."""
+    cls: Any = source
+    if isinstance(source, str):
+        from rosidl_py_gen import get_action
+
+        cls = get_action(source)
+    elif not (isinstance(source, type) and issubclass(source, Action) and source is not Action):
+        raise TypeError(
+            f"expected a generated action class or a text like 'example_interfaces/action/Fibonacci', got {source!r}"
+        )
+    part = _untyped if isinstance(source, str) else _typed
+    return ActionType(
+        cls._TYPE.name,
+        cls,
+        part(cls.Goal),
+        part(cls.Result),
+        part(cls.Feedback),
+        service_type(cls.SendGoal),
+        service_type(cls.GetResult),
+        message_type(cls.FeedbackMessage),
+        service_type(CancelGoal),
+        message_type(GoalStatusArray),
+    )
+
+
+def _typed(cls: type[Message]) -> Part:
+    def check(value: Any) -> Message:
+        if not isinstance(value, cls):
+            raise TypeError(f"expected a {cls.__name__} ({cls._TYPE.name}), got {type(value).__name__}: {value!r:.100}")
+        return value
+
+    return Part(cls, check, lambda message: message)
+
+
+def _untyped(cls: type[Message]) -> Part:
+    from rosidl_py_gen import from_dict, to_dict
+
+    return Part(cls, lambda value: from_dict(cls, value), to_dict)
+
+
+@dataclass(frozen=True, slots=True)
+class ActionNames:
+    """Fully qualified names; each is expanded and remapped on its own, as ROS does."""
+
+    action: str
+    send_goal: str
+    cancel_goal: str
+    get_result: str
+    feedback: str
+    status: str
+
+    @classmethod
+    def resolve(cls, names: NodeNames, action: str) -> ActionNames:
+        """Raises `InvalidNameError`."""
+        return cls(
+            names.resolve_topic(action),
+            names.resolve_service(f"{action}/_action/send_goal"),
+            names.resolve_service(f"{action}/_action/cancel_goal"),
+            names.resolve_service(f"{action}/_action/get_result"),
+            names.resolve_topic(f"{action}/_action/feedback"),
+            names.resolve_topic(f"{action}/_action/status"),
+        )
+
+
+def goal_id_of(message: Any) -> bytes:
+    """The 16 bytes of a unique_identifier_msgs/UUID field."""
+    return bytes(message.goal_id.uuid)
+
+
+def stamp_ns_of(message: Any) -> int:
+    """Nanoseconds of a builtin_interfaces/Time field called stamp."""
+    return int(message.stamp.sec) * 1_000_000_000 + int(message.stamp.nanosec)
+
+
+def set_stamp(message: Any, stamp_ns: int) -> None:
+    """The reverse of `stamp_ns_of`."""
+    message.stamp.sec, message.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)

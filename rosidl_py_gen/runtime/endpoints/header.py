@@ -1,0 +1,92 @@
+"""What both ends of a service share: whose a request or reply is, on the wire, and who cannot be talked to.
+
+Two kinds of peers know that differently. Cyclone's put a header of 16 bytes between the 4 encapsulation bytes and the
+message: a number of the client and one of the request. Fast DDS has it beside the message, and the transport gives and
+takes it as an `Identity`: a GUID of the client and the number of the request. Up here both are a client and a number,
+and the type of the client tells which kind it is.
+
+Source: protocol.md 5.1 to 5.4, fastdds.md 4 and 5.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING, TypeAlias
+
+from rosidl_py_gen.errors import DecodeError, RosidlError
+from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, IDENTITY_BYTES, identity_of
+from rosidl_py_gen.runtime.transport.qos import without_best_available
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.graph.state import Endpoint, Graph
+    from rosidl_py_gen.runtime.transport.interface import Payload, Writer
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+ClientId: TypeAlias = "int | bytes"
+"""Of a peer on Cyclone its number, of one on Fast DDS its GUID: that of its reply reader, or of its request writer."""
+
+HEADER_BYTES = 16
+_LITTLE = struct.Struct("<Qq")
+_BIG = struct.Struct(">Qq")
+_MASK = 2**64 - 1
+
+
+class ForeignServiceError(RosidlError):
+    """The peer's middleware puts other bytes on the wire for services; one side has to change it."""
+
+
+class CallTimeoutError(RosidlError, TimeoutError):
+    """No response came in time; the request may or may not have been handled."""
+
+
+def carrier_qos(qos: QoSProfile) -> QoSProfile:
+    """The profile of a service's endpoints: as asked for, but nothing is ever dropped for depth.
+
+    An overwritten request or response is a call that never returns, and any number of calls may be under way. History
+    takes no part in matching, so peers with keep-last 10 (the ROS default) connect all the same.
+    """
+    return without_best_available(qos).keep_all()
+
+
+def add_header(message: bytes, guid: int, sequence: int) -> bytes:
+    """Put the header into an encoded message, which is little-endian."""
+    return b"".join((message[:4], _LITTLE.pack(guid & _MASK, sequence), message[4:]))
+
+
+def split_header(data: Payload) -> tuple[ClientId, int, bytes]:
+    """Client, number of the request and the plain message; raises `DecodeError` when the bytes are too few."""
+    identity = identity_of(data)
+    if identity is not None:
+        return *identity, b"".join((data[:2], b"\0\0", data[4 + IDENTITY_BYTES :]))
+    if len(data) < 4 + HEADER_BYTES:
+        raise DecodeError("service header", len(data), f"expected at least {4 + HEADER_BYTES} bytes, found {len(data)}")
+    order = _LITTLE if data[1] & 1 else _BIG
+    guid, sequence = order.unpack_from(data, 4)
+    return guid, sequence, b"".join((data[:4], data[4 + HEADER_BYTES :]))
+
+
+def message_begin(data: Payload) -> int:
+    """Where the message begins in a request or reply that has a header or an identity."""
+    return 4 + (HEADER_BYTES if identity_of(data) is None else IDENTITY_BYTES)
+
+
+def send(writer: Writer, message: bytes, client: ClientId, sequence: int) -> bool:
+    """Write a request or reply for that client, in the way of its kind; see `Writer.write`."""
+    if isinstance(client, bytes):
+        return writer.write(message, (client, sequence))
+    return writer.write(add_header(message, client, sequence))
+
+
+def is_foreign(guid: bytes) -> bool:
+    """Whether an endpoint belongs to Fast DDS, whose service payloads differ (protocol.md 5.3)."""
+    return guid.startswith(FAST_DDS_VENDOR)
+
+
+def foreign_words(graph: Graph, endpoint: Endpoint | None, service: str, role: str, refusal: str | None) -> str:
+    """What to tell a person about a service peer that cannot be talked to."""
+    node = "a node" if endpoint is None else graph.describe_node(endpoint.info)
+    return (
+        f"{role} of service {service} is {node} on Fast DDS. Topics work with it, services do not here: {refusal}. "
+        "Use the cyclonedds wheel for Linux x86-64 that this version was made for, or start that node with "
+        "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"
+    )

@@ -1,0 +1,183 @@
+"""What the endpoints of one node share, without knowing the node.
+
+Endpoints get a `Scope` and a resolved name, never the node: a node holds its endpoints, and the way back would make a
+cycle. Decides how to wait for the graph, how callbacks are run and how their failures are reported.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import itertools
+import math
+import time
+from numbers import Real
+from typing import TYPE_CHECKING, Any, Protocol
+
+from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.logs.loggers import node_logger
+from rosidl_py_gen.runtime.loop.callbacks import start_task
+from rosidl_py_gen.runtime.names.dds import entity_id
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+    from rosidl_py_gen.runtime.node.context import Context
+
+_GRAPH_POLL_S = 0.05
+"""Matching inside DDS may follow the discovery event by some moments, and nothing announces that."""
+
+request_numbers = itertools.count(1)
+"""Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
+
+
+class WaitTimeoutError(RosidlError, TimeoutError):
+    """What the caller waited for did not happen in `timeout_s` seconds."""
+
+
+def require_timeout(timeout_s: object) -> None:
+    """Raise `TypeError` or `ValueError` for what is no number of seconds; None means for ever."""
+    if timeout_s is None:
+        return
+    if not isinstance(timeout_s, Real):
+        raise TypeError(f"timeout_s must be a number of seconds or None, got {timeout_s!r:.100}")
+    if math.isnan(timeout_s):
+        raise ValueError("timeout_s must be a number of seconds or None, got NaN")
+
+
+class Closable(Protocol):
+    """Something a node owns."""
+
+    def close(self) -> None:
+        """Release everything; may be called twice."""
+
+
+class Throttle:
+    """Lets something pass at most once a second; one for each endpoint, so that one cannot silence another."""
+
+    def __init__(self) -> None:
+        self._passed_s = -1.0
+
+    def passes(self) -> bool:
+        """True when the last time it said so was a second ago."""
+        now_s = time.monotonic()
+        if self._passed_s >= 0 and now_s - self._passed_s < 1.0:
+            return False
+        self._passed_s = now_s
+        return True
+
+
+class Scope:
+    """One node's share of a context."""
+
+    def __init__(self, context: Context, number: int, fully_qualified_name: str) -> None:
+        self.participant = context.participant
+        self.bridge = context.bridge
+        self.discovery = context.discovery
+        self.graph = context.discovery.graph
+        self.number = number
+        self.node_name = fully_qualified_name
+        self.logger = node_logger(fully_qualified_name)
+        self.closed = False
+        self.owned: dict[int, Closable] = {}
+        """Everything of this node that has to be closed with it, oldest first; emptied by `Node.close`."""
+        self._entity_numbers = context.entity_numbers
+        self._tasks: set[asyncio.Task[Any]] = set()
+
+    # ---------------------------------------------------------------------------------------------------- entities
+
+    def own(self, endpoint: Closable) -> None:
+        """Close `endpoint` with the node; it lives until then, or until it closes itself and calls `disown`.
+
+        Raises:
+            ClosedError: the node was closed meanwhile, by another thread; then the endpoint is closed, too.
+        """
+        self.owned[id(endpoint)] = endpoint
+        if self.closed:
+            self.owned.pop(id(endpoint), None)
+            endpoint.close()
+            self.require_open(False, "the node")
+
+    def disown(self, endpoint: Closable) -> None:
+        """Undo `own`."""
+        self.owned.pop(id(endpoint), None)
+
+    def add(self, *guids: bytes) -> None:
+        """Announce endpoints as this node's."""
+        self.discovery.change_endpoints(self.number, add=guids)
+
+    def remove(self, *guids: bytes) -> None:
+        """Withdraw endpoints, unless the whole node is going."""
+        if not self.closed:
+            self.discovery.change_endpoints(self.number, remove=guids)
+
+    def new_entity_id(self) -> str:
+        """Text of a fresh ``clientid`` or ``serviceid`` (protocol.md 5.2)."""
+        return entity_id(self.participant.guid, next(self._entity_numbers))
+
+    def require_open(self, closed: bool, what: str) -> None:
+        """Raise `ClosedError` when the endpoint or the node is closed."""
+        if closed or self.closed:
+            named = f"node {self.node_name}" if what == "the node" else f"{what} of node {self.node_name}"
+            raise ClosedError(f"{named} is closed")
+
+    # ----------------------------------------------------------------------------------------------------- waiting
+
+    async def wait_until(
+        self,
+        condition: Callable[[], bool],
+        timeout_s: float | None,
+        is_closed: Callable[[], bool],
+        *,
+        poll_s: float = _GRAPH_POLL_S,
+    ) -> bool:
+        """Wait until `condition` holds; checked at every change of the graph and every `poll_s` seconds.
+
+        Returns:
+            False when the time passed.
+
+        Raises:
+            ClosedError: whoever waits is closed, or was meanwhile. TypeError, ValueError: see `require_timeout`.
+        """
+        require_timeout(timeout_s)
+        self.require_open(is_closed(), "what was waited for")
+        loop = self.bridge.running_loop()
+        deadline = None if timeout_s is None else loop.time() + timeout_s
+        while not condition():
+            left = poll_s if deadline is None else min(poll_s, deadline - loop.time())
+            if left <= 0:
+                return False
+            change = self.discovery.next_change()
+            await asyncio.wait((change,), timeout=left)
+            change.cancel()
+            self.require_open(is_closed(), "what was waited for")
+        return True
+
+    # --------------------------------------------------------------------------------------------------- callbacks
+
+    def start(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        """Run a coroutine as a task that is kept alive, and cancelled when the node closes."""
+        task = start_task(self.bridge.running_loop(), coroutine)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    def report_failure(self, doing: str) -> None:
+        """Log the exception being handled, with its traceback, as the node."""
+        self.logger.exception(f"{doing} failed; nothing else is affected")
+
+    def cancel_tasks(self) -> None:
+        """Cancel what `start` started, except the task that is calling."""
+        try:
+            current = asyncio.current_task()
+        except RuntimeError:
+            current = None
+        for task in self._tasks - {current}:
+            if not task.get_loop().is_closed():
+                task.cancel()
+
+
+def is_async(function: object) -> bool:
+    """Whether calling it gives a coroutine: async functions, and objects whose `__call__` is one."""
+    called = getattr(type(function), "__call__", None)  # noqa: B004 - the method itself, not whether there is one
+    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)

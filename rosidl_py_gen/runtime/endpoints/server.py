@@ -1,0 +1,298 @@
+"""Service servers: a handler, or an async iterator of requests that are answered whenever it suits.
+
+Decides how requests are answered: plain handlers on the event loop, async ones as tasks, many at once. A handler that
+raises is logged and sends nothing, as in ROS; its client runs into its timeout.
+
+Before a reply is sent, the client's reply reader must be connected, else the reply would be lost. It is waited for up
+to 100 ms (protocol.md 5.2), that of a client on Fast DDS up to 5 s.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from collections import deque
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
+from rosidl_py_gen.runtime.endpoints.header import carrier_qos, foreign_words, is_foreign, send, split_header
+from rosidl_py_gen.runtime.endpoints.scope import Throttle, is_async
+from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel, require_callable, settle
+from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, type_name
+from rosidl_py_gen.runtime.transport.interface import identity_of
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from rosidl_py_gen.runtime.endpoints.header import ClientId
+    from rosidl_py_gen.runtime.endpoints.introspection import IntrospectionState
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.endpoints.types import ServiceType
+    from rosidl_py_gen.runtime.time.clock import Clock
+    from rosidl_py_gen.runtime.transport.interface import Sample
+    from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
+
+RequestT = TypeVar("RequestT")
+ResponseT = TypeVar("ResponseT")
+
+_PAUSE_S = 0.01
+_PATIENCE_S = 0.1
+_FAST_DDS_PATIENCE_S = 5.0
+"""Endpoints of a Fast DDS participant are known up to 1.2 s after it knows ours and calls (fastdds.md 7)."""
+_READER_BIT = 0x04
+"""In the last byte of a GUID: it is a reader's."""
+
+
+class AlreadyRespondedError(RosidlError, RuntimeError):
+    """The caller answered one request twice; that of a goal or a cancel also when it is over by itself."""
+
+
+class ServiceRequest(Generic[RequestT, ResponseT]):
+    """One request; answer it from any task of the loop, any time later. Unanswered ones are simply forgotten."""
+
+    __slots__ = ("_responded", "_sequence", "_server", "_writer_guid", "client_id", "message")
+
+    def __init__(
+        self,
+        server: ServiceServer[RequestT, ResponseT],
+        message: RequestT,
+        client_id: ClientId,
+        sequence: int,
+        writer_guid: bytes | None,
+    ) -> None:
+        self._server = server
+        self.message = message
+        self.client_id = client_id
+        """By which the client knows its replies: the number of one on Cyclone DDS, the GUID of one on Fast DDS."""
+        self._sequence = sequence
+        self._writer_guid = writer_guid
+        self._responded = False
+
+    def respond(self, response: ResponseT) -> None:
+        """Send the response; returns at once.
+
+        Raises:
+            EncodeError: the response does not fit its type; the request stays unanswered and may be tried again.
+            AlreadyRespondedError, ClosedError.
+        """
+        if self._responded:
+            raise AlreadyRespondedError(f"this request to {self._server.name} was answered already")
+        self._server._respond(self, response)
+        self._responded = True
+
+
+class ServiceServer(Generic[RequestT, ResponseT]):
+    """Made by `Node.create_service`."""
+
+    def __init__(
+        self,
+        scope: Scope,
+        service_type: ServiceType[RequestT, ResponseT],
+        name: str,
+        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None,
+        qos: QoSProfile,
+    ) -> None:
+        require_callable(handler, f"the handler of service {name}", "; QoS is given as qos=...")
+        self._scope = scope
+        self._closed = False
+        self._introspection: object | None = None
+        self.name = name
+        """Fully qualified service name, after expansion and remapping."""
+        self.service_type = service_type.ros_name
+        """``pkg/srv/Name``."""
+        carrier = carrier_qos(qos)
+        self._type = service_type
+        self._throttle = Throttle()
+        self._handler = handler
+        self._async_handler = handler is not None and is_async(handler)
+        self._requests: deque[ServiceRequest[RequestT, ResponseT]] = deque()
+        self._waiters: list[asyncio.Future[None]] = []
+        self._connected: set[bytes] = set()
+        """Clients whose reply readers are connected, as of that version of the graph."""
+        self._connected_at = -1
+        service_id = scope.new_entity_id()
+        prefix = not qos.avoid_ros_namespace_conventions
+        self._request_topic, self._reply_topic = request_name(name, prefix=prefix), reply_name(name, prefix=prefix)
+        self._writer = scope.participant.create_writer(
+            self._reply_topic,
+            type_name(service_type.response.ros_name),
+            carrier,
+            endpoint_user_data(service_type.response.type_hash, service_id=service_id),
+        )
+        self._reader = scope.participant.create_reader(
+            self._request_topic,
+            type_name(service_type.request.ros_name),
+            carrier,
+            endpoint_user_data(service_type.request.type_hash, service_id=service_id),
+        )
+        scope.add(self._reader.guid, self._writer.guid)
+        self._reader.set_sink(self._on_requests)
+
+    # ---------------------------------------------------------------------------------------------------- requests
+
+    def __aiter__(self) -> ServiceServer[RequestT, ResponseT]:
+        if self._handler is not None:
+            raise TypeError(f"service {self.name} has a handler; its requests cannot be iterated over too")
+        return self
+
+    async def __anext__(self) -> ServiceRequest[RequestT, ResponseT]:
+        while not self._closed:
+            if self._requests:
+                return self._requests.popleft()
+            waiter = self._scope.bridge.running_loop().create_future()
+            self._waiters.append(waiter)
+            try:
+                await waiter
+            finally:
+                if waiter in self._waiters:
+                    self._waiters.remove(waiter)
+        raise StopAsyncIteration
+
+    def _on_requests(self) -> None:
+        """The sink of the request reader."""
+        items = self._reader.queue.items
+        while items and not self._closed:
+            request = self._read(items.popleft())
+            if request is None:
+                continue
+            if self._handler is None:
+                self._requests.append(request)
+            elif self._async_handler:
+                self._scope.start(self._await_handler(self._handler, request))
+            else:
+                self._call_handler(self._handler, request)
+        if self._requests:
+            self._wake()
+
+    def _read(self, sample: Sample) -> ServiceRequest[RequestT, ResponseT] | None:
+        data, _, handle, _ = sample
+        writer_guid = self._reader.writer_guid(handle)
+        if writer_guid is not None and is_foreign(writer_guid) and identity_of(data) is None:
+            endpoint = self._scope.graph.endpoints.get(writer_guid)
+            refusal = self._scope.participant.fast_dds_refusal
+            words = foreign_words(self._scope.graph, endpoint, self.name, "a client", refusal)
+            if self._throttle.passes():
+                self._scope.logger.error(f"refused a request: {words}")
+            return None
+        try:
+            client_id, sequence, message = split_header(data)
+            return ServiceRequest(self, self._type.request.decode(message), client_id, sequence, writer_guid)
+        except DecodeError as err:
+            if self._throttle.passes():
+                self._scope.logger.warning(
+                    f"dropped a request to {self.name} that is no {self._type.request.ros_name}: {err}"
+                )
+            return None
+
+    def _call_handler(
+        self,
+        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]],
+        request: ServiceRequest[RequestT, ResponseT],
+    ) -> None:
+        try:
+            response = handler(request.message)
+            if inspect.iscoroutine(response):  # of a lambda, for example
+                task = self._scope.start(self._await_handler(lambda _: response, request))
+                task.add_done_callback(lambda _: response.close())  # one that was cancelled has not begun it
+            else:
+                request.respond(response)  # type: ignore[arg-type]  # not awaitable
+        except (Exception, asyncio.CancelledError):  # of a future that was cancelled
+            self._scope.report_failure(f"the handler of service {self.name}")
+
+    async def _await_handler(
+        self, handler: Callable[[RequestT], Any], request: ServiceRequest[RequestT, ResponseT]
+    ) -> None:
+        # Called in here, so that a task that is cancelled before it begins leaves no coroutine behind.
+        try:
+            response: ResponseT = await handler(request.message)
+            if not self._closed:
+                request.respond(response)
+        except asyncio.CancelledError:
+            if self._closed or is_own_cancel():
+                raise
+            self._scope.report_failure(f"the handler of service {self.name}")
+        except Exception:
+            self._scope.report_failure(f"the handler of service {self.name}")
+
+    # --------------------------------------------------------------------------------------------------- responses
+
+    def _respond(self, request: ServiceRequest[RequestT, ResponseT], response: ResponseT) -> None:
+        if self._closed:
+            raise ClosedError(f"service {self.name} of node {self._scope.node_name} is closed")
+        data = self._type.response.encode(response)
+        if self._reply_reader_is_missing(request) or not self._send(request, data):
+            self._scope.start(self._send_later(request, data))
+
+    def _send(self, request: ServiceRequest[RequestT, ResponseT], data: bytes) -> bool:
+        return send(self._writer, data, request.client_id, request._sequence)
+
+    def _reply_reader_is_missing(self, request: ServiceRequest[RequestT, ResponseT]) -> bool:
+        """Whether the client said which reader it listens with, and that one is not connected yet."""
+        graph, client_id = self._scope.graph, request.client_id
+        key = client_id if isinstance(client_id, bytes) else request._writer_guid
+        if key is None or (key in self._connected and graph.version == self._connected_at):
+            return False
+        if not self._listens(client_id, key):
+            return True
+        if graph.version != self._connected_at:
+            self._connected, self._connected_at = set(), graph.version
+        self._connected.add(key)
+        return False
+
+    def _listens(self, client_id: ClientId, key: bytes) -> bool:
+        """Source: protocol.md 5.2 and 5.3."""
+        if isinstance(client_id, bytes):
+            return not client_id[15] & _READER_BIT or client_id in self._writer.matched_readers()
+        endpoints = self._scope.graph.endpoints
+        client = endpoints.get(key)
+        announced = client.user_data.get("clientid") if client is not None else None
+        if announced is None:
+            return True
+        matched = (endpoints.get(guid) for guid in self._writer.matched_readers())
+        return any(reader is not None and reader.user_data.get("clientid") == announced for reader in matched)
+
+    async def _send_later(self, request: ServiceRequest[RequestT, ResponseT], data: bytes) -> None:
+        patience_s = _FAST_DDS_PATIENCE_S if isinstance(request.client_id, bytes) else _PATIENCE_S
+        if not await self._scope.wait_until(
+            lambda: self._closed or not self._reply_reader_is_missing(request),
+            patience_s,
+            lambda: False,
+            poll_s=_PAUSE_S,
+        ):
+            self._scope.logger.warning(f"a response of {self.name} was lost: its client's reader never appeared")
+            return
+        while not self._closed and not self._send(request, data):
+            await asyncio.sleep(0.001)
+
+    # ------------------------------------------------------------------------------------------------------- state
+
+    def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
+        """Publish what passes on ``<service>/_service_event`` from now on; see `introspection.py`.
+
+        Args:
+            clock: stamps the events; usually the node's.
+            qos: counts when introspection goes from OFF to something else.
+        """
+        self._scope.require_open(self._closed, f"service {self.name}")
+        from rosidl_py_gen.runtime.endpoints.introspection import introspect
+
+        introspect(self, clock, state, qos)
+
+    def _wake(self) -> None:
+        waiters, self._waiters = self._waiters, []
+        for waiter in waiters:
+            settle(waiter, None)
+
+    def close(self) -> None:
+        """Stop serving; an iterator ends, running handlers are not interrupted but cannot answer. May be called
+        twice.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        self._scope.disown(self)
+        self._requests.clear()
+        self._wake()
+        self._scope.remove(self._reader.guid, self._writer.guid)
+        self._reader.close()
+        self._writer.close()

@@ -1,0 +1,315 @@
+"""Subscriptions: an async iterator, or a callback, over what arrives on a topic.
+
+Decides how samples leave the receive queue. Messages are decoded when they are taken, not when they arrive, so that
+what keep-last drops costs nothing. A sample that does not decode is counted, logged at most once a second, and dropped.
+
+A plain callback is called for each message on the event loop. An async one is awaited message by message, in order;
+while it runs, new messages wait in the queue as its depth allows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+
+from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
+from rosidl_py_gen.runtime.endpoints.scope import Throttle, WaitTimeoutError, is_async, require_timeout
+from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel, require_callable, settle
+from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
+from rosidl_py_gen.runtime.transport.qos import resolve_best_available
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.endpoints.types import MessageType
+    from rosidl_py_gen.runtime.transport.interface import Payload, Reader, Sample
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+T = TypeVar("T")
+
+_FORGOTTEN = 8
+"""Waiters whose task was cancelled stay listed until the next message; more than these are cleared earlier."""
+
+
+class MessageInfo(NamedTuple):
+    """Where and when a message came from.
+
+    Attributes:
+        source_timestamp_ns: when it was published, by the publisher's clock, ns since the epoch.
+        received_timestamp_ns: when this process took it from the transport, ns since the epoch.
+        publisher_gid: the publisher's 16 bytes as in the graph; 16 zeros when it vanished before it was known.
+    """
+
+    source_timestamp_ns: int
+    received_timestamp_ns: int
+    publisher_gid: bytes
+
+
+class CallbackInUseError(RosidlError, TypeError):
+    """The caller wants to receive from a subscription that has a callback."""
+
+
+class Subscription(Generic[T]):
+    """Made by `Node.create_subscription`."""
+
+    def __init__(
+        self,
+        scope: Scope,
+        message_type: MessageType[T],
+        topic: str,
+        callback: Callable[[T], object] | None,
+        qos: QoSProfile,
+        *,
+        ignore_local: bool = False,
+    ) -> None:
+        require_callable(callback, f"the callback of {topic}", "; QoS is given as qos=...")
+        self._scope = scope
+        self._closed = False
+        self.topic = topic
+        """Fully qualified name, after expansion and remapping."""
+        self.message_type = message_type.ros_name
+        """``pkg/msg/Name``."""
+        self.undecodable = 0
+        """How many samples did not decode."""
+        self._decode: Callable[[Payload], T] = message_type.decode
+        self._callback = callback
+        self._async_callback = callback is not None and is_async(callback)
+        self._worker: asyncio.Task[None] | None = None
+        self._waiters: list[asyncio.Future[None]] = []
+        self._latest: T | None = None
+        self._throttle = Throttle()
+        dds_topic = topic_name(topic, prefix=not qos.avoid_ros_namespace_conventions)
+        scope.discovery.refresh()
+        peers = [endpoint.info.qos for endpoint in scope.graph.on_topic(dds_topic, writers=True)]
+        self.qos = resolve_best_available(qos, publisher=False, peers=peers)
+        """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
+        self._reader: Reader = scope.participant.create_reader(
+            dds_topic,
+            type_name(message_type.ros_name),
+            self.qos,
+            endpoint_user_data(message_type.type_hash),
+            ignore_local=ignore_local,
+        )
+        self._items = self._reader.queue.items
+        scope.add(self._reader.guid)
+        self._reader.set_sink(self._on_data)
+
+    # --------------------------------------------------------------------------------------------------- receiving
+
+    def __aiter__(self) -> Subscription[T]:
+        self._require_no_callback()
+        return self
+
+    async def __anext__(self) -> T:
+        items = self._items
+        while not self._closed:
+            while items:
+                data = items.popleft()[0]
+                try:
+                    return self._decode(data)
+                except DecodeError as err:
+                    self._count_undecodable(err)
+            await self._arrival()
+        raise StopAsyncIteration
+
+    async def receive(self, timeout_s: float | None = None) -> T:
+        """The next message, oldest first.
+
+        Raises:
+            WaitTimeoutError: none came in `timeout_s` seconds; a `TimeoutError`.
+            ClosedError: the subscription was closed, also while waiting.
+        """
+        if timeout_s is None and self._callback is None:
+            # The common case, without the cost of a second coroutine.
+            items = self._items
+            while not self._closed:
+                while items:
+                    data = items.popleft()[0]
+                    try:
+                        return self._decode(data)
+                    except DecodeError as err:
+                        self._count_undecodable(err)
+                await self._arrival()
+        return (await self._next_good(timeout_s))[0]
+
+    async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
+        """Like `receive`: the message, and its timestamps and publisher's GID."""
+        message, (_, source_ns, handle, received_ns) = await self._next_good(timeout_s)
+        gid = self._reader.writer_guid(handle) or bytes(16)
+        return message, MessageInfo(source_ns, received_ns, gid)
+
+    async def _next_good(self, timeout_s: float | None) -> tuple[T, Sample]:
+        self._require_no_callback()
+        require_timeout(timeout_s)
+        self._scope.require_open(self._closed, f"the subscription on {self.topic}")
+        timeout: asyncio.TimerHandle | None = None
+        expired = False
+        if timeout_s is not None and not self._items:
+
+            def expire() -> None:
+                nonlocal expired
+                expired = True
+                self._wake()
+
+            timeout = self._scope.bridge.running_loop().call_later(max(0.0, timeout_s), expire)
+        try:
+            while True:
+                if self._closed:
+                    raise ClosedError(f"the subscription on {self.topic} of node {self._scope.node_name} is closed")
+                while self._items:
+                    sample = self._items.popleft()
+                    try:
+                        return self._decode(sample[0]), sample
+                    except DecodeError as err:
+                        self._count_undecodable(err)
+                if expired:
+                    raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s")
+                await self._arrival()
+        finally:
+            if timeout is not None:
+                timeout.cancel()
+
+    def latest(self) -> T | None:
+        """The newest message so far, without waiting; older ones that were waiting are skipped. None before the
+        first.
+
+        Raises:
+            ClosedError: the subscription or its node is closed.
+        """
+        self._require_no_callback()
+        self._scope.require_open(self._closed, f"the subscription on {self.topic}")
+        self._reader.fetch()
+        while self._items:
+            data = self._items.pop()[0]
+            try:
+                self._latest = self._decode(data)
+            except DecodeError as err:
+                self._count_undecodable(err)
+                continue
+            self._items.clear()
+        return self._latest
+
+    def _arrival(self) -> asyncio.Future[None]:
+        """A future that is done when there may be something in the queue, or the subscription is closed."""
+        waiter = self._scope.bridge.running_loop().create_future()
+        # The loop may have been attached just now, with data lying in DDS since before.
+        if self._items or self._closed:
+            waiter.set_result(None)
+        else:
+            if len(self._waiters) > _FORGOTTEN:
+                self._waiters = [waiting for waiting in self._waiters if not waiting.done()]
+            self._waiters.append(waiter)
+        return waiter
+
+    def _wake(self) -> None:
+        waiters, self._waiters = self._waiters, []
+        for waiter in waiters:
+            settle(waiter, None)
+
+    def _require_no_callback(self) -> None:
+        if self._callback is not None:
+            raise CallbackInUseError(f"the subscription on {self.topic} has a callback; it cannot be received from too")
+
+    # ---------------------------------------------------------------------------------------------------- callbacks
+
+    def _on_data(self) -> None:
+        """The sink of the reader; runs on the loop."""
+        if self._callback is None:
+            if self._waiters:
+                self._wake()
+        elif not self._async_callback:
+            self._call_back(self._callback)
+        elif self._worker is None or self._worker.done():
+            self._worker = self._scope.start(self._await_back(self._callback))
+
+    def _call_back(self, callback: Callable[[T], object]) -> None:
+        items, decode = self._items, self._decode
+        # Only what is here now: a callback that publishes on its own topic must not keep the loop for itself.
+        for _ in range(len(items)):
+            if self._closed or not items:
+                return
+            try:
+                message = decode(items.popleft()[0])
+            except DecodeError as err:
+                self._count_undecodable(err)
+                continue
+            try:
+                answer = callback(message)
+                if answer is not None and inspect.iscoroutine(answer):  # of a lambda, for example
+                    self._async_callback = True
+                    self._worker = self._scope.start(self._await_back(callback, answer))
+                    return
+            except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
+                self._scope.report_failure(f"the callback of {self.topic}")
+        if items and not self._closed:
+            loop = self._scope.bridge.loop
+            if loop is not None:
+                loop.call_soon(self._on_data)
+
+    async def _await_back(self, callback: Callable[[T], object], started: Awaitable[object] | None = None) -> None:
+        while (started is not None or self._items) and not self._closed:
+            try:
+                if started is None:
+                    started = callback(self._decode(self._items.popleft()[0]))  # type: ignore[assignment]  # is_async
+                await started  # type: ignore[misc]
+            except DecodeError as err:
+                if started is None:
+                    self._count_undecodable(err)
+                else:
+                    self._scope.report_failure(f"the callback of {self.topic}")
+            except asyncio.CancelledError:
+                if self._closed or is_own_cancel():
+                    raise
+                self._scope.report_failure(f"the callback of {self.topic}")
+            except Exception:
+                self._scope.report_failure(f"the callback of {self.topic}")
+            started = None
+
+    def _count_undecodable(self, error: DecodeError) -> None:
+        self.undecodable += 1
+        if self._throttle.passes():
+            self._scope.logger.warning(
+                f"dropped a sample on {self.topic} that is no {self.message_type} ({self.undecodable} so far): {error}"
+            )
+
+    # ------------------------------------------------------------------------------------------------------- state
+
+    @property
+    def dropped(self) -> int:
+        """Messages that keep-last dropped because they were not taken in time; undecodable ones are not counted."""
+        return self._reader.queue.dropped
+
+    @property
+    def publisher_count(self) -> int:
+        """How many publishers this subscription is connected with; 0 when it is closed."""
+        return 0 if self._closed else len(self._reader.matched_writers())
+
+    @property
+    def gid(self) -> bytes:
+        """The 16 bytes that identify this subscription in the graph."""
+        return self._reader.guid
+
+    async def wait_for_publishers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
+        """Wait until at least `count` publishers are connected; False when the time passed."""
+        return await self._scope.wait_until(lambda: self.publisher_count >= count, timeout_s, lambda: self._closed)
+
+    def close(self) -> None:
+        """Stop receiving: iterators end, `receive` raises `ClosedError`. From any thread; may be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self._scope.disown(self)
+        self._scope.remove(self._reader.guid)
+        self._reader.close()
+        bridge = self._scope.bridge
+        if bridge.is_running and not bridge.in_loop_thread():
+            bridge.call_soon(self._end)
+        else:
+            self._end()
+
+    def _end(self) -> None:
+        """What `close` has to do on the loop."""
+        self._items.clear()
+        self._wake()

@@ -1,0 +1,224 @@
+"""Keeps the graph up to date and tells peers about our own nodes.
+
+Decides when `ros_discovery_info` is written (after every change, several changes of one loop iteration at once), which
+byte order a participant has, and when a quality-of-service mismatch is worth a warning. The state is `state.py`, the
+bytes are `message.py`.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+import weakref
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.runtime.endpoints.window import RequestLine
+from rosidl_py_gen.runtime.graph import message as graph_message
+from rosidl_py_gen.runtime.graph.state import Graph, NodeEntities
+from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
+from rosidl_py_gen.runtime.loop.callbacks import settle
+from rosidl_py_gen.runtime.names.dds import (
+    DISCOVERY_TOPIC,
+    DISCOVERY_TYPE,
+    demangle_service,
+    demangle_topic,
+    endpoint_user_data,
+)
+from rosidl_py_gen.runtime.names.rules import fully_qualified_node_name
+from rosidl_py_gen.runtime.transport.interface import Lost
+from rosidl_py_gen.runtime.transport.qos import DEFAULT, check_compatible
+
+if TYPE_CHECKING:
+    import asyncio
+
+    from rosidl_py_gen.runtime.graph.state import Endpoint
+    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant
+
+_log = logging.getLogger(__name__)
+
+_TYPE_HASH = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+_WRITER_QOS = DEFAULT.keep_last(1).transient_local()
+_READER_QOS = DEFAULT.keep_all().transient_local()
+_NAME_PATIENCE_S = 1.0
+"""A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
+
+
+class Discovery:
+    """The graph side of one context."""
+
+    def __init__(self, participant: Participant, bridge: Bridge) -> None:
+        self._participant = participant
+        self._bridge = bridge
+        self.graph = Graph()
+        self._nodes: dict[int, NodeEntities] = {}
+        self._node_numbers = itertools.count(1)
+        self._waiting: list[asyncio.Future[None]] = []
+        self._dirty = False
+        self._lock = threading.RLock()
+        """Held from a change of our own nodes until it is written, so that no older state is written after it."""
+        self._warned: set[tuple[bytes, bytes]] = set()
+        self._mismatches: list[tuple[Endpoint, Endpoint, str]] = []
+        self._lines: weakref.WeakValueDictionary[str, RequestLine] = weakref.WeakValueDictionary()
+        user_data = endpoint_user_data(_TYPE_HASH)
+        self._writer = participant.create_writer(DISCOVERY_TOPIC, DISCOVERY_TYPE, _WRITER_QOS, user_data)
+        self._reader = participant.create_reader(
+            DISCOVERY_TOPIC, DISCOVERY_TYPE, _READER_QOS, user_data, ignore_local=True
+        )
+        self._reader.set_sink(self._on_messages)
+        participant.set_discovery_sink(self._on_events)
+
+    # ------------------------------------------------------------------------------------------------- own nodes
+
+    def add_node(self, name: str, namespace: str) -> int:
+        """Announce a node; returns its number."""
+        number = next(self._node_numbers)
+        with self._lock:
+            self._nodes[number] = NodeEntities(namespace, name, frozenset(), frozenset())
+            self.publish()
+        return number
+
+    def remove_node(self, number: int) -> None:
+        """Withdraw a node."""
+        with self._lock:
+            if self._nodes.pop(number, None) is not None:
+                self.publish()
+
+    def change_endpoints(
+        self, number: int, *, add: tuple[bytes, ...] = (), remove: tuple[bytes, ...] = (), flush: bool = False
+    ) -> None:
+        """Add or remove endpoint GUIDs of a node; whether one is a reader is told by its last byte."""
+        with self._lock:
+            node = self._nodes.get(number)
+            if node is None:
+                return
+            kinds = {0x04: node.reader_gids, 0x03: node.writer_gids}
+            for kind, gids in kinds.items():
+                added = {guid for guid in add if guid[15] == kind}
+                kinds[kind] = (gids | added) - frozenset(remove)
+            self._nodes[number] = NodeEntities(node.namespace, node.name, kinds[0x04], kinds[0x03])
+            if self._bridge.in_loop_thread() and not flush:
+                self._publish_soon()
+            else:
+                self.publish()
+
+    def _publish_soon(self) -> None:
+        loop = self._bridge.loop
+        if not self._dirty and loop is not None:
+            self._dirty = True
+            loop.call_soon(self._publish_if_dirty)
+
+    def _publish_if_dirty(self) -> None:
+        if self._dirty:
+            self.publish()
+
+    def publish(self) -> None:
+        """Write the whole state now."""
+        with self._lock:
+            self._dirty = False
+            nodes = list(self._nodes.values())
+            self._writer.write(graph_message.encode(self._participant.guid, nodes))
+            self.graph.set_nodes(self._participant.guid, nodes)
+        self._changed()
+
+    # ------------------------------------------------------------------------------------------------------ input
+
+    def refresh(self) -> None:
+        """Take in what has arrived but was not reported yet; does nothing outside the thread of a running loop."""
+        loop = self._bridge.loop
+        if loop is None or not loop.is_running() or self._bridge.in_loop_thread():
+            self._participant.report_discovery()
+            # A writer of this process may have fetched already.
+            if self._reader.fetch() or self._reader.queue.items:
+                self._on_messages()
+
+    def _on_events(self, events: list[DiscoveryEvent]) -> None:
+        for event in events:
+            if self._warned and isinstance(event, Lost):
+                self._warned = {pair for pair in self._warned if event.guid not in pair}
+            appeared = self.graph.apply(event)
+            if appeared is not None:
+                self._compare(appeared)
+        self._changed()
+
+    def _on_messages(self) -> None:
+        items = self._reader.queue.items
+        while items:
+            data, _, handle, _ = items.popleft()
+            guid = self._reader.writer_guid(handle)
+            if guid is None:
+                continue
+            try:
+                message = graph_message.decode(data, guid[:12])
+            except DecodeError as err:
+                _log.warning("ignored a graph message of participant %s: %s", guid[:12].hex("."), err)
+                continue
+            if message.big_endian:
+                self._participant.mark_big_endian(guid[:12])
+            self.graph.set_nodes(message.participant_guid, message.nodes)
+        self._changed()
+
+    # ---------------------------------------------------------------------------------------------------- waiting
+
+    def _changed(self) -> None:
+        if self._bridge.is_running and not self._bridge.in_loop_thread():
+            self._bridge.call_soon(self._changed)
+            return
+        waiting, self._waiting = self._waiting, []
+        for future in waiting:
+            settle(future, None)
+        if self._mismatches:
+            self._warn_mismatches(final=False)
+
+    def next_change(self) -> asyncio.Future[None]:
+        """A future of the running loop that is done at the next change of the graph."""
+        future = self._bridge.running_loop().create_future()
+        self._waiting = [waiting for waiting in self._waiting if not waiting.done()]
+        self._waiting.append(future)
+        return future
+
+    def request_line(self, request_topic: str) -> RequestLine:
+        """The one line in which the requests of all our clients of a service stand."""
+        return self._lines.setdefault(request_topic, RequestLine())
+
+    # ------------------------------------------------------------------------------------------------ mismatches
+
+    def _compare(self, new: Endpoint) -> None:
+        """Look for endpoints that `new` should talk to but cannot; one side must be ours."""
+        mine = self._participant.guid[:12]
+        for other in self.graph.on_topic(new.info.topic, writers=not new.info.is_writer):
+            if mine not in (new.info.guid[:12], other.info.guid[:12]) or new.info.type != other.info.type:
+                continue
+            writer, reader = (new, other) if new.info.is_writer else (other, new)
+            result = check_compatible(writer.info.qos, reader.info.qos)
+            pair = (writer.info.guid, reader.info.guid)
+            if not result.matches and pair not in self._warned:
+                self._warned.add(pair)
+                self._mismatches.append((writer, reader, result.reason))
+                loop = self._bridge.loop
+                if loop is not None:
+                    loop.call_later(_NAME_PATIENCE_S, self._warn_mismatches)
+
+    def _warn_mismatches(self, *, final: bool = True) -> None:
+        waiting, self._mismatches = self._mismatches, []
+        for writer, reader, reason in waiting:
+            words = [self.graph.describe_node(writer.info), self.graph.describe_node(reader.info)]
+            if not final and any(not text.startswith("node") for text in words):
+                self._mismatches.append((writer, reader, reason))
+                continue
+            own = writer if writer.info.guid[:12] == self._participant.guid[:12] else reader
+            name = demangle_topic(own.info.topic) or demangle_service(own.info.topic) or own.info.topic
+            namespace, node_name = self.graph.node_of(own.info)
+            get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(
+                f"no messages on {name} from {words[0]} to {words[1]}: "
+                f"their quality of service is incompatible. {reason}"
+            )
+
+    def close(self) -> None:
+        """Delete the graph endpoints and release whoever waits."""
+        self._mismatches.clear()
+        self._changed()
+        self._reader.close()
+        self._writer.close()

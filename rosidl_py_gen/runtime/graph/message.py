@@ -1,0 +1,136 @@
+"""The `ros_discovery_info` message in all its shapes: 16- and 24-byte GIDs, both byte orders.
+
+Written by hand instead of generated because one type name stands for two layouts: Humble's GIDs have 24 bytes, later
+ones 16 (protocol.md 6.2), and because it is the one message whose content tells a participant's byte order: it begins
+with the GUID of its sender, and only one reading of the rest consumes it exactly. We write the 16-byte little-endian
+shape.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.runtime.graph.state import NodeEntities
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rosidl_py_gen.runtime.transport.interface import Payload
+
+_NAME = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+_MAX_ITEMS = 1 << 20
+"""More nodes or endpoints than this in one participant is a wrong reading, not a big program."""
+
+
+class GraphMessage(NamedTuple):
+    """One participant's whole state."""
+
+    participant_guid: bytes
+    nodes: list[NodeEntities]
+    big_endian: bool
+
+
+def encode(participant_guid: bytes, nodes: Iterable[NodeEntities]) -> bytes:
+    """The message as we send it."""
+    out = bytearray(b"\0\1\0\0")
+    out += participant_guid
+    listed = list(nodes)
+    out += struct.pack("<I", len(listed))
+    for node in listed:
+        _put_text(out, node.namespace)
+        _put_text(out, node.name)
+        _put_gids(out, node.reader_gids)
+        _put_gids(out, node.writer_gids)
+    return bytes(out)
+
+
+def _put_aligned(out: bytearray, number: int) -> None:
+    out += bytes(-len(out) % 4)
+    out += struct.pack("<I", number)
+
+
+def _put_text(out: bytearray, text: str) -> None:
+    data = text.encode() + b"\0"
+    _put_aligned(out, len(data))
+    out += data
+
+
+def _put_gids(out: bytearray, gids: frozenset[bytes]) -> None:
+    _put_aligned(out, len(gids))
+    for gid in sorted(gids):
+        out += gid
+
+
+def decode(data: Payload, sender_prefix: bytes) -> GraphMessage:
+    """Read the message of the participant whose GUID begins with `sender_prefix` (12 bytes).
+
+    The reading that fits is taken: header's byte order first, 16-byte GIDs first.
+
+    Raises:
+        DecodeError: no reading fits.
+    """
+    raw = bytes(data)
+    if len(raw) < 4:
+        raise DecodeError(_NAME, len(raw), "expected a 4-byte header")
+    by_header = "<" if raw[1] & 1 else ">"
+    first_error: DecodeError | None = None
+    for order in (by_header, "<" if by_header == ">" else ">"):
+        for gid_bytes in (16, 24):
+            try:
+                nodes = _Reading(raw, order, gid_bytes, sender_prefix).message()
+            except DecodeError as err:
+                first_error = first_error or err
+            else:
+                return GraphMessage(raw[4:20], nodes, order == ">")
+    assert first_error is not None
+    raise first_error
+
+
+@dataclass(slots=True)
+class _Reading:
+    """One attempt to read the bytes in one shape; `position` counts from the start, header included."""
+
+    data: bytes
+    order: str
+    gid_bytes: int
+    sender_prefix: bytes
+    position: int = 4
+
+    def message(self) -> list[NodeEntities]:
+        if self._take(self.gid_bytes)[:12] != self.sender_prefix:
+            raise DecodeError(f"{_NAME}.gid", 4, "expected the GUID of the sender")
+        nodes = [self._node() for _ in range(self._count("node_entities_info_seq"))]
+        # The network pads to a multiple of 4 (protocol.md 2.4).
+        if len(self.data) - self.position > 3 or any(self.data[self.position :]):
+            raise DecodeError(_NAME, self.position, f"expected the end, {len(self.data) - self.position} bytes follow")
+        return nodes
+
+    def _node(self) -> NodeEntities:
+        namespace, name = self._text(), self._text()
+        readers = self._gids("reader_gid_seq")
+        return NodeEntities(namespace, name, readers, self._gids("writer_gid_seq"))
+
+    def _take(self, size: int) -> bytes:
+        end = self.position + size
+        if end > len(self.data):
+            raise DecodeError(_NAME, self.position, f"expected {size} bytes, {len(self.data) - self.position} are left")
+        found = self.data[self.position : end]
+        self.position = end
+        return found
+
+    def _count(self, field: str) -> int:
+        self.position += -self.position % 4
+        (count,) = struct.unpack(f"{self.order}I", self._take(4))
+        if count > _MAX_ITEMS:
+            raise DecodeError(f"{_NAME}.{field}", self.position - 4, f"{count} elements cannot be right")
+        return int(count)
+
+    def _text(self) -> str:
+        data = self._take(self._count("node_name"))
+        return data.rstrip(b"\0").decode(errors="replace")
+
+    def _gids(self, field: str) -> frozenset[bytes]:
+        return frozenset(self._take(self.gid_bytes)[:16] for _ in range(self._count(field)))

@@ -1,0 +1,262 @@
+"""Who is out there: nodes, topics, services and endpoints, as a plain object fed with discovery events.
+
+Decides how DDS endpoints and the `ros_discovery_info` messages combine into what ROS shows (protocol.md 6.3, 6.4). No
+I/O, no waiting: `discovery.py` feeds it, `node/node.py` asks it. `version` grows with every change.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.names.dds import (
+    DISCOVERY_TOPIC,
+    demangle_service,
+    demangle_service_type,
+    demangle_topic,
+    demangle_type,
+    parse_user_data,
+)
+from rosidl_py_gen.runtime.names.rules import fully_qualified_node_name
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+UNKNOWN_NODE = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
+BARE_DDS_NODE = ("_CREATED_BY_BARE_DDS_APP_", "_CREATED_BY_BARE_DDS_APP_")
+NamesAndTypes = list[tuple[str, list[str]]]
+
+
+class EndpointType(IntEnum):
+    """Numbers of rmw."""
+
+    INVALID = 0
+    PUBLISHER = 1
+    SUBSCRIPTION = 2
+
+
+@dataclass(frozen=True, slots=True)
+class NodeInfo:
+    """One node as its participant announces it."""
+
+    name: str
+    namespace: str
+    enclave: str
+
+    @property
+    def fully_qualified_name(self) -> str:
+        """``/ns/name``."""
+        return fully_qualified_node_name(self.name, self.namespace)
+
+
+@dataclass(frozen=True, slots=True)
+class TopicEndpointInfo:
+    """One publisher or subscription, as `ros2 topic info --verbose` shows it.
+
+    Attributes:
+        topic_type: ``pkg/msg/Name``, or the DDS type name when it has no ROS shape.
+        topic_type_hash: RIHS01 text, empty when the endpoint does not tell (Humble, bare DDS).
+        endpoint_gid: 16 bytes.
+        qos_profile: as discovered; unset durations are infinite.
+    """
+
+    node_name: str
+    node_namespace: str
+    topic_type: str
+    topic_type_hash: str
+    endpoint_type: EndpointType
+    endpoint_gid: bytes
+    qos_profile: QoSProfile
+
+
+@dataclass(frozen=True, slots=True)
+class NodeEntities:
+    """One entry of a participant's graph message."""
+
+    namespace: str
+    name: str
+    reader_gids: frozenset[bytes]
+    writer_gids: frozenset[bytes]
+
+
+@dataclass(slots=True)
+class _Participant:
+    enclave: str | None = None
+    nodes: list[NodeEntities] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class Endpoint:
+    """A discovered endpoint and what its USER_DATA says."""
+
+    info: EndpointFound
+    user_data: dict[str, str]
+
+
+class Graph:
+    """The state; every method that asks is a pure function of it."""
+
+    def __init__(self) -> None:
+        self.version = 0
+        self.endpoints: dict[bytes, Endpoint] = {}
+        self._participants: dict[bytes, _Participant] = {}
+        self._by_topic: defaultdict[str, dict[bytes, Endpoint]] = defaultdict(dict)
+
+    # ----------------------------------------------------------------------------------------------------- changes
+
+    def apply(self, event: DiscoveryEvent) -> Endpoint | None:
+        """Take one event in; returns the endpoint when a new one appeared."""
+        match event:
+            case ParticipantFound():
+                known = self._participants.setdefault(event.guid, _Participant())
+                known.enclave = parse_user_data(event.user_data).get("enclave")
+            case EndpointFound():
+                if event.topic.startswith("DCPS"):
+                    return None
+                return self._add(event)
+            case Lost():
+                self._remove(event.guid)
+        self.version += 1
+        return None
+
+    def _add(self, event: EndpointFound) -> Endpoint | None:
+        known = event.guid in self.endpoints
+        endpoint = Endpoint(event, parse_user_data(event.user_data))
+        self.endpoints[event.guid] = endpoint
+        self._by_topic[event.topic][event.guid] = endpoint
+        self.version += 1
+        return None if known else endpoint
+
+    def _remove(self, guid: bytes) -> None:
+        endpoint = self.endpoints.pop(guid, None)
+        if endpoint is not None:
+            same_topic = self._by_topic[endpoint.info.topic]
+            same_topic.pop(guid, None)
+            if not same_topic:
+                del self._by_topic[endpoint.info.topic]
+        self._participants.pop(guid, None)
+
+    def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
+        """Take a graph message in: the whole list of one participant's nodes."""
+        self._participants.setdefault(participant_guid, _Participant()).nodes = list(nodes)
+        self.version += 1
+
+    # --------------------------------------------------------------------------------------------------- endpoints
+
+    def on_topic(self, dds_topic: str, *, writers: bool) -> list[Endpoint]:
+        """The discovered writers or readers of a DDS topic."""
+        found = self._by_topic.get(dds_topic, {})
+        return [endpoint for endpoint in found.values() if endpoint.info.is_writer is writers]
+
+    def node_of(self, endpoint: EndpointFound) -> tuple[str, str]:
+        """Namespace and name of the node an endpoint belongs to, or rmw's two placeholders."""
+        participant = self._participants.get(endpoint.participant_guid)
+        if participant is None or participant.enclave is None:
+            return BARE_DDS_NODE
+        for node in participant.nodes:
+            if endpoint.guid in (node.writer_gids if endpoint.is_writer else node.reader_gids):
+                return node.namespace, node.name
+        return UNKNOWN_NODE
+
+    def describe_node(self, endpoint: EndpointFound) -> str:
+        """The owning node in words, for messages to people."""
+        namespace, name = self.node_of(endpoint)
+        if (namespace, name) in (UNKNOWN_NODE, BARE_DDS_NODE):
+            return "a DDS program without node name" if name == BARE_DDS_NODE[1] else "an unknown node"
+        return f"node {fully_qualified_node_name(name, namespace)}"
+
+    def endpoint_infos(self, dds_topic: str, *, writers: bool) -> list[TopicEndpointInfo]:
+        """For `get_publishers_info_by_topic` and its twin."""
+        kind = EndpointType.PUBLISHER if writers else EndpointType.SUBSCRIPTION
+        infos = []
+        for endpoint in self.on_topic(dds_topic, writers=writers):
+            namespace, name = self.node_of(endpoint.info)
+            shown_type = demangle_type(endpoint.info.type) or endpoint.info.type
+            type_hash = endpoint.user_data.get("typehash", "")
+            gid, profile = endpoint.info.guid, endpoint.info.qos
+            infos.append(TopicEndpointInfo(name, namespace, shown_type, type_hash, kind, gid, profile))
+        return infos
+
+    # -------------------------------------------------------------------------------------------------------- lists
+
+    def nodes(self) -> list[NodeInfo]:
+        """Every node of every ROS participant; two nodes of one name are two entries."""
+        return [
+            NodeInfo(node.name, node.namespace, participant.enclave)
+            for participant in self._participants.values()
+            if participant.enclave is not None
+            for node in participant.nodes
+        ]
+
+    def topics(self, *, demangle: bool = True) -> NamesAndTypes:
+        """Topic names and types; without `demangle` all DDS names as they are."""
+        return _names_and_types(self._topic_pairs(self.endpoints.values(), demangle))
+
+    def services(self) -> NamesAndTypes:
+        """Service names and types."""
+        return _names_and_types(self._service_pairs(self.endpoints.values()))
+
+    def of_node(self, name: str, namespace: str, *, writers: bool, services: str = "") -> NamesAndTypes:
+        """Topics of one node's writers or readers; with `services` ``rq`` or ``rr`` the services of its readers."""
+        mine = self._endpoints_of(name, namespace, writers)
+        if services:
+            mine = (endpoint for endpoint in mine if endpoint.info.topic.startswith(f"{services}/"))
+            return _names_and_types(self._service_pairs(mine))
+        return _names_and_types(self._topic_pairs(mine, True))
+
+    def has_node(self, name: str, namespace: str) -> bool:
+        """Whether such a node is known."""
+        return any((node.name, node.namespace) == (name, namespace) for node in self.nodes())
+
+    def announced_hashes(self, name: str, namespace: str, type_name: str) -> dict[str, set[str]]:
+        """DDS topics by the hash that a node's endpoints of a type announce for it; "" for those that announce none."""
+        found: defaultdict[str, set[str]] = defaultdict(set)
+        for writers in (True, False):
+            for endpoint in self._endpoints_of(name, namespace, writers):
+                if demangle_type(endpoint.info.type) == type_name:
+                    found[endpoint.user_data.get("typehash", "")].add(endpoint.info.topic)
+        return dict(found)
+
+    def _endpoints_of(self, name: str, namespace: str, writers: bool) -> Iterator[Endpoint]:
+        for participant in self._participants.values():
+            for node in participant.nodes:
+                if (node.name, node.namespace) == (name, namespace):
+                    for guid in node.writer_gids if writers else node.reader_gids:
+                        # Announced but not discovered: stale (protocol.md 6.3, rmw_cyclonedds Jazzy).
+                        if guid in self.endpoints:
+                            yield self.endpoints[guid]
+
+    @staticmethod
+    def _topic_pairs(endpoints: Iterable[Endpoint], demangle: bool) -> Iterator[tuple[str, str]]:
+        for endpoint in endpoints:
+            topic, type_name = endpoint.info.topic, endpoint.info.type
+            if not demangle:
+                yield topic, type_name
+            elif (name := demangle_topic(topic)) is not None:
+                yield name, demangle_type(type_name) or type_name
+
+    @staticmethod
+    def _service_pairs(endpoints: Iterable[Endpoint]) -> Iterator[tuple[str, str]]:
+        for endpoint in endpoints:
+            name = demangle_service(endpoint.info.topic)
+            service_type = demangle_service_type(endpoint.info.type)
+            if name is not None and service_type is not None:
+                yield name, service_type
+
+
+def _names_and_types(pairs: Iterable[tuple[str, str]]) -> NamesAndTypes:
+    found: defaultdict[str, set[str]] = defaultdict(set)
+    for name, type_name in pairs:
+        found[name].add(type_name)
+    return [(name, sorted(types)) for name, types in sorted(found.items())]
+
+
+def is_discovery_topic(endpoint: Endpoint) -> bool:
+    """Whether it is one of ROS's own graph endpoints, which belong to no node."""
+    return endpoint.info.topic == DISCOVERY_TOPIC

@@ -1,0 +1,217 @@
+"""Managed nodes: callbacks, five services, the transition event, and publishers that are silent while inactive.
+
+Decides when callbacks run; states and what answers mean are `lifecycle_rule.py`'s. One transition at a time: a request
+that comes while another is under way is refused. A transition that is cancelled is an error: it is brought to its end,
+error processing included, so that the node is never left in between. Source: protocol.md 12.2.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rosidl_py_gen.msgs.lifecycle_msgs import msg
+from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
+    ChangeState,
+    ChangeState_Request,
+    ChangeState_Response,
+    GetAvailableStates,
+    GetAvailableStates_Response,
+    GetAvailableTransitions,
+    GetAvailableTransitions_Response,
+    GetState,
+    GetState_Response,
+)
+from rosidl_py_gen.runtime.endpoints.publisher import Publisher
+from rosidl_py_gen.runtime.endpoints.server import ServiceServer
+from rosidl_py_gen.runtime.endpoints.types import MessageType, message_type, service_type
+from rosidl_py_gen.runtime.lifecycle.states import (
+    TRANSITIONS,
+    Outcome,
+    State,
+    Transition,
+    TransitionError,
+    available,
+    finished,
+    outcome_of,
+    requested,
+)
+from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+T = TypeVar("T")
+
+_CALLBACKS = {
+    State.CONFIGURING: "on_configure",
+    State.CLEANINGUP: "on_cleanup",
+    State.ACTIVATING: "on_activate",
+    State.DEACTIVATING: "on_deactivate",
+    State.SHUTTINGDOWN: "on_shutdown",
+    State.ERRORPROCESSING: "on_error",
+}
+
+
+class LifecyclePublisher(Publisher[T]):
+    """A publisher that sends only while its node is active; what is published otherwise is dropped and counted."""
+
+    def __init__(
+        self,
+        scope: Scope,
+        message_type: MessageType[T],
+        topic: str,
+        qos: QoSProfile,
+        is_active: Callable[[], bool],
+    ) -> None:
+        super().__init__(scope, message_type, topic, qos)
+        self._is_active = is_active
+        self.silenced = 0
+        """How many messages were dropped because the node was not active."""
+
+    def publish(self, message: T) -> None:
+        """As `Publisher.publish`, while the node is active."""
+        if self._may_publish():
+            super().publish(message)
+
+    def publish_raw(self, data: bytes) -> None:
+        """As `Publisher.publish_raw`, while the node is active."""
+        if self._may_publish():
+            super().publish_raw(data)
+
+    def _may_publish(self) -> bool:
+        if self._is_active():
+            return True
+        self.silenced += 1
+        if self.silenced == 1:
+            self._scope.logger.warning(f"nothing is published on {self.topic} while the node is not active")
+        return False
+
+
+class LifecycleMachine:
+    """State, services and event of one managed node, whose ``on_...`` methods it calls."""
+
+    def __init__(self, scope: Scope, names: NodeNames, node: object) -> None:
+        self.state = State.UNCONFIGURED
+        self._scope = scope
+        self._closed = False
+        self._node = node
+        self._event: Publisher[msg.TransitionEvent] = Publisher(
+            scope, message_type(msg.TransitionEvent), names.resolve_topic("~/transition_event"), DEFAULT
+        )
+        table: list[tuple[str, Any, Callable[[Any], Any]]] = [
+            ("change_state", ChangeState, self._on_change_state),
+            ("get_state", GetState, lambda request: GetState_Response(current_state=_state(self.state))),
+            ("get_available_states", GetAvailableStates, self._on_states),
+            ("get_available_transitions", GetAvailableTransitions, lambda r: _transitions(available(self.state))),
+            ("get_transition_graph", GetAvailableTransitions, lambda r: _transitions(TRANSITIONS)),
+        ]
+        self._services: list[ServiceServer[Any, Any]] = [
+            ServiceServer(scope, service_type(cls), names.resolve_service(f"~/{name}"), handler, SERVICES_DEFAULT)
+            for name, cls, handler in table
+        ]
+
+    async def change(self, transition_id: int = 0, label: str = "") -> Outcome:
+        """Run a transition and what follows from it.
+
+        Returns:
+            What the transition's own callback said.
+
+        Raises:
+            TransitionError: it does not leave the present state. ClosedError.
+            CancelledError: whoever waits here was cancelled; the transition has ended as an error.
+        """
+        self._scope.require_open(self._closed, "the lifecycle")
+        row = requested(self.state, transition_id, label)
+        if row is None:
+            wanted = label or transition_id
+            possible = ", ".join(item.label for item in available(self.state) if item.id < 10) or "nothing"
+            raise TransitionError(f"{wanted!r} is not possible in state {self.state.label}; possible: {possible}")
+        came_from = self.state
+        self._enter(row)
+        outcome, cancelled = await self._run(came_from)
+        self._enter(finished(self.state, outcome))
+        if self.state is State.ERRORPROCESSING:
+            recovered, again = await self._run(came_from)
+            self._enter(finished(self.state, recovered))
+            cancelled = cancelled or again
+        if cancelled:
+            raise asyncio.CancelledError
+        return outcome
+
+    async def _run(self, came_from: State) -> tuple[Outcome, bool]:
+        """What the callback of the present state says, and whether the caller was cancelled meanwhile."""
+        name = _CALLBACKS[self.state]
+        cancelled = False
+        if self._closed:  # by the callback before
+            return Outcome.ERROR, cancelled
+        try:
+            answer = getattr(self._node, name)(came_from)
+            if inspect.isawaitable(answer):
+                # In a task of its own: what cancels the caller can so be told from what cancels the callback.
+                task = asyncio.ensure_future(answer)
+                cancelled = await _finish(task)
+                answer = task.result()
+            return outcome_of(answer), cancelled
+        except asyncio.CancelledError:
+            self._scope.logger.warning(f"{name} of a lifecycle node was cancelled; that counts as an error")
+        except Exception:
+            self._scope.report_failure(f"{name} of a lifecycle node")
+        return Outcome.ERROR, cancelled
+
+    def _enter(self, row: Transition) -> None:
+        self.state = row.goal
+        if not self._closed:
+            self._event.publish(msg.TransitionEvent(start_state=_state(row.start), goal_state=_state(row.goal)))
+
+    async def _on_change_state(self, request: ChangeState_Request) -> ChangeState_Response:
+        try:
+            outcome = await self.change(request.transition.id, request.transition.label)
+        except TransitionError as error:
+            self._scope.logger.warning(f"refused a change of state: {error}")
+            return ChangeState_Response(success=False)
+        return ChangeState_Response(success=outcome is Outcome.SUCCESS)
+
+    def _on_states(self, request: object) -> GetAvailableStates_Response:
+        return GetAvailableStates_Response(available_states=[_state(state) for state in State])
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._closed = True
+        for service in self._services:
+            service.close()
+        self._event.close()
+
+
+async def _finish(task: asyncio.Future[Any]) -> bool:
+    """Wait for the end of a task, whatever that is; cancels it, and returns True, when the caller is cancelled."""
+    cancelled = False
+    while not task.done():
+        try:
+            await asyncio.wait((task,))
+        except asyncio.CancelledError:
+            cancelled = True
+            task.cancel()
+    return cancelled
+
+
+def _state(state: State) -> msg.State:
+    return msg.State(id=int(state), label=state.label)
+
+
+def _transitions(rows: Iterable[Transition]) -> GetAvailableTransitions_Response:
+    return GetAvailableTransitions_Response(
+        available_transitions=[
+            msg.TransitionDescription(
+                transition=msg.Transition(id=row.id, label=row.label),
+                start_state=_state(row.start),
+                goal_state=_state(row.goal),
+            )
+            for row in rows
+        ]
+    )

@@ -1,0 +1,119 @@
+"""The states of lifecycle nodes and the transitions between them, as a table.
+
+Decides which transition a request means and which state follows (protocol.md 12.2). Running callbacks and serving the
+five services is `machine.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, IntEnum
+
+from rosidl_py_gen.errors import RosidlError
+
+
+class State(IntEnum):
+    """Numbers of lifecycle_msgs/State; 1 to 4 are primary, 10 to 15 are passed through."""
+
+    UNKNOWN = 0
+    UNCONFIGURED = 1
+    INACTIVE = 2
+    ACTIVE = 3
+    FINALIZED = 4
+    CONFIGURING = 10
+    CLEANINGUP = 11
+    SHUTTINGDOWN = 12
+    ACTIVATING = 13
+    DEACTIVATING = 14
+    ERRORPROCESSING = 15
+
+    @property
+    def label(self) -> str:
+        """The name on the wire."""
+        return self.name.lower()
+
+
+class Outcome(Enum):
+    """What a callback says about its transition; the values are the transition labels."""
+
+    SUCCESS = "transition_success"
+    FAILURE = "transition_failure"
+    ERROR = "transition_error"
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """One row of the table."""
+
+    id: int
+    label: str
+    start: State
+    goal: State
+
+
+class TransitionError(RosidlError):
+    """The caller asked for a transition that does not leave the present state."""
+
+
+def _rows() -> tuple[Transition, ...]:
+    requests = [
+        (1, "configure", State.UNCONFIGURED, State.CONFIGURING),
+        (2, "cleanup", State.INACTIVE, State.CLEANINGUP),
+        (3, "activate", State.INACTIVE, State.ACTIVATING),
+        (4, "deactivate", State.ACTIVE, State.DEACTIVATING),
+        (5, "shutdown", State.UNCONFIGURED, State.SHUTTINGDOWN),
+        (6, "shutdown", State.INACTIVE, State.SHUTTINGDOWN),
+        (7, "shutdown", State.ACTIVE, State.SHUTTINGDOWN),
+    ]
+    ends = [
+        (10, State.CONFIGURING, State.INACTIVE, State.UNCONFIGURED, State.ERRORPROCESSING),
+        (20, State.CLEANINGUP, State.UNCONFIGURED, State.INACTIVE, State.ERRORPROCESSING),
+        (30, State.ACTIVATING, State.ACTIVE, State.INACTIVE, State.ERRORPROCESSING),
+        (40, State.DEACTIVATING, State.INACTIVE, State.ACTIVE, State.ERRORPROCESSING),
+        (50, State.SHUTTINGDOWN, State.FINALIZED, State.FINALIZED, State.ERRORPROCESSING),
+        (60, State.ERRORPROCESSING, State.UNCONFIGURED, State.FINALIZED, State.FINALIZED),
+    ]
+    rows = [Transition(*request) for request in requests]
+    for first_id, start, *goals in ends:
+        for offset, (outcome, goal) in enumerate(zip(Outcome, goals, strict=True)):
+            rows.append(Transition(first_id + offset, outcome.value, start, goal))
+    return tuple(rows)
+
+
+TRANSITIONS = _rows()
+_OUTCOMES = frozenset(outcome.value for outcome in Outcome)
+_CALLBACK_RETURNS = {97: Outcome.SUCCESS, 98: Outcome.FAILURE, 99: Outcome.ERROR}
+"""TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which are what rclpy's callbacks return."""
+
+
+def outcome_of(answer: object) -> Outcome:
+    """What the answer of a callback means: None is a success, and so is what Python takes for true."""
+    if isinstance(answer, Outcome):
+        return answer
+    if isinstance(answer, int) and int(answer) in _CALLBACK_RETURNS:
+        return _CALLBACK_RETURNS[int(answer)]
+    return Outcome.SUCCESS if answer is None or answer else Outcome.FAILURE
+
+
+def available(state: State) -> tuple[Transition, ...]:
+    """The transitions that leave `state`."""
+    return tuple(row for row in TRANSITIONS if row.start is state)
+
+
+def requested(state: State, transition_id: int, label: str) -> Transition | None:
+    """The transition a ChangeState request means; a label that is not empty takes precedence over the id.
+
+    None when no such transition leaves `state`. The `transition_*` rows cannot be requested, only callbacks cause them.
+    """
+    for row in available(state):
+        if row.label not in _OUTCOMES and (row.label == label if label else row.id == transition_id):
+            return row
+    return None
+
+
+def finished(state: State, outcome: Outcome) -> Transition:
+    """The transition that follows when the callback of a passing `state` ends; raises `TransitionError` elsewhere."""
+    for row in available(state):
+        if row.label == outcome.value:
+            return row
+    raise TransitionError(f"{outcome.value} is not possible in state {state.label}")

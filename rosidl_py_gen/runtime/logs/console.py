@@ -1,0 +1,99 @@
+"""Printing log records the way ROS prints them.
+
+Decides the text of a line (RCUTILS_CONSOLE_OUTPUT_FORMAT), colour and stream. When the program gave Python's root
+logger handlers of its own, those get every record and this console keeps quiet, so that nothing appears twice.
+
+Source: protocol.md 9.7, 10.6.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import sys
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING, TextIO
+
+from rosidl_py_gen.runtime.logs.loggers import DEBUG, ERROR, FATAL, LEVEL_NAMES, WARN, get_root_logger, ros_level
+from rosidl_py_gen.runtime.logs.rosout import message_text
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
+_TOKEN = re.compile(r"\{([a-z_]+)\}")
+_COLORS = {DEBUG: "\x1b[32m", WARN: "\x1b[33m", ERROR: "\x1b[31m", FATAL: "\x1b[31m"}
+_COLOR_END = "\x1b[0m"
+
+
+@dataclass(frozen=True, slots=True)
+class ConsoleSettings:
+    """`colorized` None decides by whether the stream is a terminal."""
+
+    format: str = DEFAULT_FORMAT
+    colorized: bool | None = None
+    use_stdout: bool = False
+
+
+def read_console_environment(environ: Mapping[str, str]) -> ConsoleSettings:
+    """From the RCUTILS_* variables; values other than 0 and 1 count as unset, as they cannot stop a program."""
+    colorized = {"0": False, "1": True}.get(environ.get("RCUTILS_COLORIZED_OUTPUT", ""))
+    return ConsoleSettings(
+        environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT") or DEFAULT_FORMAT,
+        colorized,
+        environ.get("RCUTILS_LOGGING_USE_STDOUT") == "1",
+    )
+
+
+def format_record(record: logging.LogRecord, format_text: str = DEFAULT_FORMAT) -> str:
+    """Replace the known ``{tokens}``; unknown ones stay as they are, as in rcutils."""
+    values = {
+        "severity": LEVEL_NAMES[ros_level(record.levelno)],
+        "name": record.name,
+        "message": message_text(record),
+        "function_name": record.funcName or "",
+        "file_name": record.pathname,
+        "line_number": str(record.lineno),
+    }
+    now_ns = round(record.created * 1e9)
+    seconds, nanoseconds = divmod(now_ns, 1_000_000_000)
+    values["time"] = f"{seconds}.{nanoseconds:09d}"
+    values["time_as_nanoseconds"] = str(now_ns)
+    values["date_time_with_ms"] = datetime.fromtimestamp(record.created).isoformat(" ", "milliseconds")
+    return _TOKEN.sub(lambda found: values.get(found.group(1), found.group()), format_text)
+
+
+class ConsoleHandler(logging.Handler):
+    """Writes records to stderr, or stdout when asked; the stream is looked up anew for each record."""
+
+    def __init__(self, settings: ConsoleSettings | None = None) -> None:
+        super().__init__()
+        self.settings = settings or ConsoleSettings()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one record, unless the program configured Python's root logger."""
+        if logging.getLogger().handlers:
+            return
+        stream = sys.stdout if self.settings.use_stdout else sys.stderr
+        try:
+            stream.write(self._line(record, stream) + "\n")
+            stream.flush()
+        except Exception:
+            self.handleError(record)
+
+    def _line(self, record: logging.LogRecord, stream: TextIO) -> str:
+        line = format_record(record, self.settings.format)
+        colorized = stream.isatty() if self.settings.colorized is None else self.settings.colorized
+        color = _COLORS.get(ros_level(record.levelno), "")
+        return f"{color}{line}{_COLOR_END}" if colorized and color else line
+
+
+_handler = ConsoleHandler()
+
+
+def install_console(settings: ConsoleSettings, is_printed: Callable[[logging.LogRecord], bool] | None = None) -> None:
+    """Print every ROS record that `is_printed` lets pass; a later call only changes the settings."""
+    _handler.settings = settings
+    _handler.filters = [is_printed] if is_printed is not None else []
+    get_root_logger().addHandler(_handler)

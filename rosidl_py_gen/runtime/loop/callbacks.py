@@ -1,0 +1,145 @@
+"""Helpers around functions that users hand in: plain or async, on which thread, and what their code mentions."""
+
+from __future__ import annotations
+
+import asyncio
+import concurrent.futures
+import contextlib
+import contextvars
+import functools
+import inspect
+import threading
+from types import CodeType
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+    from rosidl_py_gen.runtime.loop.bridge import Bridge
+
+T = TypeVar("T")
+
+_LOOP_ENDED_S = 0.2
+"""How often a thread that waits for the loop looks whether there still is one."""
+
+_TASKS_KNOW = hasattr(asyncio.Task, "cancelling")
+_CANCEL_NAMES = frozenset({"cancel_requested", "wait_for_cancel"})
+
+
+async def result_of(callback: Callable[..., Any], *arguments: object) -> Any:
+    """What a plain or async callback answers."""
+    answer = callback(*arguments)
+    return await answer if inspect.isawaitable(answer) else answer
+
+
+def require_callable(callback: object, what: str, hint: str = "") -> None:
+    """Raise `TypeError` for what is neither callable nor None, before anything is created."""
+    if callback is not None and not callable(callback):
+        raise TypeError(f"{what} must be a function, got {callback!r:.100}{hint}")
+
+
+def settle(future: asyncio.Future[T], result: T) -> None:
+    """Let whoever waits go on, on the future's loop; nothing happens when nobody can any more."""
+    if not future.done() and not future.get_loop().is_closed():
+        future.set_result(result)
+
+
+def is_own_cancel() -> bool:
+    """Whether the CancelledError at hand is meant for the current task, and not the outcome of something awaited.
+
+    For tasks of `start_task`; on Python 3.10 others cannot tell.
+    """
+    task = asyncio.current_task()
+    cancelling = getattr(task, "cancelling", None)
+    return cancelling is not None and cancelling() > 0
+
+
+def start_task(loop: asyncio.AbstractEventLoop, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
+    """A task that knows whether it was cancelled."""
+    return loop.create_task(coroutine) if _TASKS_KNOW else _CountingTask(coroutine, loop=loop)
+
+
+class _CountingTask(asyncio.Task[T]):
+    """What tasks of Python 3.11 can do."""
+
+    _cancels = 0
+
+    def cancel(self, msg: Any = None) -> bool:
+        self._cancels += 1
+        return super().cancel(msg)
+
+    def cancelling(self) -> int:
+        return self._cancels
+
+
+async def in_thread(name: str, function: Callable[..., Any], *arguments: object) -> Any:
+    """Call a plain function in a thread of its own, and return or raise what it does.
+
+    A daemon thread, and none of asyncio's pool: that has a few threads for the whole program, and waits for all of them
+    when the loop ends, so a function that does not return would keep the process alive.
+    """
+    loop = asyncio.get_running_loop()
+    done: asyncio.Future[tuple[Any, BaseException | None]] = loop.create_future()
+    context = contextvars.copy_context()
+
+    def deliver(outcome: Any, error: BaseException | None) -> None:
+        if not done.done():
+            done.set_result((outcome, error))
+
+    def call() -> None:
+        outcome, failure = None, None
+        try:
+            outcome = context.run(function, *arguments)
+        except BaseException as error:
+            failure = error
+        with contextlib.suppress(RuntimeError):  # the loop is closed: nobody waits any more
+            loop.call_soon_threadsafe(deliver, outcome, failure)
+
+    threading.Thread(target=call, name=name, daemon=True).start()
+    outcome, failure = await done
+    try:
+        if failure is not None:
+            raise failure
+        return outcome
+    finally:
+        del failure  # its traceback holds this frame
+
+
+def on_loop(bridge: Bridge, function: Callable[[], T]) -> T:
+    """Run `function` on the loop's thread and return what it returns; here and now when no loop runs (any more)."""
+    loop = bridge.loop
+    if loop is None or not loop.is_running() or bridge.in_loop_thread():
+        return function()
+    done: concurrent.futures.Future[T] = concurrent.futures.Future()
+
+    def call() -> None:
+        if done.set_running_or_notify_cancel():
+            try:
+                done.set_result(function())
+            except BaseException as error:
+                done.set_exception(error)
+
+    try:
+        loop.call_soon_threadsafe(call)
+    except RuntimeError:  # closed in the meantime
+        return function()
+    while not concurrent.futures.wait((done,), _LOOP_ENDED_S).done:
+        if not loop.is_running() and done.cancel():
+            return function()
+    return done.result()
+
+
+def mentions_cancel(handler: Callable[..., Any]) -> bool:
+    """Whether the handler's own code reads `cancel_requested`; functions it calls are not looked into."""
+    while isinstance(handler, functools.partial):
+        handler = handler.func
+    function: Any = inspect.unwrap(handler)
+    if not inspect.isroutine(function):
+        function = type(function).__call__
+    code = getattr(function, "__code__", None)
+    return isinstance(code, CodeType) and _reads(code)
+
+
+def _reads(code: CodeType) -> bool:
+    inner = (item for item in code.co_consts if isinstance(item, CodeType))
+    return not _CANCEL_NAMES.isdisjoint(code.co_names) or any(_reads(item) for item in inner)

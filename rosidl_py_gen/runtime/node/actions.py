@@ -1,0 +1,155 @@
+"""The action methods of a node.
+
+Decides names and defaults as ROS users know them; what the endpoints do is in their own files, which are imported when
+they are first used: most nodes have no actions, and every node has to start fast.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, overload
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from rosidl_py_gen.cdr import Action
+    from rosidl_py_gen.runtime.actions.client import ActionClient
+    from rosidl_py_gen.runtime.actions.server import ActionServer, Policy
+    from rosidl_py_gen.runtime.actions.server_goal import Finished, ServerGoal
+    from rosidl_py_gen.runtime.actions.types import ActionClass, ActionT, FeedbackT, GoalT, ResultT, UntypedAction
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.endpoints.types import Untyped
+    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.node.context import Context
+    from rosidl_py_gen.runtime.time.clock import Clock
+
+RESULT_TIMEOUT_S = 900.0
+"""rclpy's default."""
+
+
+class NodeActions:
+    """Action methods of `Node`."""
+
+    scope: Scope
+    context: Context
+    clock: Clock
+    _closed: bool
+    _names: NodeNames
+
+    @overload
+    def create_action_server(
+        self,
+        action: ActionClass[ActionT, GoalT, ResultT, FeedbackT],
+        name: str,
+        execute: Callable[[ServerGoal[ActionT]], ResultT | Finished | Awaitable[ResultT | Finished | None] | None]
+        | None = None,
+        *,
+        accept: Callable[[GoalT], object] | None = None,
+        on_cancel: Callable[[ServerGoal[ActionT]], object] | None = None,
+        result_timeout_s: float = RESULT_TIMEOUT_S,
+        policy: Policy = "parallel",
+    ) -> ActionServer[ActionT]: ...
+    @overload
+    def create_action_server(
+        self,
+        action: str,
+        name: str,
+        execute: Callable[[ServerGoal[UntypedAction]], Untyped | Finished | Awaitable[Untyped | Finished | None] | None]
+        | None = None,
+        *,
+        accept: Callable[[Untyped], object] | None = None,
+        on_cancel: Callable[[ServerGoal[UntypedAction]], object] | None = None,
+        result_timeout_s: float = RESULT_TIMEOUT_S,
+        policy: Policy = "parallel",
+    ) -> ActionServer[UntypedAction]: ...
+    def create_action_server(
+        self,
+        action: object,
+        name: str,
+        execute: Callable[[ServerGoal[Any]], Any] | None = None,
+        *,
+        accept: Callable[[Any], object] | None = None,
+        on_cancel: Callable[[ServerGoal[Any]], object] | None = None,
+        result_timeout_s: float = RESULT_TIMEOUT_S,
+        policy: Policy = "parallel",
+    ) -> ActionServer[Any]:
+        """Serve an action; callbacks may be plain or async. Without `execute`, iterate over the goal requests.
+
+        Args:
+            execute: gets a `ServerGoal` and returns the result (SUCCEEDED), or ends the goal itself with `succeed`,
+                `abort` or `canceled`. An exception, or returning None without having ended it, is ABORTED. A plain
+                function runs in a thread of its own for each goal; it has to look at `goal.cancel_requested`, which is
+                also true when the node closes.
+            accept: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or something that is true
+                or None to accept, and anything else that is false to reject.
+            on_cancel: gets the `ServerGoal`; anything false but None refuses the cancel. For the default see
+                `actions/cancel.py`.
+            result_timeout_s: how long a result is kept after the end of its goal; `math.inf` for ever.
+            policy: ``"parallel"`` runs any number of goals at once. One at a time: ``"reject"`` refuses others
+                meanwhile, ``"queue"`` lets them wait their turn, ``"preempt"`` cancels the running one for the newest.
+                Deferred goals take their place in line when `execute` is called; `goal.started()` waits for the start.
+
+        Goals that have not started (waiting in line, or deferred) end as CANCELED when a cancel is accepted.
+
+        Raises:
+            InvalidNameError, TypeNotFoundError, ClosedError.
+            TypeError, ActionArgumentError, ValueError: an argument is of no use, or `accept` comes without `execute`.
+        """
+        from rosidl_py_gen.runtime.actions.server import ActionServer
+        from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
+
+        self.scope.require_open(self._closed, "the node")
+        server: ActionServer[Any] = ActionServer(
+            self.scope,
+            self.clock,
+            action_type(action),
+            ActionNames.resolve(self._names, name),
+            execute,
+            accept=accept,
+            on_cancel=on_cancel,
+            result_timeout_s=result_timeout_s,
+            policy=policy,
+        )
+        self.scope.own(server)
+        return server
+
+    @overload
+    def create_action_client(
+        self, action: type[ActionT], name: str, *, feedback_depth: int = 100, server_lost_after_s: float = 5.0
+    ) -> ActionClient[ActionT]: ...
+    @overload
+    def create_action_client(
+        self, action: str, name: str, *, feedback_depth: int = 100, server_lost_after_s: float = 5.0
+    ) -> ActionClient[UntypedAction]: ...
+    def create_action_client(
+        self,
+        action: type[Action[Any, Any, Any]] | str,
+        name: str,
+        *,
+        feedback_depth: int = 100,
+        server_lost_after_s: float = 5.0,
+    ) -> ActionClient[Any]:
+        """Send goals to an action. A type given as text makes goals, results and feedback dicts.
+
+        Args:
+            feedback_depth: how many feedback messages a goal keeps until somebody iterates, at least 1; older ones are
+                dropped, and counted in `goal.feedback_dropped`.
+            server_lost_after_s: how long a server may be away before goals end with `ActionServerLostError`; `math.inf`
+                for ever.
+
+        Raises:
+            InvalidNameError, TypeNotFoundError, ClosedError. TypeError, ActionArgumentError: an argument is of no use.
+        """
+        from rosidl_py_gen.runtime.actions.client import ActionClient
+        from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
+
+        self.scope.require_open(self._closed, "the node")
+        client: ActionClient[Any] = ActionClient(
+            self.scope,
+            action_type(action),
+            ActionNames.resolve(self._names, name),
+            self.context.run_until_complete,
+            feedback_depth=feedback_depth,
+            server_lost_after_s=server_lost_after_s,
+        )
+        self.scope.own(client)
+        return client

@@ -1,0 +1,235 @@
+"""ROS arguments: everything between ``--ros-args`` and ``--``, and what is left for the program.
+
+Decides the grammar of protocol.md 10.4. Values are kept in the order of the command line, because later parameters
+override earlier ones. Parameter files are read through the `read_text` function given by the caller.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import InvalidNameError, RosidlError
+from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
+from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError, RemapRule, parse_remap_rule
+from rosidl_py_gen.runtime.names.rules import normalize_namespace
+from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError, overrides_for
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from rosidl_py_gen.runtime.parameters.values import ParameterValue
+
+_NODE_PREFIX = re.compile(r"([^:]+):(?!=)")
+
+
+class RosArgumentError(RosidlError, ValueError):
+    """The user gave a ROS argument that cannot be understood; the text shows it."""
+
+
+@dataclass(frozen=True, slots=True)
+class RosArguments:
+    """The meaning of a command line.
+
+    Attributes:
+        program: what is left for the program, its name included, ROS arguments removed.
+        remap_rules: in order; the first that matches wins.
+        parameters: from ``-p`` and files, in order; later ones override earlier ones.
+        log_level: for all loggers; None leaves INFO.
+        log_levels: (logger name, level) in order.
+        log_file_name: what the name of a log file begins with; empty leaves the program's name.
+        stdout_logs, rosout_logs: the switches ``--enable-…`` and ``--disable-…``; of several the last counts.
+        external_lib_logs: the switch for log files; None when it was not given.
+        warnings: sentences to log once.
+    """
+
+    program: tuple[str, ...] = ()
+    remap_rules: tuple[RemapRule, ...] = ()
+    parameters: tuple[NodeParameters, ...] = ()
+    log_level: int | None = None
+    log_levels: tuple[tuple[str, int], ...] = ()
+    enclave: str = "/"
+    log_file_name: str = ""
+    stdout_logs: bool = True
+    rosout_logs: bool = True
+    external_lib_logs: bool | None = None
+    warnings: tuple[str, ...] = ()
+
+    def overrides_for(self, fully_qualified_name: str) -> dict[str, ParameterValue]:
+        """Parameter values for one node."""
+        return overrides_for(self.parameters, fully_qualified_name)
+
+
+@dataclass(slots=True)
+class _Parser:
+    """Collects what the flags say; one method a flag with an argument."""
+
+    read_text: Callable[[str], str]
+    program: list[str] = field(default_factory=list)
+    remap_rules: list[RemapRule] = field(default_factory=list)
+    parameters: list[NodeParameters] = field(default_factory=list)
+    log_level: int | None = None
+    log_levels: list[tuple[str, int]] = field(default_factory=list)
+    enclave: str = "/"
+    log_file_name: str = ""
+    switches: dict[str, bool] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    unknown: list[str] = field(default_factory=list)
+
+    def remap(self, value: str) -> None:
+        self.remap_rules.append(parse_remap_rule(value))
+
+    def parameter(self, value: str) -> None:
+        from rosidl_py_gen.runtime.parameters.files import parse_parameter_value
+
+        left, separator, text = value.partition(":=")
+        if not separator:
+            raise RosArgumentError("there is no ':='; expected [NODE:]name:=value")
+        found = _NODE_PREFIX.match(left)
+        pattern = "/" + found.group(1).lstrip("/") if found else "/**"
+        name = left[found.end() :] if found else left
+        if not name or ":" in name or any(character.isspace() for character in name):
+            raise RosArgumentError(f"{name!r} is not a parameter name; expected [NODE:]name:=value")
+        self.parameters.append(NodeParameters(pattern, {name: parse_parameter_value(text)}))
+
+    def params_file(self, value: str) -> None:
+        from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
+
+        try:
+            text = self.read_text(value)
+        except (OSError, UnicodeDecodeError) as error:
+            raise RosArgumentError(f"the file cannot be read: {error}") from error
+        self.parameters.extend(parse_parameter_file(text, value))
+
+    def set_log_level(self, value: str) -> None:
+        name, separator, level = value.partition(":=")
+        if not separator:
+            self.log_level = parse_level(value)
+        elif not name:
+            raise RosArgumentError("the logger's name is missing; expected LEVEL or logger:=LEVEL")
+        else:
+            self.log_levels.append((name, parse_level(level)))
+
+    def set_enclave(self, value: str) -> None:
+        if not value.startswith("/"):
+            raise RosArgumentError(f"an enclave must begin with '/', got {value!r}")
+        self.enclave = normalize_namespace(value)
+
+    def set_log_config_file(self, value: str) -> None:
+        raise RosArgumentError(
+            "log configuration files are not read, because they can run code (ROS's usual backend, spdlog, reads none "
+            "either); use --log-level [logger:=]LEVEL, or configure Python's logging in the program"
+        )
+
+    def set_log_file_name(self, value: str) -> None:
+        if not value or not value.isprintable() or any(sign in value for sign in "/\\:"):
+            raise RosArgumentError("expected the beginning of a file name, without folder; ROS_LOG_DIR sets the folder")
+        self.log_file_name = value
+
+
+_WITH_ARGUMENT = {
+    "-r": _Parser.remap,
+    "--remap": _Parser.remap,
+    "-p": _Parser.parameter,
+    "--param": _Parser.parameter,
+    "--params-file": _Parser.params_file,
+    "--log-level": _Parser.set_log_level,
+    "-e": _Parser.set_enclave,
+    "--enclave": _Parser.set_enclave,
+    "--log-config-file": _Parser.set_log_config_file,
+    "--log-file-name": _Parser.set_log_file_name,
+}
+_SWITCHES = ("stdout-logs", "rosout-logs", "external-lib-logs")
+
+
+def read_text_file(path: str) -> str:
+    """The default way to read a parameter file."""
+    with open(path, encoding="utf-8") as file:
+        return file.read()
+
+
+def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = read_text_file) -> RosArguments:
+    """Split a command line, program name included, into ROS arguments and the rest.
+
+    Raises:
+        RosArgumentError: shows the argument: unknown flag, missing or malformed value, unreadable file.
+        TypeError: not a list of texts; one text is not split, because only a shell knows how.
+    """
+    if isinstance(arguments, (str, bytes)) or not isinstance(arguments, Iterable):
+        found = "the text " if isinstance(arguments, (str, bytes)) else ""
+        raise TypeError(
+            f"args must be a list of arguments such as ['program', '--ros-args'], got {found}{arguments!r:.200}"
+        )
+    arguments = list(arguments)  # it may be an iterator
+    wrong = [argument for argument in arguments if not isinstance(argument, str)]
+    if wrong:
+        raise TypeError(f"args must be texts, got {wrong[0]!r}")
+    parser = _Parser(read_text)
+    rest = iter(arguments)
+    for argument in rest:
+        if argument == "--ros-args":
+            _parse_group(parser, rest)
+        elif not _deprecated_remap(parser, argument):
+            parser.program.append(argument)
+    if parser.unknown:
+        flags = " ".join(repr(argument) for argument in parser.unknown)
+        known = ", ".join([*_WITH_ARGUMENT, *(f"--enable-{s}, --disable-{s}" for s in _SWITCHES)])
+        raise RosArgumentError(f"unknown ROS arguments: {flags}; known are {known}; end them with '--'")
+    return _result(parser)
+
+
+def _parse_group(parser: _Parser, rest: Iterator[str]) -> None:
+    for argument in rest:
+        if argument == "--":
+            return
+        if argument == "--ros-args":
+            continue
+        handler = _WITH_ARGUMENT.get(argument)
+        if handler is not None:
+            value = next(rest, None)
+            if value is None:
+                raise RosArgumentError(f"ROS argument {argument} needs a value after it")
+            try:
+                handler(parser, value)
+            except (RosArgumentError, InvalidNameError, ParameterFileError, LogLevelError) as error:
+                raise RosArgumentError(f"ROS argument {argument} {value!r}: {error}") from error
+        elif not _switch(parser, argument):
+            parser.unknown.append(argument)
+
+
+def _switch(parser: _Parser, argument: str) -> bool:
+    for prefix, value in (("--enable-", True), ("--disable-", False)):
+        if argument.startswith(prefix) and argument[len(prefix) :] in _SWITCHES:
+            parser.switches[argument[len(prefix) :]] = value
+            return True
+    return False
+
+
+def _deprecated_remap(parser: _Parser, argument: str) -> bool:
+    if ":=" not in argument:
+        return False
+    try:
+        rule = parse_remap_rule(argument)
+    except InvalidRemapRuleError:
+        return False
+    parser.remap_rules.append(rule)
+    parser.warnings.append(f"remap rule {argument!r} outside of --ros-args is deprecated; use --ros-args -r {argument}")
+    return True
+
+
+def _result(parser: _Parser) -> RosArguments:
+    return RosArguments(
+        tuple(parser.program),
+        tuple(parser.remap_rules),
+        tuple(parser.parameters),
+        parser.log_level,
+        tuple(parser.log_levels),
+        parser.enclave,
+        parser.log_file_name,
+        parser.switches.get("stdout-logs", True),
+        parser.switches.get("rosout-logs", True),
+        parser.switches.get("external-lib-logs"),
+        tuple(parser.warnings),
+    )

@@ -1,0 +1,267 @@
+"""A context: one DDS participant, its graph, and the event loop its nodes live on.
+
+Decides how arguments, environment and defaults become a participant. Nodes share the default context unless they are
+given another one; it is opened by the first node and closed with the last.
+"""
+
+from __future__ import annotations
+
+import atexit
+import itertools
+import os
+import sys
+import threading
+import weakref
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.graph.discovery import Discovery
+from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.logs.outputs import ContextLogs
+from rosidl_py_gen.runtime.loop.bridge import Bridge
+from rosidl_py_gen.runtime.loop.portal import SyncCalls
+from rosidl_py_gen.runtime.names.dds import participant_user_data
+from rosidl_py_gen.runtime.node.arguments import parse_arguments
+from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
+from rosidl_py_gen.runtime.node.fork import FORKED
+
+if TYPE_CHECKING:
+    import asyncio
+    from collections.abc import Coroutine, Sequence
+
+    from typing_extensions import Self
+
+    from rosidl_py_gen.runtime.node.arguments import RosArguments
+    from rosidl_py_gen.runtime.node.environment import DomainSettings
+    from rosidl_py_gen.runtime.transport.interface import Transport
+
+T = TypeVar("T")
+
+_TUNING = (
+    '<Internal><SocketReceiveBufferSize max="32MiB"/></Internal><Compatibility><IgnoreTypeInformation>'
+    f"{','.join(f'1.{vendor}' for vendor in range(2, 33))}</IgnoreTypeInformation></Compatibility>"
+)
+"""XML below ``<Domain>`` for every domain of ours; the user's CYCLONEDDS_URI wins over it.
+
+- The kernel grants at most net.core.rmem_max. With Cyclone's own 1 MiB a fifth of 6 MB images was lost on loopback,
+  with 4 MiB none.
+- Type information of peers, of all vendors that Cyclone can name here: ours have none to compare it with. Cyclone
+  takes definitions of arrays and sequences of Kilted's Fast DDS for invalid when it hears one peer ask another for
+  them, and from then on ignores all endpoints of these types.
+"""
+
+
+class AdoptedNode(Protocol):
+    """What a context knows of its nodes."""
+
+    @property
+    def fully_qualified_name(self) -> str:
+        """``/ns/name``."""
+
+    def close(self) -> None:
+        """May be called twice."""
+
+    def abandon(self, words: str) -> None:
+        """Be closed without touching the transport; `words` say why, for errors."""
+
+
+class Context:
+    """One participant of a DDS domain.
+
+    All contexts of one process and domain need the same settings. After a fork a context belongs to the parent process
+    alone: in the child it is closed, and so are its nodes.
+
+    Args:
+        domain_id: None means ``ROS_DOMAIN_ID``, else 0.
+        discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None means the environment (protocol.md 10.6).
+        args: a command line that may contain ``--ros-args``; None means `sys.argv`.
+        transport: None means DDS; a `MemoryTransport` stays inside this process.
+
+    Raises:
+        EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError.
+        TransportError: DDS refused, the domain is open with other settings, or this process was forked from one that
+            uses DDS.
+    """
+
+    _default: ClassVar[Context | None] = None
+    _default_lock: ClassVar[threading.RLock] = threading.RLock()
+
+    def __init__(
+        self,
+        domain_id: int | None = None,
+        *,
+        discovery: str | None = None,
+        args: Sequence[str] | None = None,
+        transport: Transport | None = None,
+    ) -> None:
+        if isinstance(transport, type) or not (transport is None or callable(getattr(transport, "open", None))):
+            raise TypeError(f"transport must be a transport object such as MemoryTransport(), got {transport!r:.100}")
+        settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
+        self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
+        self.arguments = list(self.ros_arguments.program)
+        """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
+        self._logs = ContextLogs(self.ros_arguments, os.environ)
+        try:
+            self._open(settings, transport)
+        except BaseException:
+            self._logs.close()
+            raise
+
+    def _open(self, settings: DomainSettings, transport: Transport | None) -> None:
+        for sentence in (*settings.warnings, *self.ros_arguments.warnings):
+            get_root_logger().warning(sentence)
+        self.domain_id = settings.domain_id
+        self.settings = settings
+        xml = cyclone_xml(settings, process_id=os.getpid(), extra=_TUNING)
+        chosen = transport if transport is not None else _dds()
+        user_data = participant_user_data(self.ros_arguments.enclave)
+        self.participant = chosen.open(settings.domain_id, user_data, cyclone_xml=xml)
+        self.bridge = Bridge(self.participant)
+        self.discovery = Discovery(self.participant, self.bridge)
+        self.entity_numbers = itertools.count(1)
+        self._closed = False
+        self._closed_words = "this context is closed"
+        self._had_loop = threading.Event()
+        self.bridge.on_start(self._had_loop.set)
+        self._shared = False
+        self._nodes: weakref.WeakSet[AdoptedNode] = weakref.WeakSet()
+        self._node_count = 0
+        self._sync_calls = SyncCalls(self.bridge)
+        _open_contexts.add(self)
+
+    # ----------------------------------------------------------------------------------------------------- sharing
+
+    @classmethod
+    def default(cls) -> Context:
+        """The context that nodes share when they are not given one; opened when there is none."""
+        with cls._default_lock:
+            if cls._default is None or cls._default.is_closed:
+                cls._default = cls()
+                cls._default._shared = True
+            return cls._default
+
+    @classmethod
+    def close_default(cls) -> None:
+        """Close the shared context if there is one, and with it the nodes that were left open."""
+        with cls._default_lock:
+            context, cls._default = cls._default, None
+        if context is not None:
+            context.close()
+
+    def adopt(self, node: AdoptedNode) -> None:
+        """Count a node in; `close` will close it."""
+        self.require_open()
+        self._logs.adopt(node.fully_qualified_name)
+        self._nodes.add(node)
+        self._node_count += 1
+
+    def release(self, node: AdoptedNode) -> None:
+        """Count a node out; the default context closes with its last node."""
+        self._logs.release(node.fully_qualified_name)
+        self._nodes.discard(node)
+        self._node_count -= 1
+        self.close_if_unused()
+
+    def close_if_unused(self) -> None:
+        """Close the default context when it has no node, because the last one left or the first one failed."""
+        if self._shared and self._node_count == 0:
+            self.close()
+
+    def require_open(self) -> None:
+        """Raise `ClosedError` when the context is closed."""
+        if self._closed:
+            raise ClosedError(self._closed_words)
+
+    @property
+    def is_closed(self) -> bool:
+        """True after `close`."""
+        return self._closed
+
+    # -------------------------------------------------------------------------------------------------------- loop
+
+    @property
+    def had_loop(self) -> bool:
+        """Whether an event loop was ever attached; before that no callback runs."""
+        return self._had_loop.is_set()
+
+    @staticmethod
+    def attach_all() -> None:
+        """Let the running loop serve every open context that no running loop serves yet."""
+        for context in sorted(_open_contexts, key=lambda context: context is not Context._default):
+            context.bridge.adopt_running_loop()
+
+    def run_until_complete(self, coroutine: Coroutine[Any, Any, T]) -> T:
+        """Run a coroutine from plain code, on the loop that runs, or on one that this context keeps for the purpose."""
+        if self._closed:
+            coroutine.close()
+            self.require_open()
+        return self._sync_calls.run(coroutine)
+
+    @staticmethod
+    def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
+        """Close the contexts that this loop serves."""
+        for context in list(_open_contexts):
+            if context.bridge.loop is loop:
+                context.close()
+
+    # ------------------------------------------------------------------------------------------------------ closing
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    async def __aenter__(self) -> Self:
+        self.bridge.running_loop()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close all nodes and leave the domain; may be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        _open_contexts.discard(self)
+        for node in list(self._nodes):
+            node.close()
+        self.discovery.close()
+        self.bridge.close()
+        self.participant.close()
+        self._sync_calls.close()
+        self._logs.close()
+
+    @staticmethod
+    def close_all() -> None:
+        """Leave all domains before the process goes, so that peers see it at once and no DDS thread outlives Python."""
+        for context in list(_open_contexts):
+            context.close()
+
+    # ------------------------------------------------------------------------------------------------------ forking
+
+    @classmethod
+    def after_fork(cls) -> None:
+        """In the child: forget what belongs to the parent. No call into DDS, no lock, no join: all of them may hang."""
+        cls._default = None
+        cls._default_lock = threading.RLock()
+        for context in list(_open_contexts):
+            context._closed = True
+            context._closed_words = f"this context is closed: it was {FORKED}"
+            for node in list(context._nodes):
+                node.abandon(FORKED)
+        _open_contexts.clear()
+
+
+def _dds() -> Transport:
+    from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
+
+    return CycloneTransport()
+
+
+_open_contexts: weakref.WeakSet[Context] = weakref.WeakSet()
+
+atexit.register(Context.close_all)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=Context.after_fork)

@@ -1,0 +1,73 @@
+"""The services ``~/get_logger_levels`` and ``~/set_logger_levels``. Source: protocol.md 9.1."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.msgs.rcl_interfaces.msg import LoggerLevel, SetLoggerLevelsResult
+from rosidl_py_gen.msgs.rcl_interfaces.srv import (
+    GetLoggerLevels,
+    GetLoggerLevels_Request,
+    GetLoggerLevels_Response,
+    SetLoggerLevels,
+    SetLoggerLevels_Request,
+    SetLoggerLevels_Response,
+)
+from rosidl_py_gen.runtime.endpoints.server import ServiceServer
+from rosidl_py_gen.runtime.endpoints.types import service_type
+from rosidl_py_gen.runtime.logs.loggers import LogLevelError, get_logger_level, set_logger_level
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.names.remap import NodeNames
+
+
+class LoggerServices:
+    """The two services of one node; levels are those of the whole process."""
+
+    def __init__(self, scope: Scope, names: NodeNames) -> None:
+        self._services: list[ServiceServer[Any, Any]] = [
+            ServiceServer(
+                scope,
+                service_type(GetLoggerLevels),
+                names.resolve_service("~/get_logger_levels"),
+                _get,
+                SERVICES_DEFAULT,
+            ),
+            ServiceServer(
+                scope,
+                service_type(SetLoggerLevels),
+                names.resolve_service("~/set_logger_levels"),
+                _set,
+                SERVICES_DEFAULT,
+            ),
+        ]
+
+    @property
+    def endpoints(self) -> list[ServiceServer[Any, Any]]:
+        """What the node's types in use are found in."""
+        return self._services
+
+    def close(self) -> None:
+        """May be called twice."""
+        for service in self._services:
+            service.close()
+
+
+def _get(request: GetLoggerLevels_Request) -> GetLoggerLevels_Response:
+    return GetLoggerLevels_Response(
+        levels=[LoggerLevel(name=name, level=get_logger_level(name)) for name in request.names]
+    )
+
+
+def _set(request: SetLoggerLevels_Request) -> SetLoggerLevels_Response:
+    return SetLoggerLevels_Response(results=[_set_one(level) for level in request.levels])
+
+
+def _set_one(level: LoggerLevel) -> SetLoggerLevelsResult:
+    try:
+        set_logger_level(level.name, level.level)
+    except LogLevelError as error:
+        return SetLoggerLevelsResult(successful=False, reason=str(error))
+    return SetLoggerLevelsResult(successful=True)

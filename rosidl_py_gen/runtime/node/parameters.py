@@ -1,0 +1,380 @@
+"""The parameter, time and introspection methods of a node.
+
+Decides names, defaults and the order in which a node brings up what every ROS node has (protocol.md 9.1): parameter
+events, `use_sim_time`, the six services, logger levels, type description. What each does is in its own file; what not
+every node needs is imported when it is first used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin, overload
+
+from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.node.time import SimTimePublisher, TimeSource
+from rosidl_py_gen.runtime.node.type_description import TypeDescriptionService, announced_hash, ask_type_description
+from rosidl_py_gen.runtime.parameters.rules import Listing
+from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterServices
+from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.values import (
+    InvalidParameterValue,
+    Parameter,
+    ParameterDescriptor,
+    ParameterType,
+    PythonValue,
+    WrongParameterType,
+    as_parameters,
+    as_prefixes,
+    parameter_value,
+    require_name,
+    require_names,
+)
+from rosidl_py_gen.runtime.time.values import ClockType, Time
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.endpoints.timer import Timer
+    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.node.context import Context
+    from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
+    from rosidl_py_gen.runtime.parameters.store import ParameterEvent
+    from rosidl_py_gen.runtime.parameters.values import ParametersToSet
+    from rosidl_py_gen.runtime.time.clock import Clock
+    from rosidl_py_gen.runtime.time.sleep import Rate
+
+T = TypeVar("T")
+
+_KINDS: dict[object, ParameterType] = {
+    bool: ParameterType.BOOL,
+    int: ParameterType.INTEGER,
+    float: ParameterType.DOUBLE,
+    str: ParameterType.STRING,
+    bytes: ParameterType.BYTE_ARRAY,
+}
+
+
+class ParameterChange(NamedTuple):
+    """One parameter that changed; `value` is None when it was unset or undeclared."""
+
+    name: str
+    value: PythonValue
+
+
+class NodeParameters:
+    """Parameter methods of `Node`, which has to call `_open_parameters` in its constructor."""
+
+    scope: Scope
+    context: Context
+    clock: Clock
+    _closed: bool
+    _names: NodeNames
+    _store: ParameterStore
+    _time_source: TimeSource
+    _changes: list[Stream[ParameterChange]]
+
+    def _open_parameters(
+        self,
+        *,
+        overrides: Mapping[str, object] | None = None,
+        allow_undeclared: bool = False,
+        declare_overrides: bool = False,
+        start_services: bool = True,
+        logger_services: bool = False,
+    ) -> None:
+        """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
+        merged = self.context.ros_arguments.overrides_for(self._names.fully_qualified_name)
+        merged.update({item.name: item.value for item in as_parameters(overrides or {})})
+        # Not `self` in the function below: a node must not be part of a cycle, or it outlives its last user.
+        changes: list[Stream[ParameterChange]] = []
+        self._changes = changes
+        events = ParameterEventPublisher(self.scope, self._names, self.clock)
+        self.scope.own(events)
+
+        def tell(event: ParameterEvent) -> None:
+            for stream in tuple(changes):
+                for parameter in (*event.new, *event.changed, *event.deleted):
+                    stream.push(ParameterChange(parameter.name, parameter.value.value))
+            events.publish(event)
+
+        self._store = ParameterStore(
+            merged, allow_undeclared=allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
+        )
+        self._time_source = TimeSource(self.scope, self._names, self._store, self.clock)
+        self.scope.own(self._time_source)
+        if declare_overrides:
+            self._store.declare_overrides()
+        if start_services:
+            self.scope.own(ParameterServices(self.scope, self._names, self._store, events))
+        if logger_services:
+            from rosidl_py_gen.runtime.node.logger_levels import LoggerServices
+
+            self.scope.own(LoggerServices(self.scope, self._names))
+        TypeDescriptionService.start(self.scope, self._names, self._store)
+
+    # --------------------------------------------------------------------------------------------------- declaring
+
+    def declare_parameters(
+        self,
+        cls: type[T],
+        *,
+        prefix: str = "",
+        initial: T | None = None,
+        validator: Callable[[T], str | None] | None = None,
+    ) -> T:
+        """Declare the fields of a dataclass; returns a live object whose attributes follow, see
+        `parameters/classes.py`.
+
+        Raises:
+            ParameterClassError: an annotation cannot be a parameter, or a field has no default and nor has `initial`.
+            ParameterError: a name is taken, an override has the wrong type or is refused. Nothing is declared then.
+            TypeError: an argument has the wrong type; the validator is async.
+        """
+        from rosidl_py_gen.runtime.parameters.classes import bind_class
+
+        self.scope.require_open(self._closed, "the node")
+        return bind_class(self._store, cls, prefix=prefix, initial=initial, validator=validator)
+
+    def declare_parameter(
+        self,
+        name: str,
+        default: object = None,
+        descriptor: ParameterDescriptor | None = None,
+        *,
+        ignore_override: bool = False,
+    ) -> PythonValue:
+        """Declare one parameter and return its value, which is the override's if there is one.
+
+        Raises:
+            ParameterAlreadyDeclared, InvalidParameterName, InvalidParameterValue, WrongParameterType.
+            TypeError: the descriptor is none, or one of its fields has the wrong type.
+        """
+        self.scope.require_open(self._closed, "the node")
+        value = parameter_value(default)
+        kind = getattr(descriptor, "type", ParameterType.NOT_SET)
+        if value.value == b"" and isinstance(kind, ParameterType) and kind.is_array:
+            value = parameter_value((), kind)
+        return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
+
+    def undeclare_parameter(self, name: str) -> None:
+        """Forget a parameter; raises `ParameterNotDeclared`, `ParameterImmutable` when it is read-only, `ClosedError`.
+
+        The field of a dataclass keeps showing its last value, until a parameter of that name and type is declared.
+        """
+        self.scope.require_open(self._closed, "the node")
+        self._store.undeclare(require_name(name))
+
+    def has_parameter(self, name: str) -> bool:
+        """True when declared, with or without a value."""
+        return self._store.has(require_name(name))
+
+    # ----------------------------------------------------------------------------------------------------- reading
+
+    @overload
+    def get_parameter(self, name: str) -> PythonValue: ...
+    @overload
+    def get_parameter(self, name: str, type: type[T], default: T) -> T: ...
+    @overload
+    def get_parameter(self, name: str, type: type[T], default: None = None) -> T | None: ...
+    def get_parameter(self, name: str, type: Any = None, default: Any = None) -> Any:
+        """The value; `default` when the parameter is declared but unset.
+
+        Args:
+            type: ``bool``, ``int``, ``float``, ``str``, ``bytes``, or a list of one of the first four. None: any.
+
+        Raises:
+            ParameterNotDeclared, WrongParameterType (names both types).
+        """
+        value = self._store.peek(require_name(name))
+        kind = None if type is None else _kind_of(type)
+        if not value.is_set:
+            return default
+        if kind is None:
+            return value.value
+        if kind is not value.type:
+            raise WrongParameterType(name, kind.name, value.type.name)
+        return list(value.value) if get_origin(type) is list else value.value  # type: ignore[arg-type]
+
+    def get_parameters(self, names: Sequence[str]) -> list[PythonValue]:
+        """Values as they are at one moment, in order; `get_parameter` is for one.
+
+        Raises:
+            ParameterNotDeclared, ParameterUninitialized. TypeError: for a single text.
+        """
+        return [value.value for value in self._store.get_values(require_names(names))]
+
+    def describe_parameter(self, name: str) -> ParameterDescriptor:
+        """Raises `ParameterNotDeclared`."""
+        return self._store.describe(require_name(name))
+
+    def describe(self, name: str) -> ParameterDescriptor:
+        """Short for `describe_parameter`."""
+        return self.describe_parameter(name)
+
+    def list_parameters(self, prefixes: str | Sequence[str] = (), depth: int = 0) -> Listing:
+        """Names and groups, all or those below one or several prefixes; depth 0 has no limit."""
+        return self._store.listing(as_prefixes(prefixes), depth)
+
+    # ----------------------------------------------------------------------------------------------------- setting
+
+    def set_parameter(self, name: str, value: object) -> None:
+        """Set one; raises `InvalidParameterValue` with the reason when it is refused. From any thread."""
+        result = self.set_parameters_atomically({name: value})
+        if not result.successful:
+            raise InvalidParameterValue(result.reason)
+
+    def set_parameters(self, values: ParametersToSet) -> list[SetResult]:
+        """Set one by one, from any thread; the result of each says whether and why not.
+
+        Raises:
+            InvalidParameterValue: one is no parameter value; nothing is set then. TypeError: a name is no text.
+            CallbackAnswerError: a callback answered something it must not. ClosedError.
+        """
+        return self._store.set_each(self._fitted(values))
+
+    def set_parameters_atomically(self, values: ParametersToSet) -> SetResult:
+        """Set all or nothing, with one event; otherwise as `set_parameters`."""
+        return self._store.set_atomically(self._fitted(values))
+
+    def _fitted(self, values: ParametersToSet) -> list[Parameter]:
+        """An empty list takes the type that was declared; raises `ClosedError`."""
+        self.scope.require_open(self._closed, "the node")
+        fitted = []
+        for parameter in as_parameters(values):
+            value = parameter.value
+            if value.value == b"" and self._store.has(parameter.name):
+                kind = self._store.describe(parameter.name).type
+                value = parameter_value((), kind) if kind.is_array else value
+            fitted.append(Parameter(parameter.name, value))
+        return fitted
+
+    def add_pre_set_callback(self, callback: Callable[[list[Parameter]], list[Parameter]]) -> Callable[[], None]:
+        """May replace the list to set. Returns the function that removes it; raises `TypeError` for an async function.
+
+        It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop. When it
+        raises, the set is refused with a reason that says so, and the traceback is logged.
+        """
+        return self._store.add_pre_set_callback(callback)
+
+    def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Callable[[], None]:
+        """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
+        return self._store.add_on_set_callback(callback)
+
+    def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Callable[[], None]:
+        """Hears of each successful set and declaration, on the thread that set; what it raises is logged.
+
+        Returns the function that removes it; raises `TypeError` for an async function.
+        """
+        return self._store.add_post_set_callback(callback)
+
+    # ------------------------------------------------------------------------------------------------------ events
+
+    def parameter_changes(self) -> Stream[ParameterChange]:
+        """Every change of this node's parameters from now on, whoever makes it, in whatever thread."""
+        stream: Stream[ParameterChange] = _Changes(self._changes, self.scope)
+        self._changes.append(stream)
+        self.scope.own(stream)
+        return stream
+
+    def parameter_events(self, node: str | None = None) -> ParameterEvents:
+        """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
+        from rosidl_py_gen.runtime.parameters.client import event_stream
+
+        wanted = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))
+        return event_stream(self.scope, self._names, wanted)
+
+    def create_parameter_client(self, node: str) -> ParameterClient:
+        """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""
+        from rosidl_py_gen.runtime.parameters.client import ParameterClient
+
+        self.scope.require_open(self._closed, "the node")
+        wanted = require_name(node, "the name of a node")
+        client = ParameterClient(self.scope, self._names, wanted, self.context.run_until_complete)
+        self.scope.own(client)
+        return client
+
+    # -------------------------------------------------------------------------------------------------------- time
+
+    def create_rate(self, frequency_hz: float) -> Rate:
+        """``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
+        from rosidl_py_gen.runtime.time.sleep import Rate
+
+        return Rate(self.clock, frequency_hz)
+
+    def create_sim_time_publisher(
+        self, *, rate: float = 0.0, start: Time | None = None, period_s: float = 0.01
+    ) -> SimTimePublisher:
+        """Publish ``/clock`` by hand (`advance`, `set_time`), or by itself with `rate` simulated seconds a second."""
+        from rosidl_py_gen.runtime.endpoints.timer import Timer
+        from rosidl_py_gen.runtime.time.clock import Clock
+        from rosidl_py_gen.runtime.time.schedule import period_to_ns
+
+        self.scope.require_open(self._closed, "the node")
+
+        def make_timer(callback: Callable[[], None]) -> Timer:
+            return Timer(self.scope, period_to_ns(period_s), callback, Clock(ClockType.STEADY_TIME))
+
+        begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
+        publisher = SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, make_timer)
+        self.scope.own(publisher)
+        return publisher
+
+    # ----------------------------------------------------------------------------------------------- introspection
+
+    async def get_type_description(
+        self,
+        remote_node: str,
+        type_name: str,
+        type_hash: str | None = None,
+        *,
+        include_type_sources: bool = True,
+        timeout_s: float | None = None,
+    ) -> GetTypeDescription_Response:
+        """Ask another node how one of its types is defined.
+
+        Args:
+            type_name: of an endpoint: ``pkg/msg/Name``, ``pkg/srv/Name_Request``, ``pkg/action/Name_FeedbackMessage``.
+                With a hash, which alone decides then, anything.
+            type_hash: None takes the one that the node announces for its endpoints of that type. Whole services and
+                actions are not announced; they need theirs.
+
+        Raises:
+            TypeDescriptionError: the node's own reason; or it announces no hash for that type, or several.
+            CallTimeoutError. InvalidNameError.
+        """
+        node = self._names.resolve_topic(remote_node)
+        service = self._names.resolve_service(f"{node}/get_type_description")
+        if type_hash is None:
+            type_hash, timeout_s = await announced_hash(self.scope, node, type_name, timeout_s)
+        run = self.context.run_until_complete
+        return await ask_type_description(
+            self.scope, run, service, type_name, type_hash, include_type_sources, timeout_s
+        )
+
+
+class _Changes(Stream[ParameterChange]):
+    def __init__(self, streams: list[Stream[ParameterChange]], scope: Scope) -> None:
+        super().__init__()
+        self._streams = streams
+        self._scope = scope
+
+    def close(self, error: BaseException | None = None) -> None:
+        """Stop listening; the iterator ends. May be called twice."""
+        super().close(error)
+        self._scope.disown(self)
+        if self in self._streams:
+            self._streams.remove(self)
+
+
+def _kind_of(wanted: Any) -> ParameterType:
+    arguments = get_args(wanted)
+    if get_origin(wanted) in (list, tuple) and arguments:
+        scalar = _KINDS.get(arguments[0])
+        if scalar is not None and ParameterType.BOOL <= scalar <= ParameterType.STRING:
+            return ParameterType(scalar + 5)  # BOOL 1 -> BOOL_ARRAY 6 and so on
+    elif isinstance(wanted, type) and wanted in _KINDS:
+        return _KINDS[wanted]
+    raise TypeError(
+        f"{wanted!r} is no parameter type; expected bool, int, float, str, bytes or a list such as list[int]"
+    )

@@ -1,0 +1,46 @@
+"""Publishes what a node logs on ``/rosout``.
+
+Decides the message; which record belongs to which node is `logs/rosout.py`. Source: protocol.md 9.7.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
+from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
+from rosidl_py_gen.runtime.endpoints.publisher import Publisher
+from rosidl_py_gen.runtime.endpoints.types import message_type
+from rosidl_py_gen.runtime.logs.rosout import shared_router
+from rosidl_py_gen.runtime.transport.qos import ROSOUT
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.logs.rosout import LogFields
+
+
+class RosoutPublisher:
+    """The ``/rosout`` publisher of one node; lives until the node closes."""
+
+    def __init__(self, scope: Scope) -> None:
+        self._publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
+        self._unregister = shared_router().register(scope.logger.name, self._publish)
+
+    def _publish(self, fields: LogFields) -> None:
+        sec, nanosec = divmod(fields.stamp_ns, 1_000_000_000)
+        self._publisher.publish_without_waiting(
+            Log(
+                stamp=Time(sec=sec, nanosec=nanosec),
+                level=fields.level,
+                name=fields.name,
+                msg=fields.msg,
+                file=fields.file,
+                function=fields.function,
+                line=fields.line,
+            )
+        )
+
+    def close(self) -> None:
+        """Stop publishing."""
+        self._unregister()
+        self._publisher.close()

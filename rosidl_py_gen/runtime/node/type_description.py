@@ -1,0 +1,279 @@
+"""``~/get_type_description``: telling others how a type this node uses is defined, and asking them.
+
+Decides which types count (those of the node's endpoints, the services and actions these are parts of) and the failure
+texts of protocol.md 9.8; whatever goes wrong is such a failure, never silence. Sources are looked for in the bundled
+interfaces and below AMENT_PREFIX_PATH; a type whose file is not there, or says something else, is answered with empty
+contents. Whoever asks without a hash takes the one that the node itself announces, never one of a definition here.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.codec import encode
+from rosidl_py_gen.errors import RosidlError, TypeNotFoundError
+from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.runtime.endpoints.client import Client
+from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
+from rosidl_py_gen.runtime.endpoints.late_types import SERVICES, late_service_type
+from rosidl_py_gen.runtime.endpoints.server import ServiceServer
+from rosidl_py_gen.runtime.endpoints.types import class_of
+from rosidl_py_gen.runtime.names.dds import demangle_service, demangle_topic, demangle_type
+from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.typesupport import referenced_classes, type_description, type_hash, type_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Iterator
+
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.parameters.store import ParameterStore
+
+SERVICE = "type_description_interfaces/srv/GetTypeDescription"
+PARAMETER = "start_type_description_service"
+_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
+_ENDPOINTS_PATIENCE_S = 1.0
+"""A node's endpoints are usually known some milliseconds after its name, or before it."""
+_PARTS = {
+    "srv": "; a service is announced as its messages: ask for its _Request or _Response, or give the type_hash",
+    "action": "; an action is announced as its messages: ask for its _SendGoal_Request, _GetResult_Response or "
+    "_FeedbackMessage, or give the type_hash",
+}
+_BUNDLED = "rosidl_py_gen.msgs"
+_MEMORY = "rosidl_py_gen_memory."
+"""Where `dynamic.py` puts classes that it compiles."""
+_GETTERS = {"msg": "get_message", "srv": "get_service", "action": "get_action"}
+
+
+class TypeDescriptionError(RosidlError, LookupError):
+    """The remote node cannot describe the type; the text is its reason, or why it could not be asked."""
+
+
+class TypeDescriptionService:
+    """The service of one node."""
+
+    def __init__(self, scope: Scope, names: NodeNames) -> None:
+        self._scope = scope
+        self._service: ServiceServer[Any, Any] = ServiceServer(
+            scope,
+            late_service_type(SERVICE),
+            names.resolve_service("~/get_type_description"),
+            self._answer,
+            SERVICES_DEFAULT,
+        )
+
+    @property
+    def endpoints(self) -> list[ServiceServer[Any, Any]]:
+        """What the node's types in use are found in."""
+        return [self._service]
+
+    @classmethod
+    def start(cls, scope: Scope, names: NodeNames, store: ParameterStore) -> None:
+        """Declare the parameter that can switch it off, and serve unless it does."""
+        descriptor = ParameterDescriptor(
+            PARAMETER,
+            ParameterType.BOOL,
+            "If enabled, start the ~/get_type_description service.",
+            read_only=True,
+        )
+        if not store.has(PARAMETER):
+            store.declare(PARAMETER, parameter_value(True), descriptor)
+        if store.get(PARAMETER).value is True:
+            scope.own(cls(scope, names))
+
+    def _answer(self, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
+        if not _HASH.match(request.type_hash):
+            return _failure("Failed to parse type hash")
+        reason = "Failed to populate TypeDescription to response."
+        try:
+            found = self._find(request.type_hash)
+            if found is None:
+                return _failure("Type not currently in use by this node")
+            response = srv.GetTypeDescription_Response(successful=True, type_description=_described(found))
+            encode(response)  # what does not fit a message, such as names of over 255 characters, must be told as well
+            if request.include_type_sources:
+                reason = "Failed to populate TypeSource_Sequence to response."
+                response.type_sources = _sources(found)
+                encode(response)
+        except Exception:
+            self._scope.report_failure(f"describing the type {request.type_name} {request.type_hash}")
+            return _failure(reason)
+        return response
+
+    def _find(self, wanted: str) -> type[Any] | None:
+        """The class of a type in use; raises `TypeNotFoundError` when it is in use and there is no class."""
+        for name, announced in self._endpoint_types():
+            if announced == wanted:
+                return _class(name, wanted)
+            whole = name.removesuffix("_Request")
+            if whole != name:
+                service: Any = class_of(whole, wanted)
+                if service is not None and service.Request._TYPE.hash == announced:
+                    return _class(whole, wanted)
+                if SERVICES.get(whole, ())[:2] == (wanted, announced):
+                    return _class(whole, wanted)
+        actions = (
+            getattr(owned, "_type", None) for owned in self._scope.owned.values() if hasattr(owned, "action_type")
+        )
+        return next((known.cls for known in actions if known is not None and known.cls._TYPE.hash == wanted), None)
+
+    def _endpoint_types(self) -> Iterator[tuple[str, str]]:
+        """Name and hash of the message type of each endpoint of this node, as it announces them."""
+        discovery, graph = self._scope.discovery, self._scope.graph
+        discovery.refresh()
+        announced = discovery._nodes[self._scope.number]
+        for guid in announced.reader_gids | announced.writer_gids:
+            endpoint = graph.endpoints.get(guid)
+            name = None if endpoint is None else demangle_type(endpoint.info.type)
+            if endpoint is not None and name is not None:
+                yield name, endpoint.user_data.get("typehash", "")
+
+    def close(self) -> None:
+        """May be called twice."""
+        self._service.close()
+
+
+def _failure(reason: str) -> srv.GetTypeDescription_Response:
+    return srv.GetTypeDescription_Response(successful=False, failure_reason=reason)
+
+
+def _class(name: str, wanted: str) -> type[Any]:
+    found = class_of(name, wanted)
+    if found is None:  # a bundled type that no message needed yet
+        package, kind, stem = name.split("/")
+        found = getattr(import_module(f"{_BUNDLED}.{package}.{kind}"), stem)
+        if type_hash(found) != wanted:
+            raise TypeNotFoundError(f"{name} with the hash {wanted} is announced, but has no class here")
+    return found
+
+
+def _described(cls: type[Any]) -> msg.TypeDescription:
+    from rosidl_py_gen import from_dict
+
+    return from_dict(msg.TypeDescription, type_description(cls))
+
+
+def _sources(cls: type[Any]) -> list[msg.TypeSource]:
+    """The type's own source, then those of the types it leads to, sorted by name."""
+    top = type_name(cls)
+    classes = referenced_classes(cls)
+    return [type_source(name, classes[name]) for name in (top, *sorted(set(classes) - {top}))]
+
+
+def type_source(name: str, cls: type[Any] | None = None) -> msg.TypeSource:
+    """The definition of ``pkg/msg/Name`` as it is written in its file; derived types have none.
+
+    `cls` tells which of several definitions of that name is meant.
+    """
+    package, kind, stem = name.split("/")
+    for folder in _interface_folders(package, cls):
+        for suffix in (kind, "idl"):
+            path = folder / kind / f"{stem}.{suffix}"
+            if path.is_file() and _is_of_file(name, cls):
+                text = path.read_bytes().decode("utf-8", "replace")
+                return msg.TypeSource(type_name=name, encoding=suffix, raw_file_contents=text)
+    # X_Request and A_SendGoal come from the file of X and A.
+    return msg.TypeSource(type_name=name, encoding="implicit" if "_" in stem else kind)
+
+
+def _interface_folders(package: str, cls: type[Any] | None) -> Iterator[Path]:
+    if cls is None or not cls.__module__.startswith(f"{_BUNDLED}."):
+        for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+            if prefix:
+                yield Path(prefix) / "share" / package
+    yield interfaces_dir() / package
+
+
+def _is_of_file(name: str, cls: type[Any] | None) -> bool:
+    """False when a class was compiled from a text that says something else than the file of the same name."""
+    if cls is None or not cls.__module__.startswith(_MEMORY):
+        return True
+    import rosidl_py_gen
+
+    get: Callable[[str], type[Any]] = getattr(rosidl_py_gen, _GETTERS[name.split("/")[1]])
+    return type_hash(get(name)) == type_hash(cls)
+
+
+async def announced_hash(scope: Scope, node: str, type_name: str, timeout_s: float | None) -> tuple[str, float | None]:
+    """The one hash that ``/ns/node`` announces for its endpoints of a type, and what is left of `timeout_s`.
+
+    Raises:
+        TypeDescriptionError: there is none, or more than one.
+        CallTimeoutError: no such node. InvalidNameError: the type has no ROS name.
+    """
+    split_ros_name(type_name)
+    namespace, _, name = node.rpartition("/")
+    namespace = namespace or "/"
+    graph, loop = scope.graph, scope.bridge.running_loop()
+    started = loop.time()
+    if not await scope.wait_until(lambda: graph.has_node(name, namespace), timeout_s, lambda: scope.closed):
+        raise CallTimeoutError(f"no node {node} appeared in {timeout_s} s")
+
+    def left_s(limit_s: float) -> float:
+        return max(0.0, limit_s if timeout_s is None else min(limit_s, timeout_s - (loop.time() - started)))
+
+    def known() -> bool:
+        return bool(graph.announced_hashes(name, namespace, type_name))
+
+    await scope.wait_until(known, left_s(_ENDPOINTS_PATIENCE_S), lambda: scope.closed)
+    found = _only_hash(node, type_name, graph.announced_hashes(name, namespace, type_name))
+    return found, None if timeout_s is None else left_s(timeout_s)
+
+
+def _only_hash(node: str, type_name: str, found: dict[str, set[str]]) -> str:
+    told = {text: topics for text, topics in found.items() if _HASH.match(text)}
+    if len(told) == 1:
+        return next(iter(told))
+    if told:
+        listed = [f"{text} ({_topics(topics)})" for text, topics in sorted(told.items())]
+        raise TypeDescriptionError(
+            f"{node} announces {len(told)} type hashes for {type_name}: {_some(listed)}; say which by type_hash"
+        )
+    if found:
+        where = _topics(set().union(*found.values()))
+        raise TypeDescriptionError(
+            f"{node} announces no type hash for {type_name} ({where}), as nodes of ROS 2 Humble do; give the type_hash"
+        )
+    raise TypeDescriptionError(f"{node} announces no endpoint of {type_name}{_PARTS.get(type_name.split('/')[1], '')}")
+
+
+def _topics(dds_names: set[str]) -> str:
+    return _some(sorted({demangle_topic(name) or demangle_service(name) or name for name in dds_names}))
+
+
+def _some(texts: list[str], most: int = 5) -> str:
+    """Not all of them when they are many: a peer decides how many there are."""
+    return ", ".join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")
+
+
+async def ask_type_description(
+    scope: Scope,
+    run: Callable[[Coroutine[Any, Any, Any]], Any],
+    service: str,
+    type_name: str,
+    wanted_hash: str,
+    include_sources: bool,
+    timeout_s: float | None,
+) -> srv.GetTypeDescription_Response:
+    """Call ``get_type_description`` of a node; raises `TypeDescriptionError` with the node's reason."""
+    client: Client[srv.GetTypeDescription_Request, srv.GetTypeDescription_Response] = Client(
+        scope, late_service_type(SERVICE), service, SERVICES_DEFAULT, run
+    )
+    scope.own(client)
+    try:
+        request = srv.GetTypeDescription_Request(
+            type_name=type_name, type_hash=wanted_hash, include_type_sources=include_sources
+        )
+        response = await client.call(request, timeout_s)
+    finally:
+        client.close()
+    if not response.successful:
+        raise TypeDescriptionError(f"{service}: {response.failure_reason}")
+    return response

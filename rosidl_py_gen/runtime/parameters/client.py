@@ -1,0 +1,314 @@
+"""The parameters of another node, over its six services and ``/parameter_events``.
+
+Decides how answers become values and errors. Every call waits for the remote node, as part of `timeout_s`.
+
+One name gives one value, several give a list. An empty list says nothing about its type, in Python as in YAML, so
+before one is set the remote node is asked which array type the parameter has.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
+from rosidl_py_gen.msgs.rcl_interfaces.srv import (
+    DescribeParameters,
+    DescribeParameters_Request,
+    GetParameters,
+    GetParameters_Request,
+    GetParameterTypes,
+    GetParameterTypes_Request,
+    ListParameters,
+    ListParameters_Request,
+)
+from rosidl_py_gen.runtime.endpoints.client import Client
+from rosidl_py_gen.runtime.endpoints.subscription import Subscription
+from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
+from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.parameters.files import dump_parameters, parse_parameter_file
+from rosidl_py_gen.runtime.parameters.messages import (
+    descriptor_from_message,
+    event_from_message,
+    parameter_type,
+    value_from_message,
+)
+from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, overrides_for
+from rosidl_py_gen.runtime.parameters.rules import Listing
+from rosidl_py_gen.runtime.parameters.values import (
+    Parameter,
+    ParameterDescriptor,
+    ParameterNotDeclared,
+    ParameterType,
+    PythonValue,
+    as_parameters,
+    as_prefixes,
+    parameter_value,
+    require_names,
+)
+from rosidl_py_gen.runtime.parameters.wire import set_service_type
+from rosidl_py_gen.runtime.time.values import Time
+from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Coroutine, Sequence
+
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.endpoints.types import ServiceType
+    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.parameters.store import ParameterEvent, SetResult
+    from rosidl_py_gen.runtime.parameters.values import ParametersToSet
+
+
+class MalformedAnswerError(RosidlError):
+    """The remote node answered something that does not belong to the question."""
+
+
+class RemoteParameterEvent(NamedTuple):
+    """What one node said on ``/parameter_events``."""
+
+    node: str
+    stamp: Time
+    event: ParameterEvent
+
+
+def event_stream(
+    scope: Scope, names: NodeNames, node: str | None, kept: list[ParameterEvents] | None = None
+) -> ParameterEvents:
+    """The events of one node, or of all nodes; in the list `kept` while it is open."""
+    return ParameterEvents(scope, names.resolve_topic("/parameter_events"), node, [] if kept is None else kept)
+
+
+class ParameterEvents(Stream[RemoteParameterEvent]):
+    """An async iterator of parameter events; close it when it is no longer needed."""
+
+    def __init__(self, scope: Scope, topic: str, node: str | None, kept: list[ParameterEvents]) -> None:
+        super().__init__()
+        self._kept = kept
+        self._scope = scope
+        self._node = node
+        self._subscription: Subscription[EventMessage] = Subscription(
+            scope, message_type(EventMessage), topic, self._arrived, PARAMETER_EVENTS
+        )
+        scope.own(self)
+        kept.append(self)
+
+    def _arrived(self, message: EventMessage) -> None:
+        if self._node is None or message.node == self._node:
+            self.push(RemoteParameterEvent(message.node, Time.from_msg(message.stamp), event_from_message(message)))
+
+    async def wait_for_publishers(self, timeout_s: float | None = None) -> bool:
+        """Wait until somebody is there to be heard; False when the time passed."""
+        return await self._subscription.wait_for_publishers(timeout_s)
+
+    def close(self, error: BaseException | None = None) -> None:
+        """Stop listening; the iterator ends. May be called twice."""
+        super().close(error)
+        self._scope.disown(self)
+        self._subscription.close()
+        if self in self._kept:
+            self._kept.remove(self)
+
+
+def _asked(names: str | Sequence[str]) -> list[str]:
+    return [names] if isinstance(names, str) else require_names(names)
+
+
+class _Deadline:
+    """What is left of one `timeout_s` for several calls."""
+
+    def __init__(self, timeout_s: float | None) -> None:
+        self._end_s = None if timeout_s is None else time.monotonic() + timeout_s
+
+    def left_s(self) -> float | None:
+        """None when there is no limit."""
+        return None if self._end_s is None else max(0.0, self._end_s - time.monotonic())
+
+
+class ParameterClient:
+    """Made by `create_parameter_client`. Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds."""
+
+    def __init__(
+        self,
+        scope: Scope,
+        names: NodeNames,
+        node: str,
+        run: Callable[[Coroutine[Any, Any, Any]], Any],
+    ) -> None:
+        self.node = names.resolve_topic(node)
+        """Fully qualified name of the remote node."""
+        self._scope = scope
+        self._names = names
+        self._closed = False
+        self._streams: list[ParameterEvents] = []
+
+        def client(known: ServiceType[Any, Any], name: str) -> Client[Any, Any]:
+            made: Client[Any, Any] = Client(scope, known, names.resolve_service(f"{self.node}/{name}"), PARAMETERS, run)
+            return made
+
+        self._get = client(service_type(GetParameters), "get_parameters")
+        self._types = client(service_type(GetParameterTypes), "get_parameter_types")
+        self._set = client(set_service_type("SetParameters"), "set_parameters")
+        self._set_atomically = client(set_service_type("SetParametersAtomically"), "set_parameters_atomically")
+        self._describe = client(service_type(DescribeParameters), "describe_parameters")
+        self._list = client(service_type(ListParameters), "list_parameters")
+
+    def _clients(self) -> tuple[Client[Any, Any], ...]:
+        return (self._get, self._types, self._set, self._set_atomically, self._describe, self._list)
+
+    async def wait_for_services(self, timeout_s: float | None = None) -> bool:
+        """Wait until the remote node serves its parameters; False when the time passed."""
+
+        def ready() -> bool:
+            return all(client.service_is_available() for client in self._clients())
+
+        return await self._scope.wait_until(ready, timeout_s, lambda: self._closed)
+
+    @overload
+    async def get(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+        self, names: str, timeout_s: float | None = None
+    ) -> PythonValue: ...
+    @overload
+    async def get(self, names: Sequence[str], timeout_s: float | None = None) -> list[PythonValue]: ...
+    async def get(self, names: str | Sequence[str], timeout_s: float | None = None) -> PythonValue | list[PythonValue]:
+        """One value for one name, a list for several; None where nothing is set.
+
+        Raises:
+            ParameterNotDeclared: at least one of them is not declared, or has no value.
+        """
+        asked = _asked(names)
+        response = await self._get.call(GetParameters_Request(names=asked), timeout_s)
+        values = [value_from_message(item).value for item in self._complete(response.values, asked)]
+        return values[0] if isinstance(names, str) else values
+
+    @overload
+    async def types(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+        self, names: str, timeout_s: float | None = None
+    ) -> ParameterType: ...
+    @overload
+    async def types(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]: ...
+    async def types(
+        self, names: str | Sequence[str], timeout_s: float | None = None
+    ) -> ParameterType | list[ParameterType]:
+        """One type for one name, a list for several; raises `ParameterNotDeclared` when one is not declared there."""
+        asked = _asked(names)
+        response = await self._types.call(GetParameterTypes_Request(names=asked), timeout_s)
+        found = [parameter_type(int(item)) for item in self._complete(response.types, asked)]
+        return found[0] if isinstance(names, str) else found
+
+    @overload
+    async def describe(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+        self, names: str, timeout_s: float | None = None
+    ) -> ParameterDescriptor: ...
+    @overload
+    async def describe(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterDescriptor]: ...
+    async def describe(
+        self, names: str | Sequence[str], timeout_s: float | None = None
+    ) -> ParameterDescriptor | list[ParameterDescriptor]:
+        """One for one name, a list for several; raises `ParameterNotDeclared` when one is not declared there."""
+        asked = _asked(names)
+        response = await self._describe.call(DescribeParameters_Request(names=asked), timeout_s)
+        found = [descriptor_from_message(item) for item in self._complete(response.descriptors, asked)]
+        return found[0] if isinstance(names, str) else found
+
+    def _complete(self, answers: Sequence[Any], asked: list[str]) -> Sequence[Any]:
+        if len(answers) == len(asked):
+            return answers
+        if len(answers) == 0:
+            raise ParameterNotDeclared(asked, self.node)
+        raise MalformedAnswerError(f"{self.node} answered {len(answers)} values for {len(asked)} parameters")
+
+    async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
+        """Set one by one; the result of each says whether and why not.
+
+        An empty list takes the type the remote parameter has, which costs one or two more questions for each.
+
+        Raises:
+            InvalidParameterValue: one is no parameter value. TypeError: a name is no text.
+        """
+        wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
+        return [*await self._set.call(wanted, left_s)]
+
+    async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
+        """Set all or nothing; otherwise as `set`."""
+        wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
+        results: Sequence[SetResult] = await self._set_atomically.call(wanted, left_s)
+        return results[0]
+
+    async def _fitted(
+        self, parameters: list[Parameter], timeout_s: float | None
+    ) -> tuple[list[Parameter], float | None]:
+        """Empty lists, which came here as empty byte arrays, get the array type of the remote parameter.
+
+        Returns:
+            The parameters, and what is left of the time.
+        """
+        if all(parameter.value.value != b"" for parameter in parameters):
+            return parameters, timeout_s
+        deadline = _Deadline(timeout_s)
+        for index, parameter in enumerate(parameters):
+            if parameter.value.value == b"":
+                kind = await self._declared_type(parameter.name, deadline)
+                if kind.is_array:
+                    parameters[index] = Parameter(parameter.name, parameter_value((), kind))
+        return parameters, deadline.left_s()
+
+    async def _declared_type(self, name: str, deadline: _Deadline) -> ParameterType:
+        """NOT_SET when the parameter is not declared."""
+        typed = await self._types.call(GetParameterTypes_Request(names=[name]), deadline.left_s())
+        kind = parameter_type(int(typed.types[0])) if len(typed.types) == 1 else ParameterType.NOT_SET
+        if kind is ParameterType.NOT_SET and len(typed.types) == 1:
+            # Declared but unset: the descriptor may know.
+            described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.left_s())
+            kind = parameter_type(described.descriptors[0].type) if len(described.descriptors) == 1 else kind
+        return kind
+
+    async def list(self, prefixes: str | Sequence[str] = (), depth: int = 0, timeout_s: float | None = None) -> Listing:
+        """Names and groups, all or those below one or several prefixes; depth 0 has no limit."""
+        request = ListParameters_Request(prefixes=as_prefixes(prefixes), depth=depth)
+        result = (await self._list.call(request, timeout_s)).result
+        return Listing(tuple(result.names), tuple(result.prefixes))
+
+    async def load_yaml(self, path: str | os.PathLike[str], timeout_s: float | None = None) -> dict[str, SetResult]:
+        """Set what a parameter file says for the remote node, empty lists with the type they have there.
+
+        Raises:
+            ParameterFileError: it is not a parameter file, or has nothing for the remote node.
+            OSError: it cannot be read.
+        """
+        entries = parse_parameter_file(Path(path).read_text(encoding="utf-8"), str(path))
+        if not any(entry.matches(self.node) for entry in entries):
+            named = ", ".join(dict.fromkeys(entry.pattern for entry in entries)) or "no node at all"
+            raise ParameterFileError(f"{path}: nothing for {self.node}; the file has parameters of {named}")
+        found = overrides_for(entries, self.node)
+        results = await self.set([Parameter(name, value) for name, value in found.items()], timeout_s)
+        return dict(zip(found, results, strict=False))
+
+    async def dump_yaml(self, timeout_s: float | None = None) -> str:
+        """The text of a parameter file with everything the remote node has, one question a parameter at most."""
+        values = {}
+        for name in (await self.list(timeout_s=timeout_s)).names:
+            # One by one: a single parameter without a value would empty a common answer.
+            response = await self._get.call(GetParameters_Request(names=[name]), timeout_s)
+            if len(response.values) == 1:
+                values[name] = value_from_message(response.values[0])
+        return dump_parameters(self.node, values)
+
+    def events(self) -> ParameterEvents:
+        """What happens to the remote node's parameters from now on."""
+        self._scope.require_open(self._closed, f"the parameter client of {self.node}")
+        return event_stream(self._scope, self._names, self.node, self._streams)
+
+    def close(self) -> None:
+        """May be called twice; event streams end."""
+        if self._closed:
+            return
+        self._closed = True
+        self._scope.disown(self)
+        for stream in tuple(self._streams):
+            stream.close()
+        for client in self._clients():
+            client.close()

@@ -1,0 +1,173 @@
+"""The rules a parameter value must pass, and which names a listing shows; pure functions.
+
+Reason texts (`..._problem`) are seen by `ros2 param` and by other nodes; they equal rclpy's to the letter (protocol.md
+9.4). What is wrong with a declaration (`..._flaw`) is only seen by its author.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.parameters.values import (
+    INT64_MAX,
+    INT64_MIN,
+    FloatRange,
+    IntRange,
+    ParameterDescriptor,
+    ParameterType,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from rosidl_py_gen.runtime.parameters.values import Parameter
+
+SEPARATOR = "."
+DEPTH_RECURSIVE = 0
+_RELATIVE_TOLERANCE = 1e-6
+EMPTY_LIST_REASON = (
+    "parameter list cannot be empty, this might be due to "
+    "pre_set_parameters_callback modifying the original parameters list."
+)
+
+
+def descriptor_problem(parameter: Parameter, descriptor: ParameterDescriptor, *, declaring: bool = False) -> str:
+    """Why `parameter` may not be set under `descriptor`; an empty text when it may. Read-only allows declaring."""
+    name, value = parameter.name, parameter.value
+    if descriptor.read_only and not declaring:
+        return f"Trying to set a read-only parameter: {name}."
+    if not descriptor.dynamic_typing and descriptor.type is not ParameterType.NOT_SET:
+        if not value.is_set:
+            return "" if declaring else "Static parameter cannot be undeclared"
+        if value.type is not descriptor.type:
+            expected, found = descriptor.type.name, value.type.name
+            return f"Wrong parameter type, expected 'Type.{expected}' got 'Type.{found}'"
+    if value.type is ParameterType.INTEGER and descriptor.integer_range is not None:
+        assert isinstance(value.value, int)
+        return integer_range_problem(name, value.value, descriptor.integer_range)
+    if value.type is ParameterType.DOUBLE and descriptor.floating_point_range is not None:
+        assert isinstance(value.value, float)
+        return float_range_problem(name, value.value, descriptor.floating_point_range)
+    return ""
+
+
+def integer_range_problem(name: str, value: int, allowed: IntRange) -> str:
+    """Empty when the value is an end of the range, or strictly inside and on a step counted from the lower end."""
+    low, high = sorted((allowed.from_value, allowed.to_value))
+    if value in (low, high):
+        return ""
+    if not low < value < high:
+        return f"Parameter {name} out of range. Min: {low}, Max: {high}, value: {value}"
+    if allowed.step != 0 and (value - low) % allowed.step != 0:
+        return (
+            f"The parameter value for {name} is not a valid step. "
+            f"Min: {low}, max: {high}, value: {value}, step: {allowed.step}"
+        )
+    return ""
+
+
+def float_range_problem(name: str, value: float, allowed: FloatRange) -> str:
+    """As `integer_range_problem`, with a relative tolerance of 1e-6 at the ends and at the steps.
+
+    Where steps cannot be counted (they are too small, or there is no lower end) any value is on one.
+    """
+    low, high = sorted((allowed.from_value, allowed.to_value))
+    if any(math.isclose(value, end, rel_tol=_RELATIVE_TOLERANCE) for end in (low, high)):
+        return ""
+    if not low < value < high:
+        return f"Parameter {name} out of range Min: {low}, Max: {high}, value: {value}"
+    steps = (value - low) / allowed.step if allowed.step != 0.0 else math.inf
+    if math.isfinite(steps):
+        nearest = low + round(steps) * allowed.step
+        if not math.isclose(nearest, value, rel_tol=_RELATIVE_TOLERANCE):
+            return (
+                f"The parameter value for {name} is not close enough to a valid step. "
+                f"Min: {low}, max: {high}, value: {value}, step: {allowed.step}"
+            )
+    return ""
+
+
+def name_flaw(name: object) -> str:
+    """Why this cannot be the name of a parameter; an empty text when it can."""
+    if isinstance(name, str) and name and (name.isascii() or name.encode("utf-8", "ignore").decode() == name):
+        return ""
+    return f"a parameter's name must be a text that is not empty, got {name!r}"
+
+
+def descriptor_flaw(descriptor: object) -> str:
+    """Which part of a descriptor has the wrong type; an empty text when none has."""
+    if not isinstance(descriptor, ParameterDescriptor):
+        return f"the descriptor must be a ParameterDescriptor, got {descriptor!r}"
+    for attribute, kind in _DESCRIPTOR_TYPES.items():
+        value = getattr(descriptor, attribute)
+        if not isinstance(value, kind) and not (value is None and attribute.endswith("_range")):
+            return f"{attribute} of the descriptor must be a {kind.__name__}, got {value!r}"
+    return ""
+
+
+_DESCRIPTOR_TYPES: dict[str, type] = {
+    "name": str,
+    "type": ParameterType,
+    "description": str,
+    "additional_constraints": str,
+    "read_only": bool,
+    "dynamic_typing": bool,
+    "floating_point_range": FloatRange,
+    "integer_range": IntRange,
+}
+
+
+def range_flaw(allowed: FloatRange | IntRange | None) -> str:
+    """Why a range makes no sense or cannot be sent; an empty text when it does and can."""
+    if allowed is None:
+        return ""
+    numbers = (allowed.from_value, allowed.to_value, allowed.step)
+    if isinstance(allowed, IntRange):
+        fits = all(isinstance(number, int) and INT64_MIN <= number <= INT64_MAX for number in numbers)
+        if not fits or allowed.step < 0:
+            return f"{allowed!r} must have 64-bit integers, and a step that is not negative"
+        return ""
+    if not all(isinstance(number, (int, float)) and _fits_float(number) for number in numbers[:2]):
+        return f"{allowed!r} must have numbers as its ends"
+    if not isinstance(allowed.step, (int, float)) or not _fits_float(allowed.step):
+        return f"{allowed!r} must have a number as its step"
+    if allowed.step != 0 and (math.isinf(min(numbers[:2])) or math.isinf(allowed.step)):
+        return f"{allowed!r} has a step, but steps are counted from the lower end, so both must be finite"
+    return ""
+
+
+def _fits_float(number: float) -> bool:
+    try:
+        return not math.isnan(number)
+    except OverflowError:
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class Listing:
+    """Names in the order of declaration, and the groups they are in."""
+
+    names: tuple[str, ...]
+    prefixes: tuple[str, ...]
+
+
+def list_names(names: Iterable[str], prefixes: Sequence[str], depth: int) -> Listing:
+    """Which names a listing with these prefixes and this depth shows; depth 0 has no limit (protocol.md 9.3)."""
+    chosen = tuple(name for name in names if _is_listed(name, prefixes, depth))
+    groups = dict.fromkeys(name.rpartition(SEPARATOR)[0] for name in chosen if SEPARATOR in name)
+    return Listing(chosen, tuple(groups))
+
+
+def _is_listed(name: str, prefixes: Sequence[str], depth: int) -> bool:
+    if not prefixes:
+        return depth == DEPTH_RECURSIVE or name.count(SEPARATOR) < depth
+    for prefix in prefixes:
+        if name == prefix:
+            return True
+        if name.startswith(prefix + SEPARATOR):
+            rest = name[len(prefix) + 1 :]
+            if depth == DEPTH_RECURSIVE or rest.count(SEPARATOR) < depth:
+                return True
+    return False

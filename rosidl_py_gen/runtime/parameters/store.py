@@ -1,0 +1,398 @@
+"""The parameters of one node: declare, get, set, describe, list.
+
+A plain object without I/O: events go to the `on_event` function, callbacks are called in place. Decides the order of
+checks and what each failure says (protocol.md 9.3, 9.4); the rules themselves are in `rules.py`, calling
+users' functions is `callbacks.py`'s. Nothing is stored before every check and callback has agreed, so a
+refused set leaves no trace.
+
+Any thread may use it. Sets and declarations exclude each other; the checks, callbacks before the values are stored, and
+the event belong to that, post-set callbacks do not. Readers never wait: values that are set together are replaced
+together.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError, Refused, SetCallbacks
+from rosidl_py_gen.runtime.parameters.notifier import News
+from rosidl_py_gen.runtime.parameters.rules import (
+    Listing,
+    descriptor_flaw,
+    descriptor_problem,
+    list_names,
+    name_flaw,
+    range_flaw,
+)
+from rosidl_py_gen.runtime.parameters.values import (
+    InvalidParameterName,
+    InvalidParameterValue,
+    Parameter,
+    ParameterAlreadyDeclared,
+    ParameterDescriptor,
+    ParameterEvent,
+    ParameterImmutable,
+    ParameterNotDeclared,
+    ParameterType,
+    ParameterUninitialized,
+    ParameterValue,
+    SetResult,
+    WrongParameterType,
+    parameter_value,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+    from rosidl_py_gen.runtime.parameters.callbacks import Commit, Prepare
+
+__all__ = ["CallbackAnswerError", "ParameterEvent", "ParameterStore", "SetResult"]
+
+NOT_SET = ParameterValue()
+_NESTED_REASON = "parameters cannot be set or declared by a validator"
+
+
+def _log_failure(doing: str) -> None:
+    logging.getLogger(__name__).exception("%s failed", doing)
+
+
+class ParameterStore:
+    """All parameters of a node.
+
+    Args:
+        overrides: values from arguments, files and the constructor; they replace defaults when declared.
+        allow_undeclared: setting an unknown name declares it, reading one gives NOT_SET.
+        on_event: called once per atomic set and per declaration, after the values are stored.
+        on_failure: called with a description while the exception of a callback is handled; logs by default.
+    """
+
+    def __init__(
+        self,
+        overrides: Mapping[str, ParameterValue] | None = None,
+        *,
+        allow_undeclared: bool = False,
+        on_event: Callable[[ParameterEvent], None] = lambda event: None,
+        on_failure: Callable[[str], None] = _log_failure,
+    ) -> None:
+        self.overrides = dict(overrides or {})
+        self.allow_undeclared = allow_undeclared
+        self.lock = threading.RLock()
+        """Held while something is set or declared; may be taken to do several such things as one."""
+        self._on_failure = on_failure
+        self._callbacks = SetCallbacks(on_failure)
+        self._news = News(on_event, self._callbacks.tell, on_failure)
+        self._values: dict[str, ParameterValue] = {}
+        self._descriptors: dict[str, ParameterDescriptor] = {}
+        self._optional: set[str] = set()
+
+    # ------------------------------------------------------------------------------------------------- callbacks
+
+    def add_pre_set_callback(self, callback: Callable[[list[Parameter]], list[Parameter]]) -> Callable[[], None]:
+        """May replace the list to set; all answers are joined. Returns the function that removes it.
+
+        It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop.
+        Raises `TypeError` for an async function.
+        """
+        return self._callbacks.add("pre_set", callback)
+
+    def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Callable[[], None]:
+        """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
+        return self._callbacks.add("on_set", callback)
+
+    def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Callable[[], None]:
+        """Hears of each successful set and declaration, the newest first, on the thread that set.
+
+        It holds up nobody else, so two threads that set may also call it at the same time. One that raises is logged.
+        Returns the function that removes it; raises `TypeError` for an async function.
+        """
+        return self._callbacks.add("post_set", callback)
+
+    def add_mirror(self, prepare: Prepare) -> Callable[[], None]:
+        """For objects that show parameters: `prepare` checks the new values once all callbacks have agreed.
+
+        It raises `Refused`, or returns the function that shows them (None when they do not concern it), which is called
+        when they are stored, before anybody else hears of them. Returns the function that removes it.
+        """
+        return self._callbacks.add("mirrors", prepare)
+
+    # ------------------------------------------------------------------------------------------------- declaring
+
+    def declare(
+        self,
+        name: str,
+        default: ParameterValue = NOT_SET,
+        descriptor: ParameterDescriptor | None = None,
+        *,
+        ignore_override: bool = False,
+        optional: bool = False,
+    ) -> ParameterValue:
+        """Declare one parameter and return its value, which is the override's if there is one.
+
+        The type is the descriptor's when it has one, else the default's; without either the descriptor must say
+        `dynamic_typing`. An `optional` parameter keeps its type but may be unset again, and stays declared then. An
+        empty list in an override takes the type of the declaration.
+
+        Raises `ParameterAlreadyDeclared`, `InvalidParameterName`, `WrongParameterType` (default or override of another
+        type), `InvalidParameterValue` (a range or a callback refused it).
+        """
+        with self.lock:
+            described = self._declaration(name, default, descriptor)
+            value = default if ignore_override else _fitted(self.overrides.get(name, default), described)
+            if value.is_set and not described.dynamic_typing and value.type is not described.type:
+                raise WrongParameterType(name, described.type.name, value.type.name)
+            parameter = Parameter(name, value)
+            try:
+                _, commits = self._agreed([parameter], descriptor_problem(parameter, described, declaring=True))
+            except Refused as refusal:
+                reason = f"parameter {name!r} cannot be declared as {value.value!r}: {refusal}"
+                raise InvalidParameterValue(reason) from refusal.__cause__
+            self._descriptors[name] = replace(described, type=value.type) if described.dynamic_typing else described
+            if optional:
+                self._optional.add(name)
+            self._values = {**self._values, name: value}
+            for commit in commits:
+                commit()
+            self._news.announce(ParameterEvent(new=(parameter,) if value.is_set else ()))
+        self._news.tell([parameter])
+        return value
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[list[str]]:
+        """Several declarations as one, whose names the caller adds to the list; nobody hears before all are made.
+
+        When the block raises they are forgotten, and nobody ever hears of them.
+        """
+        with self._news.held_until(self.lock) as held:
+            try:
+                yield held.withdrawn
+            except BaseException:
+                for name in held.withdrawn:
+                    self.forget(name)
+                raise
+            held.withdrawn = []
+
+    def _agreed(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
+        """The consent, and what to call once the values are stored; raises `Refused` with `reason` or a callback's."""
+        if reason:
+            raise Refused(reason)
+        if self._callbacks.preparing:
+            raise Refused(_NESTED_REASON)
+        result, commits = self._callbacks.ask(parameters)
+        if not result.successful:
+            raise Refused(result.reason)
+        return result, commits
+
+    def _declaration(
+        self, name: str, default: ParameterValue, given: ParameterDescriptor | None
+    ) -> ParameterDescriptor:
+        flaw = name_flaw(name)
+        if flaw:
+            raise InvalidParameterName(flaw)
+        if name in self._values:
+            raise ParameterAlreadyDeclared(f"parameter {name!r} is already declared")
+        descriptor = ParameterDescriptor() if given is None else given
+        flaw = descriptor_flaw(descriptor)
+        if flaw:
+            raise TypeError(f"parameter {name!r}: {flaw}")
+        flaw = range_flaw(descriptor.floating_point_range) or range_flaw(descriptor.integer_range)
+        if flaw:
+            raise InvalidParameterValue(f"parameter {name!r}: {flaw}")
+        if descriptor.dynamic_typing:
+            return replace(descriptor, name=name)
+        kind = default.type if descriptor.type is ParameterType.NOT_SET else descriptor.type
+        if kind is ParameterType.NOT_SET:
+            raise InvalidParameterValue(
+                f"parameter {name!r} has no default, so its type is unknown; give a default, a type, or a descriptor "
+                "with dynamic_typing"
+            )
+        if default.is_set and default.type is not kind:
+            raise WrongParameterType(name, kind.name, default.type.name)
+        return replace(descriptor, name=name, type=kind)
+
+    def declare_overrides(self) -> None:
+        """Declare every override that is not declared yet, statically typed by its value."""
+        for name, value in self.overrides.items():
+            if name not in self._values:
+                self.declare(name, value)
+
+    def undeclare(self, name: str) -> None:
+        """Forget a parameter without an event; raises `ParameterNotDeclared`, `ParameterImmutable` when read-only."""
+        with self.lock:
+            if name not in self._values:
+                raise ParameterNotDeclared([name])
+            if self._descriptors[name].read_only:
+                raise ParameterImmutable(f"parameter {name!r} is read-only and cannot be undeclared")
+            self.forget(name)
+
+    def has(self, name: str) -> bool:
+        """True when declared, with or without a value."""
+        return name in self._values
+
+    # --------------------------------------------------------------------------------------------------- reading
+
+    def get(self, name: str) -> ParameterValue:
+        """The value; NOT_SET only under dynamic typing or for undeclared names when those are allowed.
+
+        Raises `ParameterNotDeclared`, `ParameterUninitialized`.
+        """
+        return self._value_in(self._values, name)
+
+    def _value_in(self, values: Mapping[str, ParameterValue], name: str) -> ParameterValue:
+        value = values.get(name)
+        if value is None:
+            if self.allow_undeclared:
+                return NOT_SET
+            raise ParameterNotDeclared([name])
+        if not value.is_set and not self._descriptor(name).dynamic_typing:
+            raise ParameterUninitialized(f"parameter {name!r} is declared but has no value yet")
+        return value
+
+    def get_values(self, names: Iterable[str]) -> list[ParameterValue]:
+        """Several values as they are at one moment, in order; raises as `get`."""
+        values = self._values
+        return [self._value_in(values, name) for name in names]
+
+    def get_all(self, names: Iterable[str]) -> list[ParameterValue]:
+        """As the get_parameters service answers: in order, or nothing at all when one name has no value."""
+        try:
+            return self.get_values(names)
+        except (ParameterNotDeclared, ParameterUninitialized):
+            return []
+
+    def peek(self, name: str) -> ParameterValue:
+        """The value; NOT_SET for a parameter that is unset. Raises `ParameterNotDeclared` unless that is allowed."""
+        self._require([name])
+        return self._values.get(name, NOT_SET)
+
+    def types(self, names: Iterable[str]) -> list[ParameterType]:
+        """As the get_parameter_types service answers; empty when one name is not declared."""
+        asked = list(names)
+        if self._missing(asked):
+            return []
+        values = self._values
+        return [values.get(name, NOT_SET).type for name in asked]
+
+    def describe(self, name: str) -> ParameterDescriptor:
+        """The descriptor; an empty one for undeclared names when those are allowed. Raises `ParameterNotDeclared`."""
+        self._require([name])
+        return self._descriptors.get(name) or ParameterDescriptor(name=name)
+
+    def describe_all(self, names: Iterable[str]) -> list[ParameterDescriptor]:
+        """As the describe_parameters service answers; empty when one name is not declared."""
+        asked = list(names)
+        return [] if self._missing(asked) else [self.describe(name) for name in asked]
+
+    def listing(self, prefixes: Sequence[str] = (), depth: int = 0) -> Listing:
+        """Names and groups; depth 0 has no limit."""
+        return list_names(self._values, prefixes, depth)
+
+    def values(self) -> dict[str, ParameterValue]:
+        """A copy of all declared names and values."""
+        return dict(self._values)
+
+    # --------------------------------------------------------------------------------------------------- setting
+
+    def set_each(self, parameters: Iterable[Parameter]) -> list[SetResult]:
+        """Set one by one; a failure does not stop the next."""
+        return [self.set_atomically([parameter]) for parameter in parameters]
+
+    def set_atomically(self, parameters: Iterable[Parameter]) -> SetResult:
+        """Set all or nothing, with one event for all; the result says why a value or a callback was not fine.
+
+        Raises:
+            CallbackAnswerError: a callback or validator answered something it must not.
+        """
+        try:
+            with self.lock:
+                wanted = self._callbacks.before(list(parameters))
+                result, commits = self._agreed(wanted, self._reason(wanted))
+                event = self._apply(wanted)
+                for commit in commits:
+                    commit()
+                self._news.announce(event)
+        except Refused as refusal:
+            if refusal.culprit:
+                self._on_failure(refusal.culprit)
+            return SetResult(False, str(refusal))
+        self._news.tell(wanted)
+        return result
+
+    def _reason(self, wanted: Sequence[Parameter]) -> str:
+        """Why the list cannot be set, before callbacks are asked; an empty text when it can."""
+        missing = self._missing([parameter.name for parameter in wanted])
+        if missing:
+            return str(ParameterNotDeclared(missing))
+        for parameter in wanted:
+            described = self._descriptors.get(parameter.name)
+            if described is None:
+                reason = name_flaw(parameter.name)
+            else:
+                # An optional parameter is unset like a declaration without a value.
+                unsetting = not parameter.value.is_set and parameter.name in self._optional and not described.read_only
+                reason = descriptor_problem(parameter, described, declaring=unsetting)
+            if reason:
+                return reason
+        return ""
+
+    def _descriptor(self, name: str) -> ParameterDescriptor:
+        return self._descriptors.get(name) or ParameterDescriptor(name=name, dynamic_typing=True)
+
+    def _apply(self, parameters: Sequence[Parameter]) -> ParameterEvent:
+        new: list[Parameter] = []
+        changed: list[Parameter] = []
+        deleted: list[Parameter] = []
+        # A name given twice counts once, with its last value, so that the event says what a listener must believe.
+        once = parameters if len(parameters) == 1 else {parameter.name: parameter for parameter in parameters}.values()
+        values = dict(self._values)  # What is set together becomes visible together.
+        for parameter in once:
+            name, value = parameter.name, parameter.value
+            had_value = values.get(name, NOT_SET).is_set
+            if value.is_set:
+                (changed if had_value else new).append(parameter)
+                described = self._descriptors.get(name)
+                if described is None or described.dynamic_typing:
+                    self._retype(name, value)
+                values[name] = value
+                continue
+            if had_value:
+                deleted.append(parameter)
+            if name in self._optional:
+                values[name] = value
+            else:
+                # Only dynamic typing gets here; unsetting is undeclaring.
+                values.pop(name, None)
+                self._descriptors.pop(name, None)
+        self._values = values
+        return ParameterEvent(tuple(new), tuple(changed), tuple(deleted))
+
+    def _retype(self, name: str, value: ParameterValue) -> None:
+        """Under dynamic typing the descriptor's type follows the value; an undeclared name becomes declared so."""
+        described = self._descriptor(name)
+        if described.dynamic_typing:
+            self._descriptors[name] = replace(described, type=value.type)
+
+    def forget(self, name: str) -> None:
+        """Remove a parameter without checks and without an event, as if it had never been declared."""
+        self._values = {known: value for known, value in self._values.items() if known != name}
+        self._descriptors.pop(name, None)
+        self._optional.discard(name)
+
+    def _missing(self, names: Iterable[str]) -> list[str]:
+        values = self._values
+        return [] if self.allow_undeclared else [name for name in names if name not in values]
+
+    def _require(self, names: Iterable[str]) -> None:
+        missing = self._missing(names)
+        if missing:
+            raise ParameterNotDeclared(missing)
+
+
+def _fitted(value: ParameterValue, described: ParameterDescriptor) -> ParameterValue:
+    """An empty list from YAML or Python says nothing about its type; let it be what was declared."""
+    if described.type.is_array and value.type.is_array and not value.value:
+        return parameter_value((), described.type)
+    return value

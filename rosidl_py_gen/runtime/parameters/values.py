@@ -1,0 +1,346 @@
+"""Parameter values, descriptors and the errors about them.
+
+Decides which Python value is which parameter type (protocol.md 9.2). Values are immutable: arrays are tuples, byte
+arrays are `bytes`. Storing and checking is `store.py`, messages are `messages.py`.
+"""
+
+from __future__ import annotations
+
+import operator
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import TypeAlias
+
+from rosidl_py_gen.errors import RosidlError
+
+PythonValue = (
+    None | bool | int | float | str | bytes | tuple[bool, ...] | tuple[int, ...] | tuple[float, ...] | tuple[str, ...]
+)
+INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
+
+
+class ParameterType(IntEnum):
+    """Numbers of rcl_interfaces/ParameterType."""
+
+    NOT_SET = 0
+    BOOL = 1
+    INTEGER = 2
+    DOUBLE = 3
+    STRING = 4
+    BYTE_ARRAY = 5
+    BOOL_ARRAY = 6
+    INTEGER_ARRAY = 7
+    DOUBLE_ARRAY = 8
+    STRING_ARRAY = 9
+
+    @property
+    def is_array(self) -> bool:
+        """True for the five array types."""
+        return self >= ParameterType.BYTE_ARRAY
+
+
+class ParameterError(RosidlError):
+    """The caller asked for something a parameter does not allow."""
+
+
+class InvalidParameterName(ParameterError, ValueError):
+    """The caller gave a name a parameter cannot have."""
+
+
+class InvalidParameterValue(ParameterError, ValueError):
+    """The caller gave a value that is no parameter value, or that the node refused; the text has the reason."""
+
+
+class ParameterAlreadyDeclared(ParameterError):
+    """The caller declared a parameter a second time."""
+
+
+class ParameterNotDeclared(ParameterError, LookupError):
+    """The caller used parameters that nobody declared; `names` lists them all.
+
+    Another node (`node`) does not say which of the `names` it was asked for it does not have, nor whether one is only
+    unset.
+    """
+
+    def __init__(self, names: Sequence[str], node: str = "") -> None:
+        self.names = tuple(names)
+        if node:
+            super().__init__(f"at least one of {list(names)} is undeclared or has no value on {node}")
+        else:
+            super().__init__(f"Invalid access to undeclared parameter(s): {list(names)}")
+
+
+class ParameterUninitialized(ParameterError, LookupError):
+    """The caller read a parameter that is declared but has no value yet."""
+
+
+class ParameterImmutable(ParameterError):
+    """The caller tried to change or undeclare a read-only parameter."""
+
+
+class WrongParameterType(ParameterError, TypeError):
+    """A parameter has another type than asked for; the text names both."""
+
+    def __init__(self, name: str, expected: str, actual: str) -> None:
+        self.name, self.expected, self.actual = name, expected, actual
+        super().__init__(f"parameter {name!r} is of type {actual}, expected {expected}")
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterValue:
+    """A value with its type; make one with `parameter_value`, which checks that they fit."""
+
+    type: ParameterType = ParameterType.NOT_SET
+    value: PythonValue = None
+
+    @property
+    def is_set(self) -> bool:
+        """False for NOT_SET."""
+        return self.type is not ParameterType.NOT_SET
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A name with a value."""
+
+    name: str
+    value: ParameterValue = field(default_factory=ParameterValue)
+
+
+ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
+"""Names with values, or `Parameter` objects."""
+
+
+@dataclass(frozen=True, slots=True)
+class UnreadableParameter(Parameter):
+    """A parameter in a peer's request whose value nobody can know; `reason` is the answer to setting it."""
+
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterEvent:
+    """What one set or declaration did. Changed parameters had a value before, even an equal one."""
+
+    new: tuple[Parameter, ...] = ()
+    changed: tuple[Parameter, ...] = ()
+    deleted: tuple[Parameter, ...] = ()
+
+    def __bool__(self) -> bool:
+        """False when nothing has a place in it."""
+        return bool(self.new or self.changed or self.deleted)
+
+    def without(self, names: Iterable[str]) -> ParameterEvent:
+        """The same without these parameters."""
+        gone = frozenset(names)
+        parts = (self.new, self.changed, self.deleted)
+        return ParameterEvent(*(tuple(item for item in part if item.name not in gone) for part in parts))
+
+
+@dataclass(frozen=True, slots=True)
+class SetResult:
+    """The answer to one set request; `reason` is empty on success unless a callback gave one."""
+
+    successful: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FloatRange:
+    """Allowed values of a DOUBLE; `step` 0 means any value between the ends."""
+
+    from_value: float
+    to_value: float
+    step: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class IntRange:
+    """Allowed values of an INTEGER; `step` 0 means any value between the ends."""
+
+    from_value: int
+    to_value: int
+    step: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterDescriptor:
+    """What a node says about a parameter; fields of rcl_interfaces/ParameterDescriptor."""
+
+    name: str = ""
+    type: ParameterType = ParameterType.NOT_SET
+    description: str = ""
+    additional_constraints: str = ""
+    read_only: bool = False
+    dynamic_typing: bool = False
+    floating_point_range: FloatRange | None = None
+    integer_range: IntRange | None = None
+
+
+_SCALARS = ((bool, ParameterType.BOOL), (int, ParameterType.INTEGER), (float, ParameterType.DOUBLE))
+_READY: dict[type, ParameterType] = {
+    bool: ParameterType.BOOL,
+    float: ParameterType.DOUBLE,
+    bytes: ParameterType.BYTE_ARRAY,
+}
+"""Types whose every value is a parameter value as it is."""
+_ARRAY_OF = {
+    ParameterType.BOOL: ParameterType.BOOL_ARRAY,
+    ParameterType.INTEGER: ParameterType.INTEGER_ARRAY,
+    ParameterType.DOUBLE: ParameterType.DOUBLE_ARRAY,
+    ParameterType.STRING: ParameterType.STRING_ARRAY,
+}
+
+
+def parameter_value(value: object, kind: ParameterType | None = None) -> ParameterValue:
+    """Turn a Python value into a parameter value.
+
+    Accepts None, bool, int, float, str, bytes, lists, tuples, array.array and numpy scalars and arrays. An empty list
+    is a byte array, as in rclpy, unless `kind` names the array type. Raises `InvalidParameterValue`, for a
+    `ParameterValue` whose type and value do not fit too.
+    """
+    ready = _READY.get(type(value))
+    if ready is not None:
+        made = ParameterValue(ready, value)  # type: ignore[arg-type]
+    elif isinstance(value, ParameterValue):
+        made = parameter_value(value.value, _checked_type(value))
+    else:
+        plain = _plain(value)
+        if kind is not None and kind.is_array and isinstance(plain, tuple) and not plain:
+            return ParameterValue(kind, b"" if kind is ParameterType.BYTE_ARRAY else ())
+        made = _infer(plain)
+    if kind is not None and made.type is not kind:
+        if made.value == b"" and kind.is_array:
+            return ParameterValue(kind, ())
+        raise InvalidParameterValue(f"{value!r} is of type {made.type.name}, expected {kind.name}")
+    return made
+
+
+def _checked_type(value: ParameterValue) -> ParameterType:
+    if not isinstance(value.type, ParameterType):
+        raise InvalidParameterValue(f"the type of a ParameterValue must be a ParameterType, got {value!r}")
+    return value.type
+
+
+def as_parameters(values: ParametersToSet) -> list[Parameter]:
+    """Raises `TypeError` for what is neither, `InvalidParameterValue` for a value that is no parameter value."""
+    if isinstance(values, Mapping):
+        return [Parameter(require_name(name), _named_value(name, value)) for name, value in values.items()]
+    if isinstance(values, (str, bytes, Parameter)) or not isinstance(values, Iterable):
+        raise TypeError(f"expected a dict of names and values, or a list of Parameter objects, got {values!r}")
+    return [checked_parameter(item) for item in values]
+
+
+def checked_parameter(item: object) -> Parameter:
+    """A parameter as users make them, once type and value are known to fit.
+
+    Raises `TypeError` for what is none, `InvalidParameterValue`.
+    """
+    if not isinstance(item, Parameter):
+        raise TypeError(f"expected Parameter objects, found {item!r}; a dict of names and values will do too")
+    if not isinstance(item.value, ParameterValue) or not isinstance(item.value.type, ParameterType):
+        raise TypeError(f"the value of a Parameter must be a ParameterValue, as parameter_value makes it, got {item!r}")
+    try:
+        return Parameter(require_name(item.name), parameter_value(item.value.value, item.value.type))
+    except InvalidParameterValue as error:
+        raise InvalidParameterValue(f"parameter {item.name!r}: {error}") from error
+
+
+def _named_value(name: str, value: object) -> ParameterValue:
+    try:
+        return parameter_value(value)
+    except InvalidParameterValue as error:
+        raise InvalidParameterValue(f"parameter {name!r}: {error}") from error
+
+
+def require_name(name: object, what: str = "a parameter's name") -> str:
+    """Raises `TypeError` for what is no text."""
+    if not isinstance(name, str):
+        raise TypeError(f"{what} must be a text, got {name!r} of type {type(name).__name__}")
+    return name
+
+
+def require_names(names: object, what: str = "names of parameters") -> list[str]:
+    """A list of texts; raises `TypeError` for anything else, a single text included."""
+    if isinstance(names, (str, bytes)) or not isinstance(names, Iterable):
+        raise TypeError(f"{what} must be given as a list of texts, got {names!r}")
+    return [require_name(name) for name in names]
+
+
+def as_prefixes(prefixes: str | Sequence[str]) -> list[str]:
+    """One prefix or several; raises `TypeError` for what is no text."""
+    return require_names([prefixes] if isinstance(prefixes, str) else prefixes, "prefixes")
+
+
+def _plain(value: object) -> object:
+    """Replace numpy and array.array values by plain ones, sequences by tuples."""
+    if type(value) in (str, int):
+        return value
+    if isinstance(value, (bytes, bytearray, memoryview)):
+        return bytes(value)
+    if isinstance(value, array):
+        return tuple(value.tolist())
+    if hasattr(value, "tolist") and not isinstance(value, type):  # numpy, without importing it
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return tuple(_plain(item) if not isinstance(item, (list, tuple)) else item for item in value)
+    return value
+
+
+def _infer(value: object) -> ParameterValue:
+    if value is None:
+        return ParameterValue()
+    if isinstance(value, bytes):
+        return ParameterValue(ParameterType.BYTE_ARRAY, value)
+    if isinstance(value, tuple):
+        return _infer_array(value)
+    kind, plain = _infer_scalar(value)
+    return ParameterValue(kind, plain)
+
+
+def _infer_scalar(value: object) -> tuple[ParameterType, bool | int | float | str]:
+    if isinstance(value, str):
+        # str() drops the class of str enums and the like, which would not compare or print as plain text.
+        return ParameterType.STRING, _utf8(str.__str__(value))
+    for python_type, kind in _SCALARS:
+        if isinstance(value, python_type):
+            if kind is ParameterType.INTEGER:
+                return kind, _int64(value)
+            return kind, value if kind is ParameterType.BOOL else float(value)
+    raise InvalidParameterValue(
+        f"{value!r} of type {type(value).__name__} is no parameter value; expected None, bool, int, float, str, bytes "
+        "or a list of one of these types"
+    )
+
+
+def _utf8(text: str) -> str:
+    if not text.isascii():
+        try:
+            str.encode(text)
+        except UnicodeEncodeError as error:
+            raise InvalidParameterValue(f"{text!r} cannot be sent: {error.reason} at character {error.start}") from None
+    return text
+
+
+def _int64(value: object) -> int:
+    number = operator.index(value)  # type: ignore[arg-type]
+    if not INT64_MIN <= number <= INT64_MAX:
+        raise InvalidParameterValue(f"{number} does not fit an int64")
+    return number
+
+
+def _infer_array(items: tuple[object, ...]) -> ParameterValue:
+    if all(isinstance(item, bytes) for item in items):
+        joined = b"".join(item for item in items if isinstance(item, bytes))
+        if len(joined) != len(items):
+            raise InvalidParameterValue(f"a list of bytes must have one byte per item, got {list(items)!r}")
+        return ParameterValue(ParameterType.BYTE_ARRAY, joined)
+    found = [_infer_scalar(item) for item in items]
+    kinds = {kind for kind, _ in found}
+    if len(kinds) != 1:
+        names = ", ".join(sorted(kind.name for kind in kinds))
+        raise InvalidParameterValue(f"all items of an array must have one type, got {names} in {list(items)!r}")
+    array_kind = _ARRAY_OF[kinds.pop()]
+    return ParameterValue(array_kind, tuple(value for _, value in found))  # type: ignore[arg-type]

@@ -1,0 +1,178 @@
+"""What Cyclone's builtin topics say about participants and endpoints, as discovery events.
+
+Decides nothing about ROS: names, types and USER_DATA are passed on as they are. It also remembers which GUID belongs to
+which local instance handle, because samples and matched lists carry handles only; the handle of an endpoint's builtin
+sample is the publication handle of its samples.
+
+Source: protocol.md 11.7.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import struct
+import threading
+from collections import deque
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone.greeting import greet
+from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_user_data
+from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, EndpointFound, Lost, ParticipantFound
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent
+
+_BATCH = 64
+_REMEMBERED = 4096
+"""Handles of lost endpoints that are still known: their last samples may lie in a queue."""
+_ALIVE = 16
+_info = struct.Struct("=8xI?3x8xQ32x").unpack_from
+"""instance_state, valid_data and instance_handle of dds_sample_info_t (64 bytes)."""
+_TOPICS = (abi.DCPS_PARTICIPANT, abi.DCPS_PUBLICATION, abi.DCPS_SUBSCRIPTION)
+
+
+class DiscoveryReaders:
+    """The three builtin readers of a participant. `fetch` in the waiting thread, `report` in the loop's."""
+
+    def __init__(self, api: abi.Api, fast_dds: FastDds, domain_id: int, participant: int) -> None:
+        self._api = api
+        self._fast_dds = fast_dds
+        self._domain_id = domain_id
+        self._strangers: list[bytes] = []
+        """Writers on Fast DDS that are new."""
+        self._readers: dict[int, int] = {}
+        for topic in _TOPICS:
+            listener = fast_dds.listener(api) if topic == abi.DCPS_PARTICIPANT else None
+            code = api.create_reader(participant, topic, None, listener)
+            if listener is not None:
+                api.delete_listener(listener)
+            self._readers[topic] = api.check(code, "create a discovery reader")
+        fast_dds.notice(self._readers[abi.DCPS_PARTICIPANT])
+        self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
+        self._lock = threading.Lock()
+        self._pointers = (ct.c_void_p * _BATCH)()
+        self._infos = (ct.c_ubyte * (64 * _BATCH))()
+        self._events: deque[DiscoveryEvent] = deque()
+        self._guids: dict[int, bytes] = {}
+        self._lost: deque[int] = deque()
+
+    def entities(self) -> Iterator[tuple[int, int]]:
+        """Reader handles, each with a negative number for the waitset."""
+        return ((reader, -number) for number, reader in enumerate(self._readers.values(), start=1))
+
+    # ---------------------------------------------------------------------------------------------------- events
+
+    def fetch(self) -> None:
+        """Move all news into the list of events."""
+        with self._lock:
+            participants = self._readers[abi.DCPS_PARTICIPANT]
+            self._fast_dds.look(participants)
+            for topic, reader in self._readers.items():
+                news: list[DiscoveryEvent] = []
+                while self._fetch_batch(topic, reader, news) == _BATCH:
+                    pass
+                if reader == participants:
+                    self._fast_dds.settle(participants, news)
+                self._events.extend(news)
+            if self._strangers and self._fast_dds.refusal is None:
+                greet(self._domain_id, self._strangers)
+
+    def report(self) -> None:
+        """Pass all news to the sink."""
+        self.fetch()
+        if self._strangers:
+            # Again: Cyclone tells of a writer a moment before it connects it with our readers.
+            strangers, self._strangers = self._strangers, []
+            if self._fast_dds.refusal is None:
+                greet(self._domain_id, strangers)
+        complaint = self._fast_dds.complaint()
+        if complaint is not None:
+            get_root_logger().warning(complaint)
+        events = [self._events.popleft() for _ in range(len(self._events))]
+        if events and self.sink is not None:
+            self.sink(events)
+
+    def _fetch_batch(self, topic: int, reader: int, news: list[DiscoveryEvent]) -> int:
+        pointers = self._pointers
+        pointers[0] = None  # ask for loans
+        count: int = self._api.take(reader, pointers, self._infos, _BATCH, _BATCH)
+        if count <= 0:
+            return 0
+        try:
+            for index in range(count):
+                state, valid, handle = _info(self._infos, 64 * index)
+                event = self._event(topic, pointers[index] or 0, handle, valid)
+                news.append(event)
+                if valid and state != _ALIVE:  # came and went since the last look; nothing else will tell
+                    self._forget_later(handle)
+                    news.append(Lost(event.guid))
+        finally:
+            self._api.return_loan(reader, pointers, count)
+        return count
+
+    def _event(self, topic: int, pointer: int, handle: int, valid: bool) -> DiscoveryEvent:
+        if topic == abi.DCPS_PARTICIPANT:
+            participant = abi.BuiltinParticipant.from_address(pointer)
+            guid = bytes(participant.key)
+            return ParticipantFound(guid, read_user_data(self._api, participant.qos)) if valid else Lost(guid)
+        endpoint = abi.BuiltinEndpoint.from_address(pointer)
+        guid = bytes(endpoint.key)
+        if not valid:
+            self._forget_later(handle)
+            return Lost(guid)
+        self._guids[handle] = guid
+        is_writer = topic == abi.DCPS_PUBLICATION
+        if is_writer and guid.startswith(FAST_DDS_VENDOR):
+            self._strangers.append(guid)
+        return EndpointFound(
+            guid,
+            bytes(endpoint.participant_key),
+            is_writer,
+            endpoint.topic_name.decode(errors="replace"),
+            endpoint.type_name.decode(errors="replace"),
+            read_profile(self._api, endpoint.qos, is_writer=is_writer),
+            read_user_data(self._api, endpoint.qos),
+        )
+
+    def _forget_later(self, handle: int) -> None:
+        self._lost.append(handle)
+        if len(self._lost) > _REMEMBERED:
+            self._guids.pop(self._lost.popleft(), None)
+
+    def close(self) -> None:
+        """The participant and its readers are deleted."""
+        self._fast_dds.forget(self._readers[abi.DCPS_PARTICIPANT])
+
+    # --------------------------------------------------------------------------------------------------- handles
+
+    def matched(self, entity: int, *, is_writer: bool) -> list[bytes]:
+        """GUIDs of the endpoints that a writer or reader of ours is connected with."""
+        api = self._api
+        count_of = api.get_matched_subscriptions if is_writer else api.get_matched_publications
+        room = 64
+        while True:
+            handles = (ct.c_uint64 * room)()
+            count = count_of(entity, handles, room)
+            if count <= room:
+                break
+            room = count
+        guids = (self.endpoint_guid(entity, handle, is_writer=is_writer) for handle in handles[: max(0, count)])
+        return [guid for guid in guids if guid is not None]
+
+    def endpoint_guid(self, entity: int, handle: int, *, is_writer: bool) -> bytes | None:
+        """The GUID behind a handle; asks Cyclone when discovery has not been read that far."""
+        guid = self._guids.get(handle)
+        if guid is None:
+            api = self._api
+            look_up = api.get_matched_subscription_data if is_writer else api.get_matched_publication_data
+            pointer = look_up(entity, handle)
+            if not pointer:
+                return None
+            guid = self._guids[handle] = bytes(abi.BuiltinEndpoint.from_address(pointer).key)
+            api.builtintopic_free_endpoint(pointer)
+        return guid

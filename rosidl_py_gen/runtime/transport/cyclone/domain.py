@@ -1,0 +1,135 @@
+"""DDS domains of this process: configured once, shared by its participants, and not usable after a fork.
+
+Decides what is refused because Cyclone would do something else than was asked, or hang, and what to tell the user when
+a domain cannot be configured. Cyclone itself answers "Error" to every trouble and prints the details on stderr.
+
+Why not after a fork: the child inherits the open domain, but not the threads that serve it. Tried with 11.0.1: a
+participant of the same domain is created, discovers nobody, and its deletion waits for ever. When all contexts were
+closed before the fork nothing is inherited, and DDS works in the child.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+from typing import TYPE_CHECKING, ClassVar
+
+from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.node.environment import MAX_PARTICIPANT_INDEX
+from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObjects
+from rosidl_py_gen.runtime.transport.interface import TransportError
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+
+_FIRST_PORT, _PORTS_PER_DOMAIN, _FIRST_UNICAST, _PORTS_PER_INDEX = 7400, 250, 10, 2
+
+
+class Domain:
+    """A configured domain; lives as long as a participant of ours uses it."""
+
+    _open: ClassVar[dict[int, Domain]] = {}
+    _lock: ClassVar[threading.Lock] = threading.Lock()
+    _forked: ClassVar[bool] = False
+
+    def __init__(self, api: abi.Api, fast_dds: FastDds, domain_id: int, xml: str) -> None:
+        self._api = api
+        self._domain_id = domain_id
+        self._xml = xml
+        self._users = 0
+        self._fast_dds = fast_dds
+        self.types = TypeObjects(api, fast_dds.prepare)
+        code = api.create_domain(domain_id, xml.encode())
+        self._handle = 0 if code == abi.PRECONDITION_NOT_MET else code
+        if self._handle == 0:
+            # Another DDS library on top of the same wheel made the domain already.
+            get_root_logger().warning(
+                f"domain {domain_id} was configured by other code of this process: discovery range, static peers and "
+                "CYCLONEDDS_URI have no effect here"
+            )
+        elif code < 0:
+            words = api.strretcode(code).decode()
+            raise TransportError(
+                f"Cyclone DDS could not configure domain {domain_id}: {words} ({code}). {_likely_cause(domain_id, xml)}"
+            )
+
+    @classmethod
+    def join(cls, api: abi.Api, fast_dds: FastDds, domain_id: int, xml: str) -> Domain:
+        """The domain with that configuration. Every `join` needs a `leave`.
+
+        Raises:
+            TransportError: it is open with another configuration, or cannot be configured, or this process was forked
+                from one that has a domain open.
+        """
+        with cls._lock:
+            if cls._forked:
+                raise TransportError(
+                    "this process was forked from one that uses DDS, whose threads did not come along; start it with "
+                    'multiprocessing\'s "spawn" method, or fork before the first node is made'
+                )
+            domain = cls._open.get(domain_id)
+            if domain is None:
+                domain = cls._open[domain_id] = cls(api, fast_dds, domain_id, xml)
+            elif domain._xml != xml:
+                raise TransportError(
+                    f"domain {domain_id} is open in this process with another configuration, and DDS has one for each "
+                    "domain of a process. Use the same discovery range, static peers and CYCLONEDDS_URI, close the "
+                    f"first context, or take another domain. Open: {domain._xml!r}; asked for: {xml!r}"
+                )
+            domain._users += 1
+            return domain
+
+    def leave(self) -> None:
+        """Undo one `join`."""
+        with Domain._lock:
+            self._users -= 1
+            if self._users == 0:
+                del self._open[self._domain_id]
+                self.types.close()
+                if self._handle:
+                    self._api.delete(self._handle)
+                self._fast_dds.sweep()
+
+    @classmethod
+    def after_fork(cls) -> None:
+        """In the child: leave what was inherited alone, and remember that it is there."""
+        cls._lock = threading.Lock()
+        cls._forked = cls._forked or bool(cls._open)
+        cls._open.clear()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=Domain.after_fork)
+
+
+def _likely_cause(domain_id: int, xml: str) -> str:
+    """What is wrong, as far as can be told from outside, and what to do."""
+    if not _has_free_index(domain_id):
+        return (
+            f"All {MAX_PARTICIPANT_INDEX} participant indexes of the domain are taken on this machine, so that many "
+            "processes are in it already: end some, or use another ROS_DOMAIN_ID"
+        )
+    uri = os.environ.get("CYCLONEDDS_URI", "")
+    if uri:
+        return (
+            f"CYCLONEDDS_URI is set to {uri!r}: most likely its XML is not valid, its file does not exist, or it names "
+            "an interface that does not. Cyclone printed what it stumbled over; correct the variable or unset it"
+        )
+    return f"Cyclone printed why; most likely no network interface can be used. The configuration was {xml!r}"
+
+
+def _has_free_index(domain_id: int) -> bool:
+    """Whether one of the UDP ports that participants of this machine share can be bound (protocol.md 10.6)."""
+    first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST
+    return any(_is_free(first + _PORTS_PER_INDEX * index) for index in range(MAX_PARTICIPANT_INDEX))
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("", port))
+        except OSError:
+            return False
+        return True

@@ -1,0 +1,254 @@
+"""Writers and readers of the DDS transport.
+
+Decides how bytes get into and out of Cyclone: one ctypes call a sample to write, one a batch to take. `participant.py`
+makes them; the rules written there hold here.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import struct
+import threading
+import time
+import weakref
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_about_socket_buffers
+from rosidl_py_gen.runtime.transport.interface import in_fours
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
+    from rosidl_py_gen.runtime.transport.interface import Identity, Payload, ReceiveQueue, Sink
+
+_BATCH = 32
+"""Samples per take. More only helps when the queue is deeper; the arrays cost 80 bytes a piece."""
+_VIEW_FROM_BYTES = 65536
+"""Payloads of this size are not copied into a bytes object, but freed when the last view of them dies."""
+
+_by_reference = ct.byref
+_string_at = ct.PYFUNCTYPE(ct.py_object, ct.c_void_p, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
+"""`ctypes.string_at` without its Python wrapper."""
+_Container = abi.Container
+_time_ns = time.time_ns
+_container_fields = struct.Struct("=QQ").unpack_from
+_info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
+"""valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
+_local_lock = threading.Lock()
+_local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
+"""Readers of this process by domain and topic, for `CycloneWriter.write`."""
+
+
+# -------------------------------------------------------------------------------------------------------------- writer
+
+
+class CycloneWriter:
+    """See `transport.Writer`."""
+
+    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str) -> None:
+        self._owner = owner
+        self._topic = topic
+        self._type = type
+        self._key = (owner.domain_id, topic)
+        self._entity = entity
+        self._api = api = owner.api
+        self._dds_write = api.bare_write
+        self.guid = owner.guid_of(entity)
+        handle = ct.c_uint64()
+        api.check(api.get_instance_handle(entity, ct.byref(handle)), "read an instance handle")
+        self.handle = handle.value
+
+    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+        """See `transport.Writer`. Raises `ClosedError` or `TransportError`."""
+        if data.__class__ is not bytes or len(data) & 3:
+            data = in_fours(data)
+        if len(data) > LARGE_BYTES:
+            warn_about_socket_buffers(len(data))
+        if identity is None:
+            code = self._dds_write(self._entity, _by_reference(_Container(data, len(data))))
+        else:
+            if self._entity == 0:
+                raise ClosedError(f"the writer of {self._topic} is closed")
+            type_object = self._owner.type_object(self._type)
+            code = self._owner.fast_dds.write(self._entity, self.guid, type_object, data, identity)
+        if code == 0:
+            if self._key in _local_readers:
+                for reader in _local_readers.get(self._key, ()):
+                    reader.pull()
+            return True
+        if code == abi.TIMEOUT:
+            return False
+        if self._entity == 0:
+            raise ClosedError(f"the writer of {self._topic} is closed")
+        self._api.check(code, f"write {len(data)} bytes to {self._topic}")
+        return True
+
+    def matched_readers(self) -> list[bytes]:
+        """See `transport.Writer`."""
+        return self._owner.discovery.matched(self._entity, is_writer=True)
+
+    def has_readers(self) -> bool:
+        """See `transport.Writer`."""
+        status = abi.MatchedStatus()
+        return self._api.bare_matched(self._entity, _by_reference(status)) == 0 and status.current > 0
+
+    def all_acknowledged(self) -> bool:
+        """See `transport.Writer`."""
+        code = self._api.wait_for_acks(self._entity, 0)
+        return code == 0 or (code != abi.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
+
+    def assert_liveliness(self) -> None:
+        """See `transport.Writer`."""
+        self._api.check(self._api.assert_liveliness(self._entity), "assert liveliness")
+
+    def close(self) -> None:
+        """See `transport.Writer`."""
+        entity, self._entity = self._entity, 0
+        if entity:
+            self._api.delete(entity)
+            self._owner.release_topic(self._topic, self._type)
+            self._owner.fast_dds.sweep()
+
+
+# -------------------------------------------------------------------------------------------------------------- reader
+
+
+class TakeBuffers:
+    """The arrays of one take; shared by all readers of a participant, under their lock.
+
+    The garbage collector may run while they are in use, and what it deletes may close a node and with it readers, in
+    the same thread. So the lock is reentrant, and `user` says who is in the middle of a take.
+    """
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+        self.user: CycloneReader | None = None
+        self.containers = (ct.c_uint64 * (2 * _BATCH))()
+        base = ct.addressof(self.containers)
+        self.pointers = (ct.c_void_p * _BATCH)(*(base + 16 * index for index in range(_BATCH)))
+        self.infos = (ct.c_ubyte * (64 * _BATCH))()
+        self.size = ct.c_size_t(_BATCH)
+        self.container_bytes = memoryview(self.containers).cast("B")
+        self.info_bytes = memoryview(self.infos)
+
+
+class CycloneReader:
+    """See `transport.Reader`."""
+
+    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str, queue: ReceiveQueue) -> None:
+        self._owner = owner
+        self._topic = topic
+        self._type = type
+        self._key = (owner.domain_id, topic)
+        self.entity = entity
+        self.queue = queue
+        self.sink: Sink | None = None
+        self._api = owner.api
+        self._take = owner.api.bare_take
+        self._samples = owner.fast_dds.samples(owner.type_object(type))
+        self._free = owner.api.free
+        self._buffers = owner.buffers
+        self._big_endian = owner.big_endian
+        self._push = queue.push
+        self._large_bytes = 0
+        self.guid = owner.guid_of(entity)
+        self._number = owner.watch(self)
+        with _local_lock:
+            _local_readers[self._key] = (*_local_readers.get(self._key, ()), self)
+
+    def set_sink(self, sink: Sink | None) -> None:
+        """See `transport.Reader`."""
+        self.sink = sink
+        if sink is not None and (self.fetch() or self.queue.items):
+            self._owner.ready(sink)
+
+    def pull(self) -> None:
+        """Take what a writer of this process has just delivered."""
+        if self.fetch() and self.sink is not None:
+            self._owner.ready(self.sink)
+
+    def fetch(self) -> bool:
+        """Move all samples from DDS into the queue; returns whether there were any. From any thread."""
+        buffers = self._buffers
+        with buffers.lock:
+            if buffers.user is not None:
+                # The garbage collector came between: newer samples must not overtake those being taken.
+                return buffers.user is not self and self._take_all(TakeBuffers())
+            buffers.user = self
+            try:
+                found = self._take_all(buffers)
+            finally:
+                buffers.user = None
+            large, self._large_bytes = self._large_bytes, 0
+        if large:
+            warn_about_socket_buffers(large)  # logging takes locks of its own: never under ours
+        return found
+
+    def _take_all(self, buffers: TakeBuffers) -> bool:
+        containers = buffers.containers
+        found = False
+        count = _BATCH
+        while count == _BATCH:
+            arguments = (self.entity, buffers.pointers, buffers.infos, buffers.size, _BATCH)
+            if self._samples is not None and self._samples.sends:
+                count = abi.undisturbed(self._take, *arguments)
+            else:
+                count = self._take(*arguments)
+            now = _time_ns()
+            for index in range(count):
+                pointer, size = _container_fields(buffers.container_bytes, 16 * index)
+                # Cyclone frees what it finds here when the next sample carries no data.
+                containers[2 * index] = 0
+                valid, source_ns, writer = _info_fields(buffers.info_bytes, 64 * index)
+                data: Payload
+                if size < _VIEW_FROM_BYTES or not valid:
+                    data = _string_at(pointer, size) if valid else b""
+                    self._free(pointer)
+                else:
+                    data = self._large(pointer, size)
+                if valid:
+                    if self._big_endian:
+                        data = self._with_byte_order(data, writer)
+                    self._push((data, source_ns, writer, now))
+                    found = True
+        return found
+
+    def _large(self, pointer: int, size: int) -> memoryview:
+        """A read-only view of memory that DDS allocated; it is freed when the last view of it is gone."""
+        if size > LARGE_BYTES:
+            self._large_bytes = size
+        array = (ct.c_ubyte * size).from_address(pointer)
+        weakref.finalize(array, self._free, pointer).atexit = False
+        return memoryview(array).cast("B").toreadonly()
+
+    def _with_byte_order(self, data: Payload, writer: int) -> Payload:
+        guid = self.writer_guid(writer)
+        if guid is None or guid[:12] not in self._big_endian:
+            return data
+        return b"\0\0" + bytes(data[2:])
+
+    def matched_writers(self) -> list[bytes]:
+        """See `transport.Reader`."""
+        return self._owner.discovery.matched(self.entity, is_writer=False)
+
+    def writer_guid(self, handle: int) -> bytes | None:
+        """See `transport.Reader`."""
+        return self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
+
+    def close(self) -> None:
+        """See `transport.Reader`."""
+        entity, self.sink = self.entity, None
+        if not entity:
+            return
+        with _local_lock:
+            left = tuple(reader for reader in _local_readers[self._key] if reader is not self)
+            if left:
+                _local_readers[self._key] = left
+            else:
+                del _local_readers[self._key]
+        self._owner.unwatch(self, self._number)
+        with self._owner.buffers.lock:
+            self.entity = 0
+        self._api.delete(entity)
+        self._owner.release_topic(self._topic, self._type)

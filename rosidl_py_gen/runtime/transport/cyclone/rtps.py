@@ -1,0 +1,108 @@
+"""Bytes of RTPS, the protocol below DDS: what Fast DDS says of requests and replies beside the message.
+
+Knows packets, not how Cyclone keeps them; that is `fastdds.py`. What comes in here comes from the network.
+
+Source: protocol.md 5.3, fastdds.md 3; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, IDENTITY_BYTES
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.transport.interface import Identity
+
+DATA, DATA_FRAG, INFO_SRC, INFO_DST = 0x15, 0x16, 0x0C, 0x0E
+DATA_BYTES, DATA_FRAG_BYTES = 24, 36
+HAS_PARAMETERS = 2
+PARAMETERS_BYTES = 2 * (4 + IDENTITY_BYTES) + 4
+"""Length of what `parameter_list` makes."""
+
+_LITTLE = 1
+_HEARTBEAT, _FINAL, _HEARTBEAT_BYTES = 7, 2, 28
+_PID_END, _PID_IDENTITY, _PID_IDENTITY_EARLIER = 1, 0x0083, 0x800F
+"""Fast DDS up to 2.9 knows the last only, later ones send both."""
+_VENDORS_OF_EARLIER = (FAST_DDS_VENDOR, b"\x01\x01")
+"""Whose parameters above 0x8000 mean what they mean to Fast DDS (itself and RTI)."""
+_both = struct.Struct("<HH16siI HH16siI I").pack
+_numbers = (struct.Struct(">HH").unpack_from, struct.Struct("<HH").unpack_from)
+_sequence_numbers = (struct.Struct(">iI").unpack_from, struct.Struct("<iI").unpack_from)
+
+
+def parameter_list(identity: Identity) -> bytes:
+    """Both forms of the identity, and the end of the list; little-endian as all we send."""
+    guid, sequence = identity
+    high, low = sequence >> 32, sequence & 0xFFFFFFFF
+    return _both(
+        *(_PID_IDENTITY, IDENTITY_BYTES, guid, high, low),
+        *(_PID_IDENTITY_EARLIER, IDENTITY_BYTES, guid, high, low),
+        _PID_END,
+    )
+
+
+def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> Identity | None:
+    """The identity of a sample: the request it is, or the request it answers.
+
+    Args:
+        packet: the first 20 bytes, the RTPS header.
+        submessage: DATA or DATA_FRAG with its parameters, up to the payload, as Cyclone leaves it: the numbers of the
+            header in the byte order of this machine (little-endian), the id of the writer turned round with them.
+
+    Returns:
+        None when there is none: a sample of another middleware, or a reply nobody asked for that way.
+
+    Raises:
+        ValueError: these are no such bytes.
+    """
+    if packet[:4] != b"RTPS" or not submessage or submessage[0] not in (DATA, DATA_FRAG):
+        raise ValueError(f"no RTPS data: {packet.hex()} {submessage[:DATA_BYTES].hex()}")
+    if len(submessage) < DATA_BYTES:
+        return None  # of a peer that lets its payload begin inside the header
+    flags, vendor = submessage[1], packet[6:8]
+    found = None
+    if flags & HAS_PARAMETERS:
+        after_header = 8 + int.from_bytes(submessage[6:8], "little")
+        found = _find_identity(submessage, after_header, flags & _LITTLE, vendor in _VENDORS_OF_EARLIER)
+    if is_reply:
+        return found
+    high, low = _sequence_numbers[_LITTLE](submessage, 16)
+    if found is not None and any(found[0]):
+        return found[0], high << 32 | low
+    if vendor != FAST_DDS_VENDOR:
+        return None
+    return packet[8:20] + submessage[15:11:-1], high << 32 | low
+
+
+def _find_identity(submessage: bytes, offset: int, order: int, knows_earlier: bool) -> Identity | None:
+    unpack = _numbers[order]
+    while offset + 4 <= len(submessage):
+        pid, length = unpack(submessage, offset)
+        offset += 4
+        if pid == _PID_END:
+            break
+        is_identity = pid == _PID_IDENTITY or (pid == _PID_IDENTITY_EARLIER and knows_earlier)
+        if is_identity and length >= IDENTITY_BYTES and offset + length <= len(submessage):
+            high, low = _sequence_numbers[order](submessage, offset + 16)
+            return submessage[offset : offset + 16], high << 32 | low
+        offset += length
+    return None
+
+
+def greeting(writer_guid: bytes) -> bytes:
+    """An RTPS packet of that writer's participant: a heartbeat that says nothing was written yet.
+
+    Cyclone takes what the first heartbeat of a writer tells of for history that a new reader does not want, and drops
+    it, half-received samples too. Cyclone's own writers say so at once; those of Fast DDS when they have connected,
+    which may be a second before we have, and then only behind the first sample. So that one would be lost: a request
+    sent early, or a message of many fragments. With this packet, sent to our own socket, it is asked for.
+    """
+    return b"".join(
+        (
+            b"RTPS\2\1" + FAST_DDS_VENDOR + writer_guid[:12],
+            struct.pack("<BBH4x4s", _HEARTBEAT, _LITTLE | _FINAL, _HEARTBEAT_BYTES, writer_guid[12:]),
+            struct.pack("<iIiII", 0, 1, 0, 0, 0),  # first 1, last 0, the zeroth
+        )
+    )

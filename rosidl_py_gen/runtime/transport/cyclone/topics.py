@@ -1,0 +1,120 @@
+"""Topics, and the type objects ("sertypes") of Cyclone that they share.
+
+Decides that our endpoints announce no type information, as those of rmw_cyclonedds do. Two endpoints that both announce
+it are compared by it, and ours (`types.py`) says nothing about the ROS type: peers that announce the true one,
+rmw_fastrtps from Kilted on, would not match and say nothing. Without it names decide, with every peer.
+
+How: `ddspy_topic_create` needs the description, because it builds the type object from it. Afterwards the functions
+that tell others about it are taken away; Cyclone does without those that are not there.
+
+Rule: one type object for each domain and type, for as long as the domain is open. A second one would be equal by one of
+Cyclone's comparisons and different by another, and its hash table grows without end.
+
+Source: fastdds.md 2 and 3.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import threading
+from typing import TYPE_CHECKING, ClassVar
+
+from rosidl_py_gen.runtime.transport.cyclone.types import member_name, type_blobs
+from rosidl_py_gen.runtime.transport.interface import TransportError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.transport.cyclone.abi import Api
+
+_LONGEST_TYPE = 255
+"""Longer ones crash the library."""
+_OPS_WORDS = 14
+_TELLING = (8, 9, 10)
+"""Places of type_id, type_map and type_info among the functions of a type object."""
+
+
+class _Idl:
+    """What `ddspy_topic_create` asks a data type's `__idl__` for (protocol.md 11.1)."""
+
+    def __init__(self, dds_type: str) -> None:
+        self.idl_transformed_typename = dds_type
+        self.data_type_props = 0
+        self.supported_versions = 1
+        self._xt_bytedata = type_blobs(member_name(dds_type))
+
+
+class _DataType:
+    def __init__(self, dds_type: str) -> None:
+        self.__idl__ = _Idl(dds_type)
+
+
+class TypeObjects:
+    """The type objects of one domain."""
+
+    _kept: ClassVar[dict[str, _DataType]] = {}
+    """For ever: Cyclone drops its references in threads of its own."""
+    _silent: ClassVar[dict[int, ct.Array[ct.c_void_p]]] = {}
+    """Tables of functions without those that tell, by the address of the table they were copied from. For ever."""
+
+    def __init__(self, api: Api, prepare: Callable[[int, str], None]) -> None:
+        """`prepare` is called with each new type object and its type's name."""
+        self._api = api
+        self._prepare = prepare
+        self._lock = threading.Lock()
+        self._known: dict[str, int] = {}
+
+    def create_topic(self, create: Callable[..., int], participant: int, topic: str, dds_type: str) -> int:
+        """A new topic entity.
+
+        Args:
+            create: `ddspy_topic_create`, for the first topic of a type.
+        """
+        if len(dds_type) > _LONGEST_TYPE:
+            raise TransportError(
+                f"the DDS name of a type may have {_LONGEST_TYPE} characters, found {len(dds_type)}: {dds_type[:60]}..."
+            )
+        api = self._api
+        what = f"create topic {topic} ({dds_type})"
+        with self._lock:
+            known = self._known.get(dds_type)
+            if known is not None:
+                used_up = ct.c_void_p(api.sertype_ref(known))
+                return api.check(
+                    api.create_topic_sertype(participant, topic.encode(), ct.byref(used_up), None, None, None), what
+                )
+            data_type = self._kept.setdefault(dds_type, _DataType(dds_type))
+            entity = api.check(create(participant, topic, data_type, None, None), what)
+            found = ct.c_void_p()
+            api.check(api.get_entity_sertype(entity, ct.byref(found)), f"find the type of {topic}")
+            assert found.value is not None
+            self._known[dds_type] = api.sertype_ref(found.value)
+            self._silence(found.value)
+            self._prepare(found.value, dds_type)
+            return entity
+
+    def __getitem__(self, dds_type: str) -> int:
+        """The address of the type object of a type that has topics."""
+        return self._known[dds_type]
+
+    def _silence(self, sertype: int) -> None:
+        """Take away what tells others about the type. A layout that is not the known one is left alone."""
+        place = ct.c_void_p.from_address(sertype)
+        original = place.value
+        assert original is not None
+        table = self._silent.get(original)
+        if table is None:
+            table = (ct.c_void_p * _OPS_WORDS).from_buffer_copy(ct.string_at(original, 8 * _OPS_WORDS))
+            if ct.sizeof(ct.c_void_p) != 8 or table[0] != self._api.sertype_version:
+                return
+            for index in _TELLING:
+                table[index] = None
+            self._silent[original] = table
+        place.value = ct.addressof(table)
+
+    def close(self) -> None:
+        """Give the type objects back, before the domain is deleted."""
+        with self._lock:
+            for sertype in self._known.values():
+                self._api.sertype_unref(sertype)
+            self._known.clear()

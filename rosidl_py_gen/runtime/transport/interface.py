@@ -1,0 +1,285 @@
+"""The narrow contract between ROS things (publishers, services, the graph) and whatever carries their bytes.
+
+Bytes go in, bytes and discovery events come out; names and types are already the DDS ones, messages are never seen.
+`cyclone/participant.py` carries them over DDS, `memory.py` inside one process; nothing above this file can tell which
+one it is.
+
+Threads: `write` may be called from any thread. `wait` belongs to the one thread that `loop/bridge.py` chose. A sink is
+called by the bridge on the event loop's thread, and takes what it wants from the queue of its reader.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, Durability, History, Liveliness, QoSProfile, Reliability
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Payload: TypeAlias = "bytes | memoryview"
+"""A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""
+
+Sample: TypeAlias = "tuple[Payload, int, int, int]"
+"""Payload, source timestamp (ns since the epoch), local handle of the writer, time of reception (ns).
+
+A plain tuple: this is made once per message, and a named one costs ten times as much.
+"""
+
+Sink: TypeAlias = "Callable[[], None]"
+
+FAST_DDS_VENDOR = b"\x01\x0f"
+"""First bytes of every GUID that Fast DDS makes (RTPS vendor id)."""
+
+
+Identity: TypeAlias = "tuple[bytes, int]"
+"""Which request a sample of a Fast DDS service is or answers: a GUID of the client, its request's sequence number."""
+
+IDENTITY_BYTES = 24
+_IDENTIFIED = b"\xfd\x5d"
+"""Stands in the two option bytes of the encapsulation header, which are zero otherwise."""
+_identity = struct.Struct("<16sq")
+
+
+_FILL = (b"", b"\0\0\0", b"\0\0", b"\0")
+
+
+def in_fours(data: Payload) -> bytes:
+    """The sample as it is on the wire, in multiples of four bytes: DDS would add what lies behind it in memory."""
+    return bytes(data) + _FILL[len(data) & 3]
+
+
+def identified(data: Payload, identity: Identity) -> bytes:
+    """A sample with the identity behind its encapsulation header. 24 is a multiple of 8, so all stays aligned."""
+    return b"".join((data[:2], _IDENTIFIED, _identity.pack(*identity), data[4:]))
+
+
+def identity_of(data: Payload) -> Identity | None:
+    """What `identified` put in; None when it is a sample as others send it."""
+    if data[2:4] != _IDENTIFIED or len(data) < 4 + IDENTITY_BYTES:
+        return None
+    guid, sequence = _identity.unpack_from(data, 4)
+    return guid, sequence
+
+
+class TransportError(RosidlError):
+    """The middleware refused something; the message carries its own words."""
+
+
+class BackendMissingError(RosidlError, ImportError):
+    """The user has to install the extra that brings DDS."""
+
+
+# --------------------------------------------------------------------------------------------------------- discovery
+
+
+@dataclass(frozen=True, slots=True)
+class ParticipantFound:
+    """A participant was discovered (own ones included)."""
+
+    guid: bytes
+    user_data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class EndpointFound:
+    """A reader or writer was discovered (own ones included), or its data changed.
+
+    Attributes:
+        guid: 16 bytes in network order, as ROS shows it.
+        participant_guid: of the participant it belongs to.
+        topic: DDS topic name.
+        type: DDS type name.
+    """
+
+    guid: bytes
+    participant_guid: bytes
+    is_writer: bool
+    topic: str
+    type: str
+    qos: QoSProfile
+    user_data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """A participant or an endpoint disappeared."""
+
+    guid: bytes
+
+
+DiscoveryEvent: TypeAlias = "ParticipantFound | EndpointFound | Lost"
+
+
+# ------------------------------------------------------------------------------------------------------- reader queue
+
+
+def effective(qos: QoSProfile, *, is_writer: bool) -> QoSProfile:
+    """The profile as discovery shows it: SYSTEM_DEFAULT and unspecified values replaced by what they mean.
+
+    Source: protocol.md 7.3 and 6.4 (durations that are not set are infinite, a reader has no lifespan).
+    """
+    keep_all = qos.history is History.KEEP_ALL
+    return replace(
+        qos,
+        history=History.KEEP_ALL if keep_all else History.KEEP_LAST,
+        depth=0 if keep_all else max(1, qos.depth),
+        reliability=qos.reliability if qos.reliability is Reliability.BEST_EFFORT else Reliability.RELIABLE,
+        durability=qos.durability if qos.durability is Durability.TRANSIENT_LOCAL else Durability.VOLATILE,
+        liveliness=qos.liveliness if qos.liveliness is Liveliness.MANUAL_BY_TOPIC else Liveliness.AUTOMATIC,
+        deadline_ns=qos.deadline_ns or INFINITE_NS,
+        lifespan_ns=(is_writer and qos.lifespan_ns) or INFINITE_NS,
+        liveliness_lease_ns=qos.liveliness_lease_ns or INFINITE_NS,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+class ReceiveQueue:
+    """Samples that arrived and were not taken yet: KEEP_LAST drops the oldest and counts it, KEEP_ALL keeps all.
+
+    Appending and popping are single operations of a deque, so that one thread may fill while another one empties.
+    """
+
+    __slots__ = ("dropped", "items")
+
+    def __init__(self, qos: QoSProfile) -> None:
+        depth = None if qos.history is History.KEEP_ALL else max(1, qos.depth)
+        self.items: deque[Sample] = deque(maxlen=depth)
+        self.dropped = 0
+
+    def push(self, sample: Sample) -> None:
+        """Add the newest sample."""
+        items = self.items
+        if len(items) == items.maxlen:
+            self.dropped += 1
+        items.append(sample)
+
+
+# ----------------------------------------------------------------------------------------------------------- contract
+
+
+class Writer(Protocol):
+    """One DDS writer."""
+
+    @property
+    def guid(self) -> bytes:
+        """16 bytes, network order."""
+
+    @property
+    def handle(self) -> int:
+        """Unsigned 64-bit number that is unique among the writers of this machine's process (protocol.md 5.1)."""
+
+    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+        """Send a sample. Never blocks and never holds the GIL inside the middleware.
+
+        Args:
+            identity: for services of Fast DDS peers; only where `Participant.fast_dds_refusal` is None.
+
+        Returns:
+            False when a reliable reader is so far behind that the middleware wants us to wait; nothing was sent.
+        """
+
+    def matched_readers(self) -> list[bytes]:
+        """GUIDs of the readers this writer sends to."""
+
+    def has_readers(self) -> bool:
+        """Whether anybody receives what is written; cheaper than listing them."""
+
+    def all_acknowledged(self) -> bool:
+        """True when every matched reliable reader confirmed everything written so far. Never blocks."""
+
+    def assert_liveliness(self) -> None:
+        """Say that the publisher is alive (liveliness MANUAL_BY_TOPIC)."""
+
+    def close(self) -> None:
+        """Delete it; may be called twice."""
+
+
+class Reader(Protocol):
+    """One DDS reader with its receive queue."""
+
+    @property
+    def guid(self) -> bytes:
+        """16 bytes, network order."""
+
+    @property
+    def queue(self) -> ReceiveQueue:
+        """Samples received and not taken yet."""
+
+    def set_sink(self, sink: Sink | None) -> None:
+        """Call `sink` on the loop's thread whenever samples were added to the queue."""
+
+    def fetch(self) -> bool:
+        """Move what has arrived into the queue, without calling the sink; returns whether there was anything."""
+
+    def matched_writers(self) -> list[bytes]:
+        """GUIDs of the writers this reader receives from."""
+
+    def writer_guid(self, handle: int) -> bytes | None:
+        """The GUID behind a sample's writer handle; None when it was never matched or is long gone."""
+
+    def close(self) -> None:
+        """Delete it; may be called twice."""
+
+
+class Participant(Protocol):
+    """One member of a domain: makes endpoints, reports discovery, and says when something arrived."""
+
+    @property
+    def guid(self) -> bytes:
+        """16 bytes, network order; the first 12 are the prefix of all its endpoints."""
+
+    @property
+    def must_wait(self) -> bool:
+        """True: somebody has to sit in `wait`. False: every arrival calls the function given to `set_notify`."""
+
+    @property
+    def fast_dds_refusal(self) -> str | None:
+        """Why services of Fast DDS peers cannot be used; None when they can. Samples of them then have an identity."""
+
+    def create_writer(self, topic: str, type: str, qos: QoSProfile, user_data: bytes) -> Writer:
+        """Raises `TransportError` when the middleware refuses."""
+
+    def create_reader(
+        self, topic: str, type: str, qos: QoSProfile, user_data: bytes, *, ignore_local: bool = False
+    ) -> Reader:
+        """`ignore_local`: no samples of writers of this participant. Raises `TransportError`."""
+
+    def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
+        """Report discovery to `sink`, on the loop's thread, beginning with all that is known already."""
+
+    def report_discovery(self) -> None:
+        """Report now what was discovered and not reported yet; on the loop's thread, or where no loop runs."""
+
+    def set_notify(self, notify: Callable[[], None] | None) -> None:
+        """Call `notify`, from whatever thread, when `collect` has something that `wait` did not announce."""
+
+    def wait(self, timeout_ns: int) -> bool:
+        """Block without the GIL until something arrives, `wake` is called or the time is over.
+
+        Returns:
+            True when `wake` was called.
+        """
+
+    def wake(self) -> None:
+        """End the current or the next `wait`; from any thread."""
+
+    def collect(self) -> list[Sink]:
+        """The sinks that have something to do, each once; the caller calls them on the loop's thread."""
+
+    def mark_big_endian(self, guid_prefix: bytes) -> None:
+        """All samples of this participant's writers are big-endian: pass them on with a header that says so."""
+
+    def close(self) -> None:
+        """Delete everything; wakes `wait`; may be called twice."""
+
+
+class Transport(Protocol):
+    """Something that can join a domain."""
+
+    def open(self, domain_id: int, user_data: bytes, *, cyclone_xml: str) -> Participant:
+        """Join `domain_id`; `cyclone_xml` is configuration for Cyclone DDS that other transports ignore."""

@@ -1,0 +1,333 @@
+"""A transport inside one process: the same behaviour as DDS, without network, threads or waiting.
+
+For tests of programs that use this package, and for our own. A `MemoryTransport` is a little world: contexts that were
+given the same one see each other. Delivery happens inside `write`, in the order of creation of the readers, so a test
+gives the same result every time. Matching, KEEP_LAST, transient-local history, lifespan and discovery follow the rules
+of DDS; deadlines and leases do not exist, because nobody here can die without saying so.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.transport.interface import (
+    EndpointFound,
+    Lost,
+    ParticipantFound,
+    ReceiveQueue,
+    TransportError,
+    effective,
+    identified,
+    in_fours,
+)
+from rosidl_py_gen.runtime.transport.qos import Durability, History, check_compatible
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Identity, Payload, Sample, Sink
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+_VENDOR = b"\x01\x10"
+"""Cyclone's vendor id, so that nothing treats our endpoints as foreign ones."""
+_WORLDS = itertools.count(1)
+
+
+class MemoryTransport:
+    """One world; give it to `Context(transport=...)` of every node that shall take part.
+
+    Example:
+        >>> world = MemoryTransport()
+        >>> talker = Node("talker", context=Context(transport=world))  # doctest: +SKIP
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._number = next(_WORLDS)
+        self._counter = itertools.count(1)
+        self._domains: dict[int, list[MemoryParticipant]] = {}
+
+    def open(self, domain_id: int, user_data: bytes, *, cyclone_xml: str = "") -> MemoryParticipant:
+        """Join a domain of this world."""
+        del cyclone_xml
+        with self._lock:
+            number = next(self._counter)
+            prefix = _VENDOR + bytes(2) + self._number.to_bytes(4, "big") + number.to_bytes(4, "big")
+            peers = self._domains.setdefault(domain_id, [])
+            participant = MemoryParticipant(self._lock, peers, prefix, user_data, self._counter)
+            peers.append(participant)
+            for peer in peers:
+                peer.tell(ParticipantFound(participant.guid, user_data))
+            return participant
+
+
+class MemoryParticipant:
+    """A member of a `MemoryTransport`; see `transport.Participant`."""
+
+    must_wait = False
+    fast_dds_refusal: str | None = None
+
+    def __init__(
+        self,
+        lock: threading.RLock,
+        peers: list[MemoryParticipant],
+        prefix: bytes,
+        user_data: bytes,
+        counter: itertools.count[int],
+    ) -> None:
+        self.lock = lock
+        self.peers = peers
+        self.prefix = prefix
+        self.guid = prefix + b"\x00\x00\x01\xc1"
+        self.user_data = user_data
+        self.counter = counter
+        self.writers: list[MemoryWriter] = []
+        self.readers: list[MemoryReader] = []
+        self.big_endian: set[bytes] = set()
+        self.closed = False
+        self._notify: Callable[[], None] | None = None
+        self._ready: dict[Sink, None] = {}
+        self._events: list[DiscoveryEvent] = []
+        self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
+
+    # ------------------------------------------------------------------------------------------------ endpoints
+
+    def create_writer(self, topic: str, type: str, qos: QoSProfile, user_data: bytes) -> MemoryWriter:
+        """See `transport.Participant`."""
+        with self.lock:
+            writer = MemoryWriter(
+                self, self._next_guid(b"\x03"), topic, type, effective(qos, is_writer=True), user_data
+            )
+            self.writers.append(writer)
+            self._announce(writer.info)
+            return writer
+
+    def create_reader(
+        self, topic: str, type: str, qos: QoSProfile, user_data: bytes, *, ignore_local: bool = False
+    ) -> MemoryReader:
+        """See `transport.Participant`."""
+        with self.lock:
+            profile = effective(qos, is_writer=False)
+            reader = MemoryReader(self, self._next_guid(b"\x04"), topic, type, profile, user_data, ignore_local)
+            self.readers.append(reader)
+            self._announce(reader.info)
+            for peer in self.peers:
+                for writer in peer.writers:
+                    if matches(writer, reader):
+                        writer.replay(reader)
+            return reader
+
+    def _next_guid(self, kind: bytes) -> bytes:
+        if self.closed:
+            raise ClosedError("this participant is closed")
+        return self.prefix + next(self.counter).to_bytes(3, "big") + kind
+
+    # ------------------------------------------------------------------------------------------------ discovery
+
+    def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
+        """See `transport.Participant`."""
+        with self.lock:
+            self._discovery_sink = sink
+            self._events.clear()
+            for peer in self.peers:
+                self._events.append(ParticipantFound(peer.guid, peer.user_data))
+                self._events += [endpoint.info for endpoint in (*peer.writers, *peer.readers)]
+            self.ready(self.report_discovery)
+
+    def tell(self, event: DiscoveryEvent) -> None:
+        """Report one event; nothing is kept while nobody listens."""
+        if self._discovery_sink is not None:
+            self._events.append(event)
+            self.ready(self.report_discovery)
+
+    def report_discovery(self) -> None:
+        """See `transport.Participant`."""
+        with self.lock:
+            events, self._events = self._events, []
+        if events and self._discovery_sink is not None:
+            self._discovery_sink(events)
+
+    def _announce(self, event: DiscoveryEvent) -> None:
+        for peer in self.peers:
+            peer.tell(event)
+
+    def forget(self, endpoint: MemoryWriter | MemoryReader) -> None:
+        """Remove an endpoint that was closed."""
+        with self.lock:
+            if isinstance(endpoint, MemoryWriter):
+                self.writers.remove(endpoint)
+            else:
+                self.readers.remove(endpoint)
+            self._announce(Lost(endpoint.guid))
+
+    # -------------------------------------------------------------------------------------------------- waiting
+
+    def set_notify(self, notify: Callable[[], None] | None) -> None:
+        """See `transport.Participant`."""
+        self._notify = notify
+        if notify is not None and self._ready:
+            notify()
+
+    def ready(self, sink: Sink) -> None:
+        """Note that `sink` has something to do."""
+        self._ready[sink] = None
+        if self._notify is not None:
+            self._notify()
+
+    def wait(self, timeout_ns: int) -> bool:
+        """Nothing to wait for: whoever writes, notifies."""
+        raise TransportError("the memory transport is never waited for")
+
+    def wake(self) -> None:
+        """Nothing waits."""
+
+    def collect(self) -> list[Sink]:
+        """See `transport.Participant`."""
+        with self.lock:
+            ready = list(self._ready)
+            self._ready.clear()
+            return ready
+
+    def mark_big_endian(self, guid_prefix: bytes) -> None:
+        """Kept for the record only: bytes pass through here unchanged, header included."""
+        self.big_endian.add(guid_prefix)
+
+    def close(self) -> None:
+        """See `transport.Participant`."""
+        with self.lock:
+            if self.closed:
+                return
+            for endpoint in (*self.writers, *self.readers):
+                endpoint.close()
+            self.closed = True
+            self._discovery_sink = None
+            self._ready.clear()
+            self.peers.remove(self)
+            self._announce(Lost(self.guid))
+
+
+class _Endpoint:
+    def __init__(
+        self, owner: MemoryParticipant, guid: bytes, topic: str, type: str, qos: QoSProfile, user_data: bytes
+    ) -> None:
+        self.owner = owner
+        self.guid = guid
+        self.qos = qos
+        self.closed = False
+        self.info = EndpointFound(guid, owner.guid, guid[-1] == 3, topic, type, qos, user_data)
+
+    def close(self) -> None:
+        """Delete it; may be called twice."""
+        if not self.closed:
+            self.closed = True
+            self.owner.forget(self)  # type: ignore[arg-type]  # only the two subclasses exist
+
+
+class MemoryWriter(_Endpoint):
+    """See `transport.Writer`."""
+
+    def __init__(
+        self, owner: MemoryParticipant, guid: bytes, topic: str, type: str, qos: QoSProfile, user_data: bytes
+    ) -> None:
+        super().__init__(owner, guid, topic, type, qos, user_data)
+        self.handle = int.from_bytes(guid[8:], "big")  # `MemoryReader.writer_guid` is the way back
+        keeps = qos.durability is Durability.TRANSIENT_LOCAL
+        depth = (None if qos.history is History.KEEP_ALL else max(1, qos.depth)) if keeps else 0
+        self._history: deque[Sample] = deque(maxlen=depth)
+
+    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+        """See `transport.Writer`."""
+        if self.closed:
+            raise ClosedError("this writer is closed")
+        now = time.time_ns()
+        sample = (in_fours(data if identity is None else identified(data, identity)), now, self.handle, now)
+        with self.owner.lock:
+            self._history.append(sample)
+            for peer in self.owner.peers:
+                for reader in peer.readers:
+                    if matches(self, reader):
+                        reader.receive(sample)
+        return True
+
+    def replay(self, reader: MemoryReader) -> None:
+        """Give a late joiner what is still kept and has not expired."""
+        if reader.qos.durability is not Durability.TRANSIENT_LOCAL:
+            return
+        oldest = time.time_ns() - (self.qos.lifespan_ns)
+        for sample in self._history:
+            if sample[1] >= oldest:
+                reader.receive(sample)
+
+    def has_readers(self) -> bool:
+        """See `transport.Writer`."""
+        return bool(self.matched_readers())
+
+    def matched_readers(self) -> list[bytes]:
+        """See `transport.Writer`."""
+        with self.owner.lock:
+            return [reader.guid for peer in self.owner.peers for reader in peer.readers if matches(self, reader)]
+
+    def all_acknowledged(self) -> bool:
+        """Delivery is immediate."""
+        return True
+
+    def assert_liveliness(self) -> None:
+        """Nobody can die here."""
+
+
+class MemoryReader(_Endpoint):
+    """See `transport.Reader`."""
+
+    def __init__(
+        self,
+        owner: MemoryParticipant,
+        guid: bytes,
+        topic: str,
+        type: str,
+        qos: QoSProfile,
+        user_data: bytes,
+        ignore_local: bool,
+    ) -> None:
+        super().__init__(owner, guid, topic, type, qos, user_data)
+        self.queue = ReceiveQueue(qos)
+        self.ignore_local = ignore_local
+        self._sink: Sink | None = None
+
+    def receive(self, sample: Sample) -> None:
+        """Take a sample into the queue."""
+        self.queue.push(sample)
+        if self._sink is not None:
+            self.owner.ready(self._sink)
+
+    def set_sink(self, sink: Sink | None) -> None:
+        """See `transport.Reader`."""
+        with self.owner.lock:
+            self._sink = sink
+            if sink is not None and self.queue.items:
+                self.owner.ready(sink)
+
+    def fetch(self) -> bool:
+        """Everything is in the queue already."""
+        return bool(self.queue.items)
+
+    def matched_writers(self) -> list[bytes]:
+        """See `transport.Reader`."""
+        with self.owner.lock:
+            return [writer.guid for peer in self.owner.peers for writer in peer.writers if matches(writer, self)]
+
+    def writer_guid(self, handle: int) -> bytes | None:
+        """See `transport.Reader`. All GUIDs of one world begin alike, and the rest is the handle."""
+        return self.guid[:8] + handle.to_bytes(8, "big")
+
+
+def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
+    """Whether DDS would connect the two: names equal, QoS compatible, not told to ignore each other."""
+    if reader.ignore_local and writer.owner is reader.owner:
+        return False
+    same = writer.info.topic == reader.info.topic and writer.info.type == reader.info.type
+    return same and check_compatible(writer.qos, reader.qos).matches
