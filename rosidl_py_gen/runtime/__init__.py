@@ -27,15 +27,16 @@ if TYPE_CHECKING:
         ClientGoal,
         GoalRejectedError,
     )
+    from rosidl_py_gen.runtime.actions.decisions import CancelRequest, GoalRequest
     from rosidl_py_gen.runtime.actions.server import ActionServer
-    from rosidl_py_gen.runtime.actions.server_goal import (
-        CancelRequest,
-        Finished,
+    from rosidl_py_gen.runtime.actions.server_goal import Finished, ServerGoal
+    from rosidl_py_gen.runtime.actions.states import (
+        ActionError,
         GoalDecision,
-        GoalRequest,
-        ServerGoal,
+        GoalStatus,
+        GoalTransitionError,
+        UnknownGoalError,
     )
-    from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus, GoalTransitionError, UnknownGoalError
     from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
     from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, ForeignServiceError
     from rosidl_py_gen.runtime.endpoints.introspection import IntrospectionState
@@ -113,13 +114,8 @@ _HOMES = {
     ".errors": ("ClosedError", "DecodeError", "EncodeError", "InvalidNameError", "RosidlError", "TypeNotFoundError"),
     "actions.checks": ("ActionArgumentError",),
     "actions.client": ("ActionClient",),
-    "actions.server_goal": (
-        "CancelRequest",
-        "Finished",
-        "GoalDecision",
-        "GoalRequest",
-        "ServerGoal",
-    ),
+    "actions.decisions": ("CancelRequest", "GoalRequest"),
+    "actions.server_goal": ("Finished", "ServerGoal"),
     "actions.client_goal": (
         "ActionServerLostError",
         "ActionTimeoutError",
@@ -137,7 +133,7 @@ _HOMES = {
     "time.sleep": ("Rate",),
     "node.context": ("Context",),
     "node.environment": ("EnvironmentSettingError",),
-    "actions.states": ("ActionError", "GoalStatus", "GoalTransitionError", "UnknownGoalError"),
+    "actions.states": ("ActionError", "GoalDecision", "GoalStatus", "GoalTransitionError", "UnknownGoalError"),
     "graph.state": ("EndpointType", "NodeInfo", "TopicEndpointInfo"),
     "endpoints.introspection": ("IntrospectionState",),
     "lifecycle.node": ("LifecycleNode",),

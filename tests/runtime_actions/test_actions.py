@@ -248,16 +248,32 @@ def test_a_goal_that_is_canceling_cannot_be_cancelled_again(world: World) -> Non
     run(main)
 
 
-def test_without_on_cancel_only_handlers_that_look_are_cancelled(world: World) -> None:
-    async def deaf(handle: Any) -> Any:
-        await asyncio.sleep(30)
-
+def test_cancels_are_accepted_unless_on_cancel_says_otherwise(world: World) -> None:
     async def main() -> None:
-        _, client = await pair(world, deaf)
+        release = asyncio.Event()
+
+        async def never_looks(handle: Any) -> Any:
+            await release.wait()
+            return result(1)
+
+        _, client = await pair(world, never_looks)
         handle = await client.send_goal(goal())
-        await until(lambda: handle.status is S.EXECUTING)
+        await handle.cancel(timeout_s=5)
+        await until(lambda: handle.status is S.CANCELING)
+        release.set()
+        assert (await handle.result(timeout_s=5))[0] is S.SUCCEEDED
+
+    run(main)
+
+
+def test_a_server_may_refuse_every_cancel(world: World) -> None:
+    async def main() -> None:
+        server, client = await pair(world, until_canceled, on_cancel=False)
+        handle = await client.send_goal(goal())
         with pytest.raises(CancelRejectedError):
             await handle.cancel(timeout_s=5)
+        with pytest.raises(TypeError, match="has on_cancel; its cancels cannot be iterated over too"):
+            server.cancel_requests()
 
     run(main)
 
@@ -277,8 +293,8 @@ def test_cancel_all_lists_every_goal(world: World) -> None:
 
 def test_cancel_before_a_stamp(world: World) -> None:
     async def main() -> None:
-        server, client = await pair(world, until_canceled)
-        clock = server._clock
+        _, client = await pair(world, until_canceled)
+        clock = world.nodes[0].clock
         clock.enable_ros_time_override()
         handles = []
         for second in (10, 20, 30):
@@ -337,7 +353,7 @@ def test_duplicate_goal_ids_are_refused(world: World) -> None:
 def test_results_are_kept_for_their_time_and_unknown_goals_are_unknown(world: World) -> None:
     async def main() -> None:
         server, client = await pair(world, result_timeout_s=60)
-        clock = server._clock
+        clock = world.nodes[0].clock
         clock.enable_ros_time_override()
         clock.set_ros_time_override(Time(seconds=100, clock_type=ClockType.ROS_TIME))
         handle = await client.send_goal(goal(1))
@@ -350,7 +366,7 @@ def test_results_are_kept_for_their_time_and_unknown_goals_are_unknown(world: Wo
         assert (await ask.call(request, timeout_s=5)).status == 4
         clock.set_ros_time_override(Time(seconds=161, clock_type=ClockType.ROS_TIME))
         got = await ask.call(request, timeout_s=5)
-        assert (got.status, list(got.result.sequence)) == (0, []) and len(server._rows) == 0
+        assert (got.status, list(got.result.sequence)) == (0, []) and len(server._goals.book) == 0
 
     run(main)
 
@@ -359,8 +375,8 @@ def test_results_expire_in_real_time_too(world: World) -> None:
     async def main() -> None:
         server, client = await pair(world, result_timeout_s=0.05)
         await (await client.send_goal(goal(1))).result()
-        assert len(server._rows) == 1
-        await until(lambda: len(server._rows) == 0)
+        assert len(server._goals.book) == 1
+        await until(lambda: len(server._goals.book) == 0)
 
     run(main)
 
@@ -535,7 +551,7 @@ def test_a_request_the_program_drops_is_rejected_with_a_warning(world: World, ca
 def test_results_are_kept_for_fifteen_minutes_unless_said_otherwise(world: World) -> None:
     async def main() -> None:
         server, _ = await pair(world, None)
-        assert server._book.result_timeout_ns == 900 * 10**9
+        assert server._goals.book.result_timeout_ns == 900 * 10**9
 
     run(main)
 
@@ -757,12 +773,10 @@ def test_plain_code_inside_the_loop_is_refused_instead_of_hanging(world: World) 
 
 
 def test_names_are_remapped_one_by_one(world: World) -> None:
-    async def main() -> None:
-        node = world.node(args=["p", "--ros-args", "-r", "fib/_action/feedback:=/elsewhere"])
-        server = node.create_action_server(Fibonacci, "fib", fibonacci)
-        assert server._feedback.topic == "/elsewhere" and server._status.topic == "/fib/_action/status"
-
-    run(main)
+    node = world.node(args=["p", "--ros-args", "-r", "fib/_action/feedback:=/elsewhere"])
+    node.create_action_server(Fibonacci, "fib", fibonacci)
+    names = [name for name, _ in node.get_topic_names_and_types()]
+    assert "/elsewhere" in names and "/fib/_action/status" in names and "/fib/_action/feedback" not in names
 
 
 def test_two_hundred_goals_with_random_cancels_each_end_once(world: World) -> None:

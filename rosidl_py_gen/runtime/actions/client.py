@@ -152,7 +152,7 @@ class ActionClient(Generic[ActionT_co]):
             raise ActionArgumentError(f"goal_id {goal_id.hex()} belongs to a goal of this client that has not ended")
         request.goal_id.uuid = goal_id
         request.goal = self._type.goal.to_message(goal)
-        handle: ClientGoal[Any] = ClientGoal(self, goal_id, goal, self._feedback_depth)
+        handle: ClientGoal[Any] = ClientGoal(goal_id, goal, self._feedback_depth, self.cancel_goal, self._run_sync)
         self._goals[goal_id] = handle
         try:
             response = await self._call_send_goal(request, timeout_s)
@@ -194,10 +194,10 @@ class ActionClient(Generic[ActionT_co]):
         `send_goal`.
         """
         coroutine: Coroutine[Any, Any, Any] = self.send_goal(goal, timeout_s, goal_id=goal_id)
-        handle: ClientGoal[ActionT_co] = self.run_sync(coroutine)
+        handle: ClientGoal[ActionT_co] = self._run_sync(coroutine)
         return handle
 
-    def run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
+    def _run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine of this client from plain code; see `send_goal_sync`."""
         if self._scope.bridge.in_loop_thread() or asyncio._get_running_loop() is not None:
             coroutine.close()
@@ -214,17 +214,14 @@ class ActionClient(Generic[ActionT_co]):
         request = self._type.cls.GetResult.Request()
         request.goal_id.uuid = handle.goal_id
 
-        def tell(response: Any) -> None:
-            self._take_feedback()
-            self._result_arrived(handle, response)
-
-        def fail(error: BaseException) -> None:
+        def on_error(error: BaseException) -> None:
             self._goals.pop(handle.goal_id, None)
             handle.failed(error)
 
-        self._result.ask(request, tell, fail)
+        self._result.ask(request, lambda response: self._on_result(handle, response), on_error)
 
-    def _result_arrived(self, handle: ClientGoal[Any], response: Any) -> None:
+    def _on_result(self, handle: ClientGoal[Any], response: Any) -> None:
+        self._feedback.deliver()  # what came before the result, and is perhaps not looked at before the next wait
         self._goals.pop(handle.goal_id, None)
         try:
             status = GoalStatus(response.status)
@@ -298,11 +295,6 @@ class ActionClient(Generic[ActionT_co]):
         handle = self._goals.get(goal_id_of(message))
         if handle is not None:
             handle.feedback_arrived(self._type.feedback.to_value(message.feedback))
-
-    def _take_feedback(self) -> None:
-        """Deliver the feedback that is here already: another reader's, perhaps not looked at before the next wait."""
-        self._feedback._reader.fetch()
-        self._feedback._on_data()
 
     def _on_status(self, data: bytes) -> None:
         for goal_id, handle in self._goals.items():

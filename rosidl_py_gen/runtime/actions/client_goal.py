@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic
 
 from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
@@ -11,13 +11,11 @@ from rosidl_py_gen.runtime.loop.latch import Latch
 from rosidl_py_gen.runtime.loop.stream import Stream
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine
+    from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.types import FeedbackT, GoalT, ResultT
     from rosidl_py_gen.runtime.time.values import Time
-
-T = TypeVar("T")
 
 _STATUSES = {int(status): status for status in GoalStatus}
 
@@ -46,21 +44,19 @@ class AlreadyTerminatedError(CancelError):
     """The goal has ended, or is being cancelled already."""
 
 
-class GoalClient(Protocol):
-    """What a handle needs of its client."""
-
-    async def cancel_goal(self, goal_id: bytes, timeout_s: float | None = None) -> None:
-        """Ask to cancel one goal."""
-
-    def run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine from plain code."""
-
-
 class ClientGoal(Generic[ActionT_co]):
     """A goal that was accepted; made by `ActionClient.send_goal`. `ClientGoal[Fibonacci]` to a type checker."""
 
-    def __init__(self, client: GoalClient, goal_id: bytes, goal: object, feedback_depth: int) -> None:
-        self._client = client
+    def __init__(
+        self,
+        goal_id: bytes,
+        goal: object,
+        feedback_depth: int,
+        cancel: Callable[[bytes, float | None], Coroutine[Any, Any, None]],
+        run_sync: Callable[[Coroutine[Any, Any, Any]], Any],
+    ) -> None:
+        self._cancel = cancel
+        self._run_sync = run_sync
         self._goal: Any = goal
         self._status = GoalStatus.UNKNOWN
         self._outcome: tuple[GoalStatus, Any] | None = None
@@ -127,17 +123,18 @@ class ClientGoal(Generic[ActionT_co]):
             CancelRejectedError, AlreadyTerminatedError, UnknownGoalError: the server's answer.
             ActionTimeoutError: no answer in `timeout_s` seconds. ClosedError.
         """
-        await self._client.cancel_goal(self.goal_id, timeout_s)
+        await self._cancel(self.goal_id, timeout_s)
 
     def result_sync(
         self: ClientGoal[Action[Any, ResultT, Any]], timeout_s: float | None = None
     ) -> tuple[GoalStatus, ResultT]:
         """`result` for plain code; see `ActionClient.send_goal_sync`."""
-        return self._client.run_sync(self.result(timeout_s))
+        ended: tuple[GoalStatus, ResultT] = self._run_sync(self.result(timeout_s))
+        return ended
 
     def cancel_sync(self, timeout_s: float | None = None) -> None:
         """`cancel` for plain code; see `ActionClient.send_goal_sync`."""
-        self._client.run_sync(self.cancel(timeout_s))
+        self._run_sync(self.cancel(timeout_s))
 
     # ------------------------------------------------------------------------- what the client tells, on the loop
 

@@ -73,6 +73,8 @@ TRANSITIONS: dict[tuple[GoalStatus, GoalEvent], GoalStatus] = {
     (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
 }
 """Every pair that is not here is an error."""
+ENDS = {event: status for (_, event), status in TRANSITIONS.items() if status.is_terminal}
+"""The events that end a goal."""
 
 
 class GoalTransitionError(RosidlError):
@@ -100,6 +102,14 @@ def next_status(status: GoalStatus, event: GoalEvent) -> GoalStatus:
         return TRANSITIONS[status, event]
     except KeyError:
         raise GoalTransitionError(status, event) from None
+
+
+class GoalDecision(Enum):
+    """What an `accept` callback may answer. None means ACCEPT; of anything else counts whether it is true."""
+
+    ACCEPT = "accept and start"
+    REJECT = "reject"
+    DEFER = "accept; `goal.execute()` starts it later"
 
 
 class CancelCode(IntEnum):

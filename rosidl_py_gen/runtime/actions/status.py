@@ -39,9 +39,6 @@ class StatusRows:
         self._rows = bytearray()
         self._offsets: dict[bytes, int] = {}
 
-    def __len__(self) -> int:
-        return len(self._offsets)
-
     def add(self, goal_id: bytes, stamp_ns: int, status: int) -> None:
         """Append a row."""
         self._offsets[goal_id] = len(self._rows)
@@ -84,8 +81,6 @@ class StatusTopic:
     """One publisher, the rows it publishes, and the messages on their way."""
 
     def __init__(self, scope: Scope, message_type: MessageType[Any], topic: str) -> None:
-        self.topic = topic
-        """Fully qualified name."""
         self.rows = StatusRows()
         self._bridge = scope.bridge
         self._publisher: Publisher[bytes] = Publisher(scope, raw_type(message_type), topic, ACTION_STATUS)

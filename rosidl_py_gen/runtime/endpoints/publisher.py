@@ -106,6 +106,10 @@ class Publisher(Generic[T]):
         """How many subscriptions receive what is published, bare DDS readers included; 0 when it is closed."""
         return 0 if self._closed else len(self._writer.matched_readers())
 
+    def matched_subscriptions(self) -> list[bytes]:
+        """The GUIDs of the readers that receive what is published."""
+        return self._writer.matched_readers()
+
     @property
     def has_subscriptions(self) -> bool:
         """Whether anybody receives what is published; cheaper than `subscription_count`."""

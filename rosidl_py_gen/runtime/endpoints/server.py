@@ -266,6 +266,10 @@ class ServiceServer(Generic[RequestT, ResponseT]):
 
     # ------------------------------------------------------------------------------------------------------- state
 
+    def matched_clients(self) -> list[bytes]:
+        """The GUIDs of the writers whose requests arrive."""
+        return self._reader.matched_writers()
+
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
         """Publish what passes on ``<service>/_service_event`` from now on; see `introspection.py`.
 
