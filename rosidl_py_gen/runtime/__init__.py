@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, ForeignServiceError
     from rosidl_py_gen.runtime.endpoints.introspection import IntrospectionState
     from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-    from rosidl_py_gen.runtime.endpoints.scope import WaitTimeoutError
     from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest, ServiceServer
     from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError, MessageInfo, Subscription
     from rosidl_py_gen.runtime.endpoints.timer import Timer
@@ -94,6 +93,7 @@ if TYPE_CHECKING:
     )
     from rosidl_py_gen.runtime.runner import run, spin
     from rosidl_py_gen.runtime.time.clock import Clock, ClockChange, ClockType, Duration, JumpHandle, Time, TimeJump
+    from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError
     from rosidl_py_gen.runtime.time.sleep import Rate
     from rosidl_py_gen.runtime.time.values import ClockTypeError, TimeRangeError
     from rosidl_py_gen.runtime.transport.interface import BackendMissingError, TransportError
@@ -192,7 +192,7 @@ _HOMES = {
     "names.remap": ("InvalidRemapRuleError",),
     "endpoints.header": ("CallTimeoutError", "ForeignServiceError"),
     "runner": ("run", "spin"),
-    "endpoints.scope": ("WaitTimeoutError",),
+    "time.deadline": ("WaitTimeoutError",),
     "endpoints.server": ("AlreadyRespondedError", "ServiceRequest", "ServiceServer"),
     "endpoints.subscription": ("CallbackInUseError", "MessageInfo", "Subscription"),
     "time.values": ("ClockTypeError", "TimeRangeError"),

@@ -186,7 +186,10 @@ async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.
     assert not [record for record in caplog.records if "never retrieved" in record.getMessage()]
 
 
-@pytest.mark.parametrize(("timeout", "error"), [("1", TypeError), (float("nan"), ValueError), ([], TypeError)])
+@pytest.mark.parametrize(
+    ("timeout", "error"),
+    [("1", TypeError), (float("nan"), ValueError), ([], TypeError), (True, TypeError), (-1, ValueError)],
+)
 async def test_a_time_limit_that_is_none_is_refused(memory: World, timeout: Any, error: type[Exception]) -> None:
     node = memory.node("n")
     client, subscription = node.create_client(SetBool, "s"), node.create_subscription(String, "t")
@@ -199,7 +202,7 @@ async def test_a_time_limit_that_is_none_is_refused(memory: World, timeout: Any,
         publisher.wait_for_acknowledged(timeout),
         node.wait_for_node("x", timeout),
     ):
-        with pytest.raises(error, match="timeout_s must be a number of seconds"):
+        with pytest.raises(error, match="timeout_s must be"):
             await attempt
     assert client.pending_count == 0
 

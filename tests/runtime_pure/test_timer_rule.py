@@ -64,7 +64,7 @@ def test_bad_periods_are_refused(bad: int) -> None:
     [
         (math.nan, TimeRangeError, "period_s must be finite, got nan"),
         (math.inf, TimeRangeError, "period_s must be finite, got inf"),
-        (-1, TimeRangeError, "period_s must be 0 or more, got -1"),
+        (-1, TimeRangeError, "period_s must be 0 or more seconds, got -1"),
         (None, TypeError, "period_s must be a number of seconds, got None"),
         ("1", TypeError, "period_s must be a number of seconds, got '1'"),
     ],

@@ -6,7 +6,7 @@ because on the wire they select every goal (protocol.md 8.4).
 
 from __future__ import annotations
 
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any, Literal, get_args
 
 from rosidl_py_gen.errors import RosidlError
@@ -22,16 +22,6 @@ _ALL = "all zeros select every goal; use cancel_all() for that"
 
 class ActionArgumentError(RosidlError, ValueError):
     """The caller gave an action a value it cannot work with; the message names the argument."""
-
-
-def require_seconds(name: str, value: float) -> float:
-    """0 or more seconds; infinity is allowed. Raises `TypeError`, `ActionArgumentError`."""
-    if not isinstance(value, Real) or isinstance(value, bool):
-        raise TypeError(f"{name} must be a number of seconds, got {value!r:.100}")
-    seconds = float(value)
-    if not seconds >= 0:
-        raise ActionArgumentError(f"{name} must be 0 or more seconds (math.inf means for ever), got {value!r}")
-    return seconds
 
 
 def require_depth(name: str, value: int) -> int:

@@ -20,7 +20,6 @@ from rosidl_py_gen.runtime.actions.checks import (
     ActionArgumentError,
     require_depth,
     require_goal_id,
-    require_seconds,
     require_stamp,
 )
 from rosidl_py_gen.runtime.actions.client_goal import (
@@ -37,10 +36,10 @@ from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
-from rosidl_py_gen.runtime.endpoints.scope import require_timeout
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
-from rosidl_py_gen.runtime.time.values import Time
+from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.time.values import Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -68,7 +67,7 @@ class ActionClient(Generic[ActionT_co]):
         server_lost_after_s: float,
     ) -> None:
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
-        lost_after_s = require_seconds("server_lost_after_s", server_lost_after_s)
+        lost_after_ns = limit_to_ns("server_lost_after_s", server_lost_after_s)
         self.name = names.action
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
@@ -91,7 +90,7 @@ class ActionClient(Generic[ActionT_co]):
         )
         self._send: Client[Any, Any] = Client(scope, action_type.send_goal, names.send_goal, SERVICES_DEFAULT, run)
         self._cancel: Client[Any, Any] = Client(scope, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT, run)
-        self._result = ResultClient(scope, action_type.get_result, names.get_result, run, lost_after_s)
+        self._result = ResultClient(scope, action_type.get_result, names.get_result, run, lost_after_ns)
 
     # ------------------------------------------------------------------------------------------------ availability
 
@@ -145,7 +144,7 @@ class ActionClient(Generic[ActionT_co]):
             ForeignServiceError, ClosedError.
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
-        require_timeout(timeout_s)
+        deadline = Deadline(timeout_s)
         request = self._type.cls.SendGoal.Request()
         goal_id = uuid.uuid4().bytes if goal_id is None else require_goal_id(goal_id)
         if goal_id in self._goals:
@@ -155,7 +154,7 @@ class ActionClient(Generic[ActionT_co]):
         handle: ClientGoal[Any] = ClientGoal(goal_id, goal, self._feedback_depth, self.cancel_goal, self._run_sync)
         self._goals[goal_id] = handle
         try:
-            response = await self._call_send_goal(request, timeout_s)
+            response = await self._call_send_goal(request, deadline, timeout_s)
             if not response.accepted:
                 raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
             handle.accepted(Time.from_msg(response.stamp))
@@ -165,19 +164,16 @@ class ActionClient(Generic[ActionT_co]):
             raise
         return handle
 
-    async def _call_send_goal(self, request: Any, timeout_s: float | None) -> Any:
-        loop = self._scope.bridge.running_loop()
-        started_s = loop.time()
+    async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
         if not self._is_available():
             request._encode()  # a goal that does not fit is refused before anybody is waited for
-            if not await self.wait_for_server(timeout_s):
+            if not await self.wait_for_server(deadline.left_s()):
                 raise ActionTimeoutError(
                     f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at "
                     f"{', '.join(self._missing())}"
                 )
-        left_s = None if timeout_s is None else timeout_s - (loop.time() - started_s)
         try:
-            return await self._send.call(request, left_s)
+            return await self._send.call(request, deadline.left_s())
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"goal not answered by action {self.name} in {timeout_s} s") from error
 

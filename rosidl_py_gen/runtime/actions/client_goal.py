@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, Generic
 
 from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
-from rosidl_py_gen.runtime.endpoints.scope import require_timeout
-from rosidl_py_gen.runtime.loop.latch import Latch
 from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.loop.waiters import Latch
+from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -106,8 +106,7 @@ class ClientGoal(Generic[ActionT_co]):
             ActionServerLostError: the server went away. UnknownGoalError: it came back without knowing the goal.
             ClosedError: the client was closed.
         """
-        require_timeout(timeout_s)
-        if not await self._done.wait(timeout_s):
+        if not await self._done.wait(Deadline(timeout_s).left_s()):
             raise ActionTimeoutError(
                 f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {self._status.name}"
             )

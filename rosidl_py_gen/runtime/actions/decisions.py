@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any, Generic
 
 from rosidl_py_gen.runtime.actions.states import GoalDecision
 from rosidl_py_gen.runtime.actions.types import ActionT_co
-from rosidl_py_gen.runtime.endpoints.scope import is_async
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError
-from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel
+from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel
 from rosidl_py_gen.runtime.loop.stream import Stream
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.actions.server_goal import Finished, ServerGoal
-from rosidl_py_gen.runtime.endpoints.scope import is_async
-from rosidl_py_gen.runtime.loop.callbacks import in_thread, is_own_cancel
+from rosidl_py_gen.runtime.loop.callbacks import in_thread, is_async, is_own_cancel
 
 if TYPE_CHECKING:
     from collections.abc import Callable

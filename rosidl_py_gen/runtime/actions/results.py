@@ -11,6 +11,7 @@ long as goals run, also while plain code lets no event loop run. Source: protoco
 from __future__ import annotations
 
 import asyncio
+import math
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
@@ -75,9 +76,9 @@ class ResultClient(Client[Any, Any]):
         service_type: ServiceType[Any, Any],
         name: str,
         run: Callable[[Coroutine[Any, Any, Any]], Any],
-        lost_after_s: float,
+        lost_after_ns: int | None,
     ) -> None:
-        self._lost_after_s = lost_after_s
+        self._lost_after_s = math.inf if lost_after_ns is None else lost_after_ns / 1e9
         self._unsent: deque[Question] = deque()
         self._retry: asyncio.TimerHandle | None = None
         self._look_timer: asyncio.TimerHandle | None = None

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic
 
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
-from rosidl_py_gen.runtime.actions.checks import require_seconds, require_server_options
+from rosidl_py_gen.runtime.actions.checks import require_server_options
 from rosidl_py_gen.runtime.actions.decisions import CancelRequest, GoalRequests, Permission
 from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness, HandlerRunner
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
@@ -52,7 +52,6 @@ class ActionServer(Generic[ActionT_co]):
         policy: Policy,
     ) -> None:
         require_server_options(names.action, execute, accept, on_cancel, policy)
-        kept_s = require_seconds("result_timeout_s", result_timeout_s)
         self.name = names.action
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
@@ -63,7 +62,9 @@ class ActionServer(Generic[ActionT_co]):
         self._closed = False
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._undecided: set[bytes] = set()
-        self._goals = ServerGoals(scope, clock, action_type, names, self._run, result_timeout_s=kept_s, policy=policy)
+        self._goals = ServerGoals(
+            scope, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=policy
+        )
         self._accept = Permission(scope, f"the accept callback of action {self.name}", accept or True)
         self._requests = GoalRequests(scope, self.name, self._goals)
         self._decides_cancels = on_cancel is not True

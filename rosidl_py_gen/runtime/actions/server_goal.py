@@ -8,7 +8,6 @@ coroutines: a plain `execute` function runs in a thread of its own.
 from __future__ import annotations
 
 import asyncio
-import math
 from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -17,9 +16,9 @@ from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.loop.callbacks import on_loop, settle
-from rosidl_py_gen.runtime.loop.latch import Latch
+from rosidl_py_gen.runtime.loop.waiters import Latch
 from rosidl_py_gen.runtime.time.clock import ClockType
-from rosidl_py_gen.runtime.time.values import Duration
+from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
@@ -182,9 +181,7 @@ class ServerGoals:
         self._run = run
         self._policy = policy
         self._closed = False
-        self.book: GoalBook[bytes, asyncio.Future[bytes]] = GoalBook(
-            None if result_timeout_s == math.inf else round(result_timeout_s * 1e9)
-        )
+        self.book: GoalBook[bytes, asyncio.Future[bytes]] = GoalBook(limit_to_ns("result_timeout_s", result_timeout_s))
         self.active: dict[bytes, ServerGoal[Any]] = {}
         """Goals that have not ended, in the order of acceptance."""
         self._running: set[bytes] = set()

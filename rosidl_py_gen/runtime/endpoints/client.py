@@ -26,8 +26,9 @@ from rosidl_py_gen.runtime.endpoints.header import (
     send,
     split_header,
 )
-from rosidl_py_gen.runtime.endpoints.scope import Throttle, request_numbers, require_timeout
+from rosidl_py_gen.runtime.endpoints.scope import Throttle, request_numbers
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, type_name
+from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
@@ -179,19 +180,18 @@ class Client(Generic[RequestT, ResponseT]):
         scope = self._scope
         if self._closed or scope.closed:
             scope.require_open(True, f"the client of {self.name}")
-        require_timeout(timeout_s)
+        deadline = Deadline(timeout_s)
         loop = scope.bridge.running_loop()
         encoded = self._type.request.encode(request)
-        started = loop.time()
-        if not self._is_available() and not await self.wait_for_service(timeout_s):
+        if not self._is_available() and not await self.wait_for_service(deadline.left_s()):
             raise CallTimeoutError(f"no server of {self.name} ({self.service_type}) appeared in {timeout_s} s")
         sequence = next(request_numbers)
         future: asyncio.Future[ResponseT] = loop.create_future()
         self._pending[sequence] = future
         timer, in_burst = None, False
-        if timeout_s is not None:
-            left = max(0.0, started + timeout_s - loop.time())
-            timer = loop.call_later(left, self._expire, sequence, timeout_s)
+        left_s = deadline.left_s()
+        if left_s is not None:
+            timer = loop.call_later(left_s, self._expire, sequence, timeout_s)
         try:
             if self._burst:
                 in_burst = await self._line.take_turn(future, self._burst)
@@ -244,7 +244,7 @@ class Client(Generic[RequestT, ResponseT]):
             self._sent_as = {sent: known for sent, known in self._sent_as.items() if known in self._pending}
         self._sent_as[number] = sequence
 
-    def _expire(self, sequence: int, timeout_s: float) -> None:
+    def _expire(self, sequence: int, timeout_s: float | None) -> None:
         future = self._pending.pop(sequence, None)
         if future is not None and not future.done():
             future.set_exception(

@@ -7,17 +7,15 @@ cycle. Decides how to wait for the graph, how callbacks are run and how their fa
 from __future__ import annotations
 
 import asyncio
-import inspect
 import itertools
-import math
 import time
-from numbers import Real
 from typing import TYPE_CHECKING, Any, Protocol
 
-from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import start_task
 from rosidl_py_gen.runtime.names.dds import entity_id
+from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -29,20 +27,6 @@ _GRAPH_POLL_S = 0.05
 
 request_numbers = itertools.count(1)
 """Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
-
-
-class WaitTimeoutError(RosidlError, TimeoutError):
-    """What the caller waited for did not happen in `timeout_s` seconds."""
-
-
-def require_timeout(timeout_s: object) -> None:
-    """Raise `TypeError` or `ValueError` for what is no number of seconds; None means for ever."""
-    if timeout_s is None:
-        return
-    if not isinstance(timeout_s, Real):
-        raise TypeError(f"timeout_s must be a number of seconds or None, got {timeout_s!r:.100}")
-    if math.isnan(timeout_s):
-        raise ValueError("timeout_s must be a number of seconds or None, got NaN")
 
 
 class Closable(Protocol):
@@ -137,20 +121,18 @@ class Scope:
             False when the time passed.
 
         Raises:
-            ClosedError: whoever waits is closed, or was meanwhile. TypeError, ValueError: see `require_timeout`.
+            ClosedError: whoever waits is closed, or was meanwhile. TypeError, ValueError: see `Deadline`.
         """
-        require_timeout(timeout_s)
-        self.require_open(is_closed(), "what was waited for")
-        loop = self.bridge.running_loop()
-        deadline = None if timeout_s is None else loop.time() + timeout_s
-        while not condition():
-            left = poll_s if deadline is None else min(poll_s, deadline - loop.time())
-            if left <= 0:
-                return False
-            change = self.discovery.next_change()
-            await asyncio.wait((change,), timeout=left)
-            change.cancel()
+        deadline = Deadline(timeout_s)
+        self.bridge.running_loop()
+
+        def is_over() -> bool:
             self.require_open(is_closed(), "what was waited for")
+            return condition()
+
+        while not await self.discovery.changes.wait(is_over, deadline.left_s(poll_s)):
+            if deadline.is_over():
+                return False
         return True
 
     # --------------------------------------------------------------------------------------------------- callbacks
@@ -175,9 +157,3 @@ class Scope:
         for task in self._tasks - {current}:
             if not task.get_loop().is_closed():
                 task.cancel()
-
-
-def is_async(function: object) -> bool:
-    """Whether calling it gives a coroutine: async functions, and objects whose `__call__` is one."""
-    called = getattr(type(function), "__call__", None)  # noqa: B004 - the method itself, not whether there is one
-    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)

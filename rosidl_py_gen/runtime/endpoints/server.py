@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import carrier_qos, foreign_words, is_foreign, send, split_header
-from rosidl_py_gen.runtime.endpoints.scope import Throttle, is_async
-from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel, require_callable, settle
+from rosidl_py_gen.runtime.endpoints.scope import Throttle
+from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel, require_callable
+from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, type_name
 from rosidl_py_gen.runtime.transport.interface import identity_of
 
@@ -105,8 +105,7 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         self._throttle = Throttle()
         self._handler = handler
         self._async_handler = handler is not None and is_async(handler)
-        self._requests: deque[ServiceRequest[RequestT, ResponseT]] = deque()
-        self._waiters: list[asyncio.Future[None]] = []
+        self._requests: Stream[ServiceRequest[RequestT, ResponseT]] = Stream()
         self._connected: set[bytes] = set()
         """Clients whose reply readers are connected, as of that version of the graph."""
         self._connected_at = -1
@@ -136,17 +135,10 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         return self
 
     async def __anext__(self) -> ServiceRequest[RequestT, ResponseT]:
-        while not self._closed:
-            if self._requests:
-                return self._requests.popleft()
-            waiter = self._scope.bridge.running_loop().create_future()
-            self._waiters.append(waiter)
-            try:
-                await waiter
-            finally:
-                if waiter in self._waiters:
-                    self._waiters.remove(waiter)
-        raise StopAsyncIteration
+        if self._closed:
+            raise StopAsyncIteration
+        self._scope.bridge.running_loop()
+        return await anext(self._requests)
 
     def _on_requests(self) -> None:
         """The sink of the request reader."""
@@ -156,13 +148,11 @@ class ServiceServer(Generic[RequestT, ResponseT]):
             if request is None:
                 continue
             if self._handler is None:
-                self._requests.append(request)
+                self._requests.push(request)
             elif self._async_handler:
                 self._scope.start(self._await_handler(self._handler, request))
             else:
                 self._call_handler(self._handler, request)
-        if self._requests:
-            self._wake()
 
     def _read(self, sample: Sample) -> ServiceRequest[RequestT, ResponseT] | None:
         data, _, handle, _ = sample
@@ -282,11 +272,6 @@ class ServiceServer(Generic[RequestT, ResponseT]):
 
         introspect(self, clock, state, qos)
 
-    def _wake(self) -> None:
-        waiters, self._waiters = self._waiters, []
-        for waiter in waiters:
-            settle(waiter, None)
-
     def close(self) -> None:
         """Stop serving; an iterator ends, running handlers are not interrupted but cannot answer. May be called
         twice.
@@ -295,8 +280,7 @@ class ServiceServer(Generic[RequestT, ResponseT]):
             return
         self._closed = True
         self._scope.disown(self)
-        self._requests.clear()
-        self._wake()
+        self._requests.close()
         self._scope.remove(self._reader.guid, self._writer.guid)
         self._reader.close()
         self._writer.close()

@@ -15,8 +15,8 @@ import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.endpoints.scope import is_async
-from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel
+from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel
+from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.clock import Clock, ClockType
 from rosidl_py_gen.runtime.time.schedule import TimerCall, TimerRule, period_to_ns
 from rosidl_py_gen.runtime.time.values import Duration
@@ -48,7 +48,9 @@ class Timer:
         self._closed = False
         self._handle: asyncio.Handle | None = None
         self._worker: asyncio.Task[None] | None = None
-        self._waiters: list[asyncio.Future[Duration]] = []
+        self._waiters = Waiters()
+        self._tick: list[Duration] = []
+        """Where whoever waits finds the next tick."""
         self.missed = 0
         """How many periods passed without a call and were skipped."""
         self.call_count = 0
@@ -77,17 +79,15 @@ class Timer:
             ClosedError: the timer was closed, also while waiting.
         """
         self._require_usable()
-        loop = self._scope.bridge.running_loop()
+        self._scope.bridge.running_loop()
         if self._rule.is_ready(self._clock.now_ns()):
             return self._call()
-        waiter: asyncio.Future[Duration] = loop.create_future()
-        self._waiters.append(waiter)
         self._arm()
-        try:
-            return await waiter
-        finally:
-            if waiter in self._waiters:
-                self._waiters.remove(waiter)
+        tick = self._tick
+        await self._waiters.wait(lambda: tick or self._closed)
+        if not tick:
+            self._scope.require_open(self._closed, "a timer")
+        return tick[0]
 
     def __aiter__(self) -> Timer:
         return self
@@ -129,7 +129,7 @@ class Timer:
             self._handle.cancel()
             self._handle = None
         loop = self._scope.bridge.loop
-        if self._closed or loop is None or (self._callback is None and not self._waiters):
+        if self._closed or loop is None:
             return
         left_ns = self._rule.time_until_ns(self._clock.now_ns())
         if left_ns is None:
@@ -145,7 +145,11 @@ class Timer:
             self._arm()  # woken a little early, or reset meanwhile
             return
         if self._callback is None:
-            self._give_tick()
+            if not self._waiters:
+                return  # it stays due
+            self._tick.append(self._call())
+            self._tick = []
+            self._waiters.wake()
         elif not self._async_callback:
             self._call()
             self._call_back(self._callback)
@@ -155,14 +159,6 @@ class Timer:
         else:
             self.missed += 1 + self._advance().missed
         self._arm()
-
-    def _give_tick(self) -> None:
-        waiters = [waiter for waiter in self._waiters if not waiter.done()]
-        self._waiters = []
-        if waiters:
-            since_last = self._call()
-            for waiter in waiters:
-                waiter.set_result(since_last)
 
     def _call_back(self, callback: Callable[[], object]) -> None:
         try:
@@ -264,10 +260,7 @@ class Timer:
         if self._handle is not None:
             self._handle.cancel()
             self._handle = None
-        waiters, self._waiters = self._waiters, []
-        for waiter in waiters:
-            if not waiter.done():
-                waiter.set_exception(ClosedError("the timer was closed"))
+        self._waiters.wake()
 
 
 def _forward(this: weakref.ref[Timer], method: str, jump: TimeJump) -> None:

@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime.endpoints.window import RequestLine
 from rosidl_py_gen.runtime.graph import message as graph_message
 from rosidl_py_gen.runtime.graph.state import Graph, NodeEntities
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
-from rosidl_py_gen.runtime.loop.callbacks import settle
+from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import (
     DISCOVERY_TOPIC,
     DISCOVERY_TYPE,
@@ -31,8 +31,6 @@ from rosidl_py_gen.runtime.transport.interface import Lost
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, check_compatible
 
 if TYPE_CHECKING:
-    import asyncio
-
     from rosidl_py_gen.runtime.graph.state import Endpoint
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant
@@ -55,7 +53,8 @@ class Discovery:
         self.graph = Graph()
         self._nodes: dict[int, NodeEntities] = {}
         self._node_numbers = itertools.count(1)
-        self._waiting: list[asyncio.Future[None]] = []
+        self.changes = Waiters()
+        """Who waits for the graph to change."""
         self._dirty = False
         self._lock = threading.RLock()
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
@@ -166,18 +165,9 @@ class Discovery:
         if self._bridge.is_running and not self._bridge.in_loop_thread():
             self._bridge.call_soon(self._changed)
             return
-        waiting, self._waiting = self._waiting, []
-        for future in waiting:
-            settle(future, None)
+        self.changes.wake()
         if self._mismatches:
             self._warn_mismatches(final=False)
-
-    def next_change(self) -> asyncio.Future[None]:
-        """A future of the running loop that is done at the next change of the graph."""
-        future = self._bridge.running_loop().create_future()
-        self._waiting = [waiting for waiting in self._waiting if not waiting.done()]
-        self._waiting.append(future)
-        return future
 
     def request_line(self, request_topic: str) -> RequestLine:
         """The one line in which the requests of all our clients of a service stand."""

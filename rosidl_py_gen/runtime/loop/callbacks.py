@@ -35,6 +35,20 @@ def require_callable(callback: object, what: str, hint: str = "") -> None:
         raise TypeError(f"{what} must be a function, got {callback!r:.100}{hint}")
 
 
+def is_async(function: object) -> bool:
+    """Whether calling it gives a coroutine: async functions, and objects whose `__call__` is one."""
+    called = getattr(type(function), "__call__", None)  # noqa: B004 - the method itself, not whether there is one
+    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)
+
+
+def current_loop() -> asyncio.AbstractEventLoop | None:
+    """The loop that this thread runs just now."""
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None
+
+
 def settle(future: asyncio.Future[T], result: T) -> None:
     """Let whoever waits go on, on the future's loop; nothing happens when nobody can any more."""
     if not future.done() and not future.get_loop().is_closed():

@@ -112,13 +112,13 @@ class NodeGraph:
     async def graph_changes(self) -> AsyncIterator[int]:
         """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""
         seen = self._graph.version
+
+        def has_changed() -> bool:
+            return self._closed or self._graph.version != seen
+
         while not self._closed:
-            change = self._discovery.next_change()
-            if self._graph.version == seen:
-                await change
-            change.cancel()
-            if self._closed:
-                return
-            if self._graph.version != seen:
+            self.scope.bridge.running_loop()
+            await self._discovery.changes.wait(has_changed)
+            if not self._closed:
                 seen = self._graph.version
                 yield seen

@@ -10,7 +10,7 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rosidl_py_gen.runtime.endpoints.scope import is_async
+from rosidl_py_gen.runtime.loop.callbacks import is_async
 from rosidl_py_gen.runtime.parameters.rules import EMPTY_LIST_REASON
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValue,

@@ -8,7 +8,6 @@ before one is set the remote node is asked which array type the parameter has.
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
@@ -49,6 +48,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     require_names,
 )
 from rosidl_py_gen.runtime.parameters.wire import set_service_type
+from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.time.values import Time
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
@@ -115,17 +115,6 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
 
 def _asked(names: str | Sequence[str]) -> list[str]:
     return [names] if isinstance(names, str) else require_names(names)
-
-
-class _Deadline:
-    """What is left of one `timeout_s` for several calls."""
-
-    def __init__(self, timeout_s: float | None) -> None:
-        self._end_s = None if timeout_s is None else time.monotonic() + timeout_s
-
-    def left_s(self) -> float | None:
-        """None when there is no limit."""
-        return None if self._end_s is None else max(0.0, self._end_s - time.monotonic())
 
 
 class ParameterClient:
@@ -248,7 +237,7 @@ class ParameterClient:
         """
         if all(parameter.value.value != b"" for parameter in parameters):
             return parameters, timeout_s
-        deadline = _Deadline(timeout_s)
+        deadline = Deadline(timeout_s)
         for index, parameter in enumerate(parameters):
             if parameter.value.value == b"":
                 kind = await self._declared_type(parameter.name, deadline)
@@ -256,7 +245,7 @@ class ParameterClient:
                     parameters[index] = Parameter(parameter.name, parameter_value((), kind))
         return parameters, deadline.left_s()
 
-    async def _declared_type(self, name: str, deadline: _Deadline) -> ParameterType:
+    async def _declared_type(self, name: str, deadline: Deadline) -> ParameterType:
         """NOT_SET when the parameter is not declared."""
         typed = await self._types.call(GetParameterTypes_Request(names=[name]), deadline.left_s())
         kind = parameter_type(int(typed.types[0])) if len(typed.types) == 1 else ParameterType.NOT_SET

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rosidl_py_gen.runtime.time.values import TimeRangeError, seconds_to_ns
+from rosidl_py_gen.runtime.time.values import TimeRangeError, limit_to_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,9 +110,9 @@ def period_to_ns(period_s: object, what: str = "period_s") -> int:
     Raises:
         TypeError: no number. TimeRangeError: negative or not finite. Both begin with `what`.
     """
-    period_ns = seconds_to_ns(what, period_s)
-    if period_ns < 0:
-        raise TimeRangeError(f"{what} must be 0 or more, got {period_s!r}")
+    period_ns = limit_to_ns(what, period_s)
+    if period_ns is None:
+        raise TimeRangeError(f"{what} must be finite, got {period_s!r}")
     return period_ns
 
 

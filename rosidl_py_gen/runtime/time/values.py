@@ -65,6 +65,20 @@ def seconds_to_ns(what: str, seconds: object) -> int:
     return int(whole) * NS_PER_S + round(fraction * NS_PER_S)
 
 
+def limit_to_ns(what: str, seconds: object) -> int | None:
+    """How long somebody is willing to wait, as nanoseconds: 0 or more, None for `math.inf`, which means for ever.
+
+    Raises:
+        TypeError: no number. TimeRangeError: negative or NaN. Both begin with `what`.
+    """
+    if isinstance(seconds, float) and seconds == math.inf:
+        return None
+    limit_ns = seconds_to_ns(what, seconds)
+    if limit_ns < 0:
+        raise TimeRangeError(f"{what} must be 0 or more seconds, got {seconds!r}")
+    return limit_ns
+
+
 def _total_ns(seconds: float, nanoseconds: int) -> int:
     if not isinstance(nanoseconds, int):
         raise TimeRangeError(f"nanoseconds must be an int, got {nanoseconds!r}")
