@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import time
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import node_logger
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.runtime.node.context import Context
+
+T = TypeVar("T")
 
 _GRAPH_POLL_S = 0.05
 """Matching inside DDS may follow the discovery event by some moments, and nothing announces that."""
@@ -137,7 +139,7 @@ class Scope:
 
     # --------------------------------------------------------------------------------------------------- callbacks
 
-    def start(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+    def start(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         """Run a coroutine as a task that is kept alive, and cancelled when the node closes."""
         task = start_task(self.bridge.running_loop(), coroutine)
         self._tasks.add(task)

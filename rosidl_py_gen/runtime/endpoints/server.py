@@ -10,14 +10,15 @@ to 100 ms (protocol.md 5.2), that of a client on Fast DDS up to 5 s.
 from __future__ import annotations
 
 import asyncio
-import inspect
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import carrier_qos, foreign_words, is_foreign, send, split_header
 from rosidl_py_gen.runtime.endpoints.scope import Throttle
-from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel, require_callable
+from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, type_name
 from rosidl_py_gen.runtime.transport.interface import identity_of
 
@@ -103,8 +104,7 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         carrier = carrier_qos(qos)
         self._type = service_type
         self._throttle = Throttle()
-        self._handler = handler
-        self._async_handler = handler is not None and is_async(handler)
+        self._handler = None if handler is None else UserFunction(scope, handler, f"the handler of service {name}")
         self._requests: Stream[ServiceRequest[RequestT, ResponseT]] = Stream()
         self._connected: set[bytes] = set()
         """Clients whose reply readers are connected, as of that version of the graph."""
@@ -149,10 +149,8 @@ class ServiceServer(Generic[RequestT, ResponseT]):
                 continue
             if self._handler is None:
                 self._requests.push(request)
-            elif self._async_handler:
-                self._scope.start(self._await_handler(self._handler, request))
             else:
-                self._call_handler(self._handler, request)
+                self._handler.call(request.message, then=partial(self._answer, request))
 
     def _read(self, sample: Sample) -> ServiceRequest[RequestT, ResponseT] | None:
         data, _, handle, _ = sample
@@ -174,35 +172,9 @@ class ServiceServer(Generic[RequestT, ResponseT]):
                 )
             return None
 
-    def _call_handler(
-        self,
-        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]],
-        request: ServiceRequest[RequestT, ResponseT],
-    ) -> None:
-        try:
-            response = handler(request.message)
-            if inspect.iscoroutine(response):  # of a lambda, for example
-                task = self._scope.start(self._await_handler(lambda _: response, request))
-                task.add_done_callback(lambda _: response.close())  # one that was cancelled has not begun it
-            else:
-                request.respond(response)  # type: ignore[arg-type]  # not awaitable
-        except (Exception, asyncio.CancelledError):  # of a future that was cancelled
-            self._scope.report_failure(f"the handler of service {self.name}")
-
-    async def _await_handler(
-        self, handler: Callable[[RequestT], Any], request: ServiceRequest[RequestT, ResponseT]
-    ) -> None:
-        # Called in here, so that a task that is cancelled before it begins leaves no coroutine behind.
-        try:
-            response: ResponseT = await handler(request.message)
-            if not self._closed:
-                request.respond(response)
-        except asyncio.CancelledError:
-            if self._closed or is_own_cancel():
-                raise
-            self._scope.report_failure(f"the handler of service {self.name}")
-        except Exception:
-            self._scope.report_failure(f"the handler of service {self.name}")
+    def _answer(self, request: ServiceRequest[RequestT, ResponseT], response: ResponseT) -> None:
+        if not self._closed:
+            request.respond(response)
 
     # --------------------------------------------------------------------------------------------------- responses
 

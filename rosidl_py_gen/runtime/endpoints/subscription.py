@@ -10,12 +10,12 @@ while it runs, new messages wait in the queue as its depth allows.
 from __future__ import annotations
 
 import asyncio
-import inspect
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.scope import Throttle
-from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel, require_callable
+from rosidl_py_gen.runtime.loop.callbacks import require_callable
+from rosidl_py_gen.runtime.loop.user_function import UserFunction, ignore
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
@@ -73,8 +73,7 @@ class Subscription(Generic[T]):
         self.undecodable = 0
         """How many samples did not decode."""
         self._decode: Callable[[Payload], T] = message_type.decode
-        self._callback = callback
-        self._async_callback = callback is not None and is_async(callback)
+        self._callback = None if callback is None else UserFunction(scope, callback, f"the callback of {topic}")
         self._worker: asyncio.Task[None] | None = None
         self._waiters = Waiters()
         self._latest: T | None = None
@@ -189,53 +188,29 @@ class Subscription(Generic[T]):
         """The sink of the reader; runs on the loop."""
         if self._callback is None:
             self._waiters.wake()
-        elif not self._async_callback:
-            self._call_back(self._callback)
-        elif self._worker is None or self._worker.done():
+        elif self._worker is not None and not self._worker.done():
+            return  # it looks again when it is done
+        elif self._callback.is_async:
             self._worker = self._scope.start(self._await_back(self._callback))
+        else:
+            self._call_back(self._callback)
 
-    def _call_back(self, callback: Callable[[T], object]) -> None:
-        items, decode = self._items, self._decode
+    def _call_back(self, callback: UserFunction) -> None:
         # Only what is here now: a callback that publishes on its own topic must not keep the loop for itself.
-        for _ in range(len(items)):
-            if self._closed or not items:
+        for _ in range(len(self._items)):
+            found = self._take()
+            if found is None:
                 return
-            try:
-                message = decode(items.popleft()[0])
-            except DecodeError as err:
-                self._count_undecodable(err)
-                continue
-            try:
-                answer = callback(message)
-                if answer is not None and inspect.iscoroutine(answer):  # of a lambda, for example
-                    self._async_callback = True
-                    self._worker = self._scope.start(self._await_back(callback, answer))
-                    return
-            except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
-                self._scope.report_failure(f"the callback of {self.topic}")
-        if items and not self._closed:
-            loop = self._scope.bridge.loop
-            if loop is not None:
-                loop.call_soon(self._on_data)
+            self._worker = callback.call(found[0])
+            if self._worker is not None:
+                self._worker.add_done_callback(lambda _: self._on_data())
+                return
+        if self._items and not self._closed:
+            self._scope.bridge.call_soon(self._on_data)
 
-    async def _await_back(self, callback: Callable[[T], object], started: Awaitable[object] | None = None) -> None:
-        while (started is not None or self._items) and not self._closed:
-            try:
-                if started is None:
-                    started = callback(self._decode(self._items.popleft()[0]))  # type: ignore[assignment]  # is_async
-                await started  # type: ignore[misc]
-            except DecodeError as err:
-                if started is None:
-                    self._count_undecodable(err)
-                else:
-                    self._scope.report_failure(f"the callback of {self.topic}")
-            except asyncio.CancelledError:
-                if self._closed or is_own_cancel():
-                    raise
-                self._scope.report_failure(f"the callback of {self.topic}")
-            except Exception:
-                self._scope.report_failure(f"the callback of {self.topic}")
-            started = None
+    async def _await_back(self, callback: UserFunction) -> None:
+        while (found := self._take()) is not None:
+            await callback.run(found[0], then=ignore)
 
     def _count_undecodable(self, error: DecodeError) -> None:
         self.undecodable += 1

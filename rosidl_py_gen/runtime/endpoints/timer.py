@@ -9,20 +9,19 @@ loop is handed over to it.
 from __future__ import annotations
 
 import asyncio
-import inspect
 import threading
 import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.clock import Clock, ClockType
 from rosidl_py_gen.runtime.time.schedule import TimerCall, TimerRule, period_to_ns
 from rosidl_py_gen.runtime.time.values import Duration
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Callable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.time.clock import TimeJump
@@ -41,8 +40,7 @@ class Timer:
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
         self._scope = scope
         self._clock = clock
-        self._callback = callback
-        self._async_callback = callback is not None and is_async(callback)
+        self._callback = None if callback is None else UserFunction(scope, callback, "a timer's callback")
         self._rule = TimerRule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
         self._rule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
         self._closed = False
@@ -150,36 +148,12 @@ class Timer:
             self._tick.append(self._call())
             self._tick = []
             self._waiters.wake()
-        elif not self._async_callback:
-            self._call()
-            self._call_back(self._callback)
         elif self._worker is None or self._worker.done():
             self._call()
-            self._worker = self._scope.start(self._await_callback(self._callback))
+            self._worker = self._callback.call()
         else:
             self.missed += 1 + self._advance().missed
         self._arm()
-
-    def _call_back(self, callback: Callable[[], object]) -> None:
-        try:
-            answer = callback()
-            if answer is not None and inspect.iscoroutine(answer):  # of a lambda, for example
-                self._async_callback = True
-                self._worker = self._scope.start(self._await_callback(callback, answer))
-        except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
-            self._scope.report_failure("a timer's callback")
-
-    async def _await_callback(self, callback: Callable[[], object], started: Awaitable[object] | None = None) -> None:
-        try:
-            if started is None:
-                started = callback()  # type: ignore[assignment]  # is_async said so
-            await started  # type: ignore[misc]
-        except asyncio.CancelledError:
-            if self._closed or is_own_cancel():
-                raise
-            self._scope.report_failure("a timer's callback")
-        except Exception:
-            self._scope.report_failure("a timer's callback")
 
     def _before_jump(self, jump: TimeJump) -> None:
         if jump.source_changed:
