@@ -9,14 +9,13 @@ cancel request is refused at the latest when its goal ends.
 from __future__ import annotations
 
 import asyncio
-import inspect
 from typing import TYPE_CHECKING, Any, Generic
 
 from rosidl_py_gen.runtime.actions.states import GoalDecision
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError
-from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel
 from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -32,35 +31,21 @@ class Permission:
     """The `accept` or `on_cancel` of an action server: a callback, or the answer to everything."""
 
     def __init__(self, scope: Scope, what: str, callback: Callable[[Any], Any] | bool) -> None:
-        self._scope = scope
-        self._what = what
-        self._callback: Callable[[Any], Any] = callback if callable(callback) else lambda _: callback
-        self._is_async = is_async(callback)
-        self.closed = False
+        self._function = UserFunction(scope, callback if callable(callback) else lambda _: callback, what)
 
     def ask(self, subject: object) -> GoalDecision | Callable[[], Awaitable[GoalDecision]]:
-        """The decision, or a function to get it from inside a task."""
-        if self._is_async:
-            return lambda: self._wait(lambda: self._callback(subject))
-        try:
-            answer = self._callback(subject)
-            if inspect.isawaitable(answer):  # of a lambda, for example
-                return lambda: self._wait(lambda: answer)
-            return decision_of(answer)
-        except (Exception, asyncio.CancelledError):
-            return self._failed()
+        """The decision; a function to wait for it when the callback does not answer at once."""
+        decisions = [GoalDecision.REJECT]  # stays the only one when the callback fails
+        task = self._function.call(subject, then=lambda answer: decisions.append(decision_of(answer)))
+        if task is None:
+            return decisions[-1]
+        asked = task
 
-    async def _wait(self, start: Callable[[], Awaitable[object]]) -> GoalDecision:
-        try:
-            return decision_of(await start())
-        except (Exception, asyncio.CancelledError):
-            if self.closed or is_own_cancel():
-                raise
-            return self._failed()
+        async def wait() -> GoalDecision:
+            await asked
+            return decisions[-1]
 
-    def _failed(self) -> GoalDecision:
-        self._scope.report_failure(self._what)
-        return GoalDecision.REJECT
+        return wait
 
 
 def decision_of(answer: object) -> GoalDecision:

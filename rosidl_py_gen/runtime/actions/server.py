@@ -199,7 +199,7 @@ class ActionServer(Generic[ActionT_co]):
         """
         if self._closed:
             return
-        self._closed = self._accept.closed = self._on_cancel.closed = True
+        self._closed = True
         self._scope.disown(self)
         if self._runner is not None:
             self._runner.close()

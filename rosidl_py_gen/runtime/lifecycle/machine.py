@@ -8,7 +8,6 @@ error processing included, so that the node is never left in between. Source: pr
 from __future__ import annotations
 
 import asyncio
-import inspect
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.msgs.lifecycle_msgs import msg
@@ -37,6 +36,7 @@ from rosidl_py_gen.runtime.lifecycle.states import (
     outcome_of,
     requested,
 )
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -147,22 +147,13 @@ class LifecycleMachine:
     async def _run(self, came_from: State) -> tuple[Outcome, bool]:
         """What the callback of the present state says, and whether the caller was cancelled meanwhile."""
         name = _CALLBACKS[self.state]
-        cancelled = False
         if self._closed:  # by the callback before
-            return Outcome.ERROR, cancelled
-        try:
-            answer = getattr(self._node, name)(came_from)
-            if inspect.isawaitable(answer):
-                # In a task of its own: what cancels the caller can so be told from what cancels the callback.
-                task = asyncio.ensure_future(answer)
-                cancelled = await _finish(task)
-                answer = task.result()
-            return outcome_of(answer), cancelled
-        except asyncio.CancelledError:
-            self._scope.logger.warning(f"{name} of a lifecycle node was cancelled; that counts as an error")
-        except Exception:
-            self._scope.report_failure(f"{name} of a lifecycle node")
-        return Outcome.ERROR, cancelled
+            return Outcome.ERROR, False
+        callback = UserFunction(self._scope, getattr(self._node, name), f"{name} of a lifecycle node")
+        outcomes = [Outcome.ERROR]  # stays the only one when the callback fails, or is cancelled
+        task = callback.call(came_from, then=lambda answer: outcomes.append(outcome_of(answer)))
+        cancelled = task is not None and await _finish(task)
+        return outcomes[-1], cancelled
 
     def _enter(self, row: Transition) -> None:
         self.state = row.goal

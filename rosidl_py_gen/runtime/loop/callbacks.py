@@ -23,12 +23,6 @@ _LOOP_ENDED_S = 0.2
 _TASKS_KNOW = hasattr(asyncio.Task, "cancelling")
 
 
-async def result_of(callback: Callable[..., Any], *arguments: object) -> Any:
-    """What a plain or async callback answers."""
-    answer = callback(*arguments)
-    return await answer if inspect.isawaitable(answer) else answer
-
-
 def require_callable(callback: object, what: str, hint: str = "") -> None:
     """Raise `TypeError` for what is neither callable nor None, before anything is created."""
     if callback is not None and not callable(callback):
