@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Generic
 from rosidl_py_gen.runtime.actions.states import GoalDecision
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError
+from rosidl_py_gen.runtime.loop.callbacks import settle
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 
@@ -101,13 +102,12 @@ class GoalRequests:
             self._scope.logger.warning(
                 f"a goal request of action {self._action} was neither accepted nor rejected; it is rejected"
             )
-            answer.set_result(None)
+            settle(answer, None)
 
     def close(self) -> None:
-        """Cancel whoever waits for an answer, and end the iterator."""
+        """Reject what waits for an answer, and end the iterator."""
         for answer in self._answers.values():
-            if not answer.get_loop().is_closed():
-                answer.cancel()
+            settle(answer, None)
         self.stream.close()
 
 

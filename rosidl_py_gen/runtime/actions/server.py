@@ -81,7 +81,7 @@ class ActionServer(Generic[ActionT_co]):
 
     def _run(self, goal: ServerGoal[Any]) -> None:
         if self._runner is not None:
-            self._runner.start(goal)
+            self._runner.run(goal)
 
     # ------------------------------------------------------------------------------------------------ stream style
 
@@ -203,9 +203,9 @@ class ActionServer(Generic[ActionT_co]):
         self._scope.disown(self)
         if self._runner is not None:
             self._runner.close()
+        for service in self._services:
+            service.close()
         self._requests.close()
         if self._cancels is not None:
             self._cancels.close()
-        for service in self._services:
-            service.close()
         self._goals.close()

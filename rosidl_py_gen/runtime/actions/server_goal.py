@@ -321,7 +321,7 @@ class ServerGoals:
         self.expire()
 
     def close(self) -> None:
-        """Ask all handlers to end, and publish no more; whoever waits for a result is cancelled."""
+        """Ask all handlers to end, and publish no more; after the services, so that nobody is answered any more."""
         self._closed = True
         if self._jumps is not None:
             self._jumps.close()
@@ -331,7 +331,6 @@ class ServerGoals:
             goal.request_cancel()
             goal.end()
         for pending in self.book.waiting():
-            if not pending.get_loop().is_closed():
-                pending.cancel()
+            settle(pending, b"")
         self.feedback.close()
         self._status.close()
