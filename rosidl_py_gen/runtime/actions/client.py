@@ -3,14 +3,13 @@
 Decides that everything about a goal is remembered from before it is sent (feedback may overtake the acceptance) until
 its result is in, that a goal is sent only when all five endpoints of a server are connected, so that its feedback finds
 us, and that the result is asked for as soon as the goal is accepted. What happens when the server goes away is
-`action_results.py`'s.
+`results.py`'s.
 
 Source: protocol.md 8.1, 8.4, 8.5.
 """
 
 from __future__ import annotations
 
-import asyncio
 import uuid
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -31,13 +30,14 @@ from rosidl_py_gen.runtime.actions.client_goal import (
     GoalRejectedError,
 )
 from rosidl_py_gen.runtime.actions.results import ResultClient
-from rosidl_py_gen.runtime.actions.states import ZERO_ID, CancelCode, GoalStatus, UnknownGoalError
+from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCode, GoalStatus, UnknownGoalError
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
+from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.time.values import Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
@@ -51,6 +51,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.values import SecNanosec
 
 T = TypeVar("T")
+
+_CANCEL_ERRORS: dict[int, tuple[type[ActionError], str]] = {
+    CancelCode.REJECTED: (CancelRejectedError, "refused to cancel"),
+    CancelCode.UNKNOWN_GOAL_ID: (UnknownGoalError, "does not know"),
+    CancelCode.GOAL_TERMINATED: (AlreadyTerminatedError, "has ended already, or is cancelling,"),
+}
 
 
 class ActionClient(Generic[ActionT_co]):
@@ -195,7 +201,7 @@ class ActionClient(Generic[ActionT_co]):
 
     def _run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine of this client from plain code; see `send_goal_sync`."""
-        if self._scope.bridge.in_loop_thread() or asyncio._get_running_loop() is not None:
+        if self._scope.bridge.in_loop_thread() or current_loop() is not None:
             coroutine.close()
             raise WouldDeadlockError(
                 f"a waiting call on action {self.name} from inside the event loop would wait for ever; use 'await' in "
@@ -236,18 +242,10 @@ class ActionClient(Generic[ActionT_co]):
             ActionArgumentError: no goal id. Else as `ClientGoal.cancel`.
         """
         goal_id = require_goal_id(goal_id)
-        code, canceling = await self._ask_cancel(goal_id, None, timeout_s)
-        if code == CancelCode.UNKNOWN_GOAL_ID:
-            raise UnknownGoalError(f"action server {self.name} does not know goal {goal_id.hex()}")
-        if code == CancelCode.GOAL_TERMINATED:
-            raise AlreadyTerminatedError(
-                f"goal {goal_id.hex()} of action {self.name} has ended or is being cancelled already"
-            )
-        # rclpy servers answer 0 with an empty list when they refuse.
-        if code == CancelCode.REJECTED or (code == CancelCode.NONE and goal_id not in canceling):
-            raise CancelRejectedError(f"action server {self.name} refused to cancel goal {goal_id.hex()}")
-        if code != CancelCode.NONE:
-            raise CancelError(f"action server {self.name} answered a cancel with the unknown code {code}")
+        what = f"goal {goal_id.hex()}"
+        if goal_id not in await self._ask_cancel(goal_id, None, what, timeout_s):
+            # rclpy servers answer 0 with an empty list when they refuse.
+            raise CancelRejectedError(f"action server {self.name} refused to cancel {what}")
 
     async def cancel_all(self, timeout_s: float | None = None) -> list[bytes]:
         """Ask to cancel every goal of the server, other clients' too; returns the ids being cancelled.
@@ -256,7 +254,7 @@ class ActionClient(Generic[ActionT_co]):
             CancelRejectedError: there were goals, and the server refused for all of them.
             ActionTimeoutError, ClosedError.
         """
-        return await self._cancel_many(None, timeout_s)
+        return await self._ask_cancel(ZERO_ID, None, "any goal", timeout_s)
 
     async def cancel_before(self, stamp: Time | SecNanosec, timeout_s: float | None = None) -> list[bytes]:
         """Ask to cancel every goal accepted at `stamp` or before; returns and raises as `cancel_all`.
@@ -264,17 +262,9 @@ class ActionClient(Generic[ActionT_co]):
         Raises:
             ActionArgumentError: `stamp` is zero, which would mean all. TypeError: it is no time.
         """
-        return await self._cancel_many(require_stamp(stamp), timeout_s)
+        return await self._ask_cancel(ZERO_ID, require_stamp(stamp), "any goal", timeout_s)
 
-    async def _cancel_many(self, stamp: Time | None, timeout_s: float | None) -> list[bytes]:
-        code, canceling = await self._ask_cancel(ZERO_ID, stamp, timeout_s)
-        if code == CancelCode.REJECTED:
-            raise CancelRejectedError(f"action server {self.name} refused to cancel any goal")
-        if code != CancelCode.NONE:
-            raise CancelError(f"action server {self.name} answered a cancel with code {code}")
-        return canceling
-
-    async def _ask_cancel(self, goal_id: bytes, stamp: Time | None, timeout_s: float | None) -> tuple[int, list[bytes]]:
+    async def _ask_cancel(self, goal_id: bytes, stamp: Time | None, what: str, timeout_s: float | None) -> list[bytes]:
         request = CancelGoal_Request()
         request.goal_info.goal_id.uuid = goal_id  # type: ignore[assignment]  # bytes are welcome in a uint8 array
         if stamp is not None:
@@ -283,7 +273,11 @@ class ActionClient(Generic[ActionT_co]):
             response = await self._cancel.call(request, timeout_s)
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"cancel not answered by action {self.name}: {error}") from error
-        return int(response.return_code), [goal_id_of(info) for info in response.goals_canceling]
+        code = int(response.return_code)
+        if code != CancelCode.NONE:
+            kind, says = _CANCEL_ERRORS.get(code, (CancelError, f"answered with the unknown code {code} about"))
+            raise kind(f"action server {self.name} {says} {what}")
+        return [goal_id_of(info) for info in response.goals_canceling]
 
     # ------------------------------------------------------------------------------------------------------ topics
 

@@ -1,4 +1,8 @@
-"""One goal as the action client that sent it sees it, and what can go wrong with it."""
+"""One goal as the action client that sent it sees it, and what can go wrong with it.
+
+Decides that a status never goes back, and that a goal which cannot get a result any more ends with an error for all who
+wait: for its result and its feedback.
+"""
 
 from __future__ import annotations
 

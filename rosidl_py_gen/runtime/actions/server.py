@@ -15,21 +15,22 @@ from typing import TYPE_CHECKING, Any, Generic
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
 from rosidl_py_gen.runtime.actions.checks import require_server_options
-from rosidl_py_gen.runtime.actions.decisions import CancelRequest, GoalRequests, Permission
+from rosidl_py_gen.runtime.actions.decisions import CancelRequest, GoalRequest, ask
 from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness, HandlerRunner
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
+from rosidl_py_gen.runtime.loop.callbacks import settle
 from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Coroutine
+    from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.runtime.actions.checks import Policy
-    from rosidl_py_gen.runtime.actions.decisions import GoalRequest
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.time.clock import Clock
@@ -61,14 +62,17 @@ class ActionServer(Generic[ActionT_co]):
         self._policy = policy
         self._closed = False
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
-        self._undecided: set[bytes] = set()
+        self._undecided: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
         self._goals = ServerGoals(
             scope, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=policy
         )
-        self._accept = Permission(scope, f"the accept callback of action {self.name}", accept or True)
-        self._requests = GoalRequests(scope, self.name, self._goals)
-        self._decides_cancels = on_cancel is not True
-        self._on_cancel = Permission(scope, f"the on_cancel callback of action {self.name}", on_cancel)
+        self._accept = None if accept is None else UserFunction(scope, accept, f"the accept callback of {self.name}")
+        self._on_cancel: UserFunction | bool = (
+            on_cancel
+            if isinstance(on_cancel, bool)
+            else UserFunction(scope, on_cancel, f"the on_cancel callback of {self.name}")
+        )
+        self._requests: Stream[GoalRequest[ActionT_co]] = Stream()
         self._cancels: Stream[CancelRequest[ActionT_co]] | None = None
         get_result = replace(action_type.get_result, response=raw_type(action_type.get_result.response))
         self._services: list[ServiceServer[Any, Any]] = [
@@ -88,11 +92,11 @@ class ActionServer(Generic[ActionT_co]):
     def __aiter__(self) -> Stream[GoalRequest[ActionT_co]]:
         if self._runner is not None:
             raise TypeError(f"action {self.name} has callbacks; its goals cannot be iterated over too")
-        return self._requests.stream
+        return self._requests
 
     def cancel_requests(self) -> Stream[CancelRequest[ActionT_co]]:
         """Decide about cancels yourself: from now on each one waits until it is accepted or rejected."""
-        if self._decides_cancels:
+        if self._on_cancel is not True:
             raise TypeError(f"action {self.name} has on_cancel; its cancels cannot be iterated over too")
         if self._cancels is None:
             self._cancels = Stream()
@@ -120,21 +124,23 @@ class ActionServer(Generic[ActionT_co]):
         if self._policy == "reject" and (self._goals.active or (self._undecided and self._runner is not None)):
             return self._response(None)
         goal: ServerGoal[ActionT_co] = ServerGoal(self._goals, goal_id, self._type.goal.to_value(request.goal))
-        decision = None if self._runner is None else self._accept.ask(goal.request)
-        if isinstance(decision, GoalDecision):
-            return self._response(self._goals.enter(goal, decision))
-        self._undecided.add(goal_id)  # before the next request is looked at
-        return self._respond_later(goal, decision)
+        if self._runner is not None and self._accept is None:
+            return self._response(self._goals.enter(goal, GoalDecision.ACCEPT))
+        answer: asyncio.Future[GoalInfo | None] = self._scope.bridge.running_loop().create_future()
+        if self._accept is None:
+            self._requests.push(GoalRequest(self._goals, goal, answer))
+        else:
+            ask(self._accept, goal.request, answer, lambda decision: self._goals.enter(goal, decision), None)
+        if answer.done():
+            return self._response(answer.result())
+        self._undecided[goal_id] = answer  # before the next request is looked at
+        return self._respond_later(goal_id, answer)
 
-    async def _respond_later(
-        self, goal: ServerGoal[ActionT_co], decide: Callable[[], Awaitable[GoalDecision]] | None
-    ) -> Any:
+    async def _respond_later(self, goal_id: bytes, answer: asyncio.Future[GoalInfo | None]) -> Any:
         try:
-            if decide is None:
-                return self._response(await self._requests.ask(goal))
-            return self._response(self._goals.enter(goal, await decide()))
+            return self._response(await answer)
         finally:
-            self._undecided.discard(goal.goal_id)
+            self._undecided.pop(goal_id, None)
 
     def _response(self, info: GoalInfo | None) -> Any:
         response = self._type.cls.SendGoal.Response()
@@ -166,13 +172,15 @@ class ActionServer(Generic[ActionT_co]):
         goal = self._goals.active.get(goal_id)
         if goal is None:  # it has just ended; whoever answers will see that
             return False
+        answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
+        goal.cancel_answers.append(answer)
         if self._cancels is not None:
-            answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-            goal.cancel_answers.append(answer)
             self._cancels.push(CancelRequest(goal, answer))
-            return await answer
-        decision = self._on_cancel.ask(goal)
-        return (decision if isinstance(decision, GoalDecision) else await decision()) is not GoalDecision.REJECT
+        elif isinstance(self._on_cancel, bool):
+            return self._on_cancel
+        else:
+            ask(self._on_cancel, goal, answer, lambda decision: decision is not GoalDecision.REJECT, False)
+        return await answer
 
     # ------------------------------------------------------------------------------------------------------ result
 
@@ -206,6 +214,8 @@ class ActionServer(Generic[ActionT_co]):
         for service in self._services:
             service.close()
         self._requests.close()
+        for answer in self._undecided.values():
+            settle(answer, None)
         if self._cancels is not None:
             self._cancels.close()
         self._goals.close()

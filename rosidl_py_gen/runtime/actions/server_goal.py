@@ -226,6 +226,18 @@ class ServerGoals:
             self._status.publish()
         return info
 
+    def reject_forgotten(self, answer: asyncio.Future[GoalInfo | None]) -> None:
+        """The program let go of a request without an answer; called wherever the garbage collector runs."""
+
+        def reject() -> None:
+            if not answer.done():
+                self._scope.logger.warning(
+                    f"a goal request of action {self._name} was neither accepted nor rejected; it is rejected"
+                )
+                settle(answer, None)
+
+        self._scope.bridge.call_soon(reject)
+
     def start_deferred(self, goal: ServerGoal[Any]) -> None:
         """Start it in its turn; without effect when it has one already."""
         if goal.goal_id in self.active and not goal.has_started and goal not in self._queue:

@@ -40,7 +40,7 @@ def test_answers_that_reject(world: World, answer: object) -> None:
         server, client = await pair(world, accept=lambda request: answer)
         with pytest.raises(GoalRejectedError):
             await client.send_goal(goal(), timeout_s=5)
-        assert server.goals == [] and server._undecided == set()
+        assert server.goals == [] and server._undecided == {}
 
     run(main)
 
