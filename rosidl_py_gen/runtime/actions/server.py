@@ -172,13 +172,14 @@ class ActionServer(Generic[ActionT_co]):
         goal = self._goals.active.get(goal_id)
         if goal is None:  # it has just ended; whoever answers will see that
             return False
+        if self._cancels is None and isinstance(self._on_cancel, bool):
+            return self._on_cancel
         answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-        goal.cancel_answers.append(answer)
+        goal.cancel_answers.add(answer)
+        answer.add_done_callback(goal.cancel_answers.discard)
         if self._cancels is not None:
             self._cancels.push(CancelRequest(goal, answer))
-        elif isinstance(self._on_cancel, bool):
-            return self._on_cancel
-        else:
+        elif isinstance(self._on_cancel, UserFunction):
             ask(self._on_cancel, goal, answer, lambda decision: decision is not GoalDecision.REJECT, False)
         return await answer
 
@@ -186,19 +187,9 @@ class ActionServer(Generic[ActionT_co]):
 
     def _on_get_result(self, request: Any) -> bytes | Coroutine[Any, Any, bytes]:
         self._goals.expire()
-        goal_id, book = goal_id_of(request), self._goals.book
-        if not book.status(goal_id).is_active:
-            return book.result(goal_id) or self._unknown
-        end: asyncio.Future[bytes] = self._scope.bridge.running_loop().create_future()
-        book.wait_for_result(goal_id, end)
-        return self._await_result(goal_id, end)
-
-    async def _await_result(self, goal_id: bytes, end: asyncio.Future[bytes]) -> bytes:
-        try:
-            return await end
-        except asyncio.CancelledError:
-            self._goals.book.forget_waiting(goal_id, end)
-            raise
+        goal_id = goal_id_of(request)
+        goal = self._goals.active.get(goal_id)
+        return goal.encoded_result() if goal is not None else self._goals.book.result(goal_id) or self._unknown
 
     def close(self) -> None:
         """Stop serving. May be called twice.

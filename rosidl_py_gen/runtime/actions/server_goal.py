@@ -16,7 +16,7 @@ from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.loop.callbacks import on_loop, settle
-from rosidl_py_gen.runtime.loop.waiters import Latch
+from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.clock import ClockType
 from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
@@ -51,9 +51,10 @@ class ServerGoal(Generic[ActionT_co]):
     def __init__(self, goals: ServerGoals, goal_id: bytes, request: object) -> None:
         self._goals = goals
         self._request: Any = request
-        self._cancel = Latch()
-        self._start_known = Latch()
-        self.cancel_answers: list[asyncio.Future[bool]] = []
+        self._cancel_requested = False
+        self._result: bytes | None = None
+        self._changed = Waiters()
+        self.cancel_answers: set[asyncio.Future[bool]] = set()
         """Cancel requests that the program decides about; they are refused when the goal ends."""
         self.has_started = False
         """True since it began to execute, also after its end."""
@@ -82,11 +83,11 @@ class ServerGoal(Generic[ActionT_co]):
 
         Also true when the server closes; then nothing can be told to the client any more, and it is time to return.
         """
-        return self._cancel.is_set
+        return self._cancel_requested
 
     async def wait_for_cancel(self) -> None:
         """Return when `cancel_requested` becomes true."""
-        await self._cancel.wait()
+        await self._changed.wait(lambda: self._cancel_requested)
 
     async def started(self) -> bool:
         """Wait until a goal that waits its turn, or was deferred, is EXECUTING.
@@ -94,23 +95,30 @@ class ServerGoal(Generic[ActionT_co]):
         Returns:
             False when it will never be: it was cancelled before, and has ended, or the server was closed.
         """
-        await self._start_known.wait()
+        await self._changed.wait(lambda: self.has_started or self._result is not None)
         return self.has_started
 
     def request_cancel(self) -> None:
         """Set `cancel_requested`; the server does this, after the status has changed, and when it closes."""
-        self._cancel.set()
+        self._cancel_requested = True
+        self._changed.wake()
 
-    def start(self) -> None:
+    def mark_started(self) -> None:
         """It starts now; the server does this."""
         self.has_started = True
-        self._start_known.set()
+        self._changed.wake()
 
-    def end(self) -> None:
+    def mark_ended(self, result: bytes) -> None:
         """It has ended, or the server closes; the server does this."""
-        self._start_known.set()
+        self._result = result
+        self._changed.wake()
         for answer in self.cancel_answers:
             settle(answer, False)
+
+    async def encoded_result(self) -> bytes:
+        """What get_result answers, once the goal has ended; the server asks this."""
+        await self._changed.wait(lambda: self._result is not None)
+        return self._result or b""
 
     def publish_feedback(self: ServerGoal[Action[Any, Any, FeedbackT]], feedback: FeedbackT) -> None:
         """Tell the client how it goes; from any thread.
@@ -181,7 +189,7 @@ class ServerGoals:
         self._run = run
         self._policy = policy
         self._closed = False
-        self.book: GoalBook[bytes, asyncio.Future[bytes]] = GoalBook(limit_to_ns("result_timeout_s", result_timeout_s))
+        self.book: GoalBook[bytes] = GoalBook(limit_to_ns("result_timeout_s", result_timeout_s))
         self.active: dict[bytes, ServerGoal[Any]] = {}
         """Goals that have not ended, in the order of acceptance."""
         self._running: set[bytes] = set()
@@ -259,7 +267,7 @@ class ServerGoals:
     def _start(self, goal: ServerGoal[Any]) -> None:
         self._running.add(goal.goal_id)
         self._change(goal.goal_id, GoalEvent.EXECUTE)
-        goal.start()
+        goal.mark_started()
         self._run(goal)
 
     def finish(self, goal_id: bytes, event: GoalEvent, result: object | None) -> None:
@@ -270,12 +278,10 @@ class ServerGoals:
         """
         self._scope.require_open(self._closed, f"action server {self._name}")
         data = self._type.encode_result(ENDS[event], result)
-        waiting = self.book.finish(goal_id, event, data, self._clock.now_ns())
+        self.book.finish(goal_id, event, data, self._clock.now_ns())
         self._status.rows.set_status(goal_id, ENDS[event])
         self._running.discard(goal_id)
-        self.active.pop(goal_id).end()
-        for answer in waiting:
-            settle(answer, data)
+        self.active.pop(goal_id).mark_ended(data)
         self._status.publish()
         if self._queue and not self._running:
             self._start(self._queue.popleft())
@@ -341,8 +347,6 @@ class ServerGoals:
             self._expiry.cancel()
         for goal in self.active.values():
             goal.request_cancel()
-            goal.end()
-        for pending in self.book.waiting():
-            settle(pending, b"")
+            goal.mark_ended(b"")
         self.feedback.close()
         self._status.close()

@@ -7,7 +7,7 @@ finished goal is forgotten (8.3). Sending answers and publishing status is `serv
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from itertools import islice, takewhile
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
 ResultT = TypeVar("ResultT")
-TokenT = TypeVar("TokenT")
 
 ZERO_ID = bytes(16)
 GOAL_EVENT_INVALID = 2301
@@ -143,17 +142,14 @@ class CancelSelection:
 
 
 @dataclass(slots=True)
-class _Goal(Generic[ResultT, TokenT]):
+class _Goal(Generic[ResultT]):
     info: GoalInfo
     status: GoalStatus = GoalStatus.ACCEPTED
     result: ResultT | None = None
-    waiting: list[TokenT] = field(default_factory=list)
 
 
-class GoalBook(Generic[ResultT, TokenT]):
+class GoalBook(Generic[ResultT]):
     """All goals a server knows, in the order of acceptance.
-
-    A result request is stood for by a token of the caller's choice, a result is any object.
 
     Args:
         result_timeout_ns: how long a finished goal is remembered, None for ever. It counts from the end of the goal:
@@ -163,7 +159,7 @@ class GoalBook(Generic[ResultT, TokenT]):
 
     def __init__(self, result_timeout_ns: int | None) -> None:
         self.result_timeout_ns = result_timeout_ns
-        self._goals: dict[bytes, _Goal[ResultT, TokenT]] = {}
+        self._goals: dict[bytes, _Goal[ResultT]] = {}
         # Finished goals with the time of their end, oldest first: nothing looks at all goals to find what is over.
         self._ended_ns: dict[bytes, int] = {}
 
@@ -194,8 +190,8 @@ class GoalBook(Generic[ResultT, TokenT]):
         goal.status = status
         return status
 
-    def finish(self, goal_id: bytes, event: GoalEvent, result: ResultT, now_ns: int) -> list[TokenT]:
-        """End a goal with its result; returns who waits for it. Raises as `apply`."""
+    def finish(self, goal_id: bytes, event: GoalEvent, result: ResultT, now_ns: int) -> None:
+        """End a goal with its result, which is any object. Raises as `apply`."""
         goal = self._find(goal_id)
         status = next_status(goal.status, event)
         assert status.is_terminal, "use apply"
@@ -204,27 +200,11 @@ class GoalBook(Generic[ResultT, TokenT]):
             # Time went back. Goals must not be kept until it has caught up.
             self._ended_ns = {known: min(ended_ns, now_ns) for known, ended_ns in self._ended_ns.items()}
         self._ended_ns[goal_id] = now_ns
-        waiting, goal.waiting = goal.waiting, []
-        return waiting
 
     def result(self, goal_id: bytes) -> ResultT | None:
         """None for goals that have not ended, and for those not in the book."""
         goal = self._goals.get(goal_id)
         return None if goal is None else goal.result
-
-    def wait_for_result(self, goal_id: bytes, token: TokenT) -> None:
-        """Let `finish` return the token. Raises `UnknownGoalError`."""
-        self._find(goal_id).waiting.append(token)
-
-    def forget_waiting(self, goal_id: bytes, token: TokenT) -> None:
-        """The one who waits has gone."""
-        goal = self._goals.get(goal_id)
-        if goal is not None and token in goal.waiting:
-            goal.waiting.remove(token)
-
-    def waiting(self) -> list[TokenT]:
-        """Who waits for any result."""
-        return [token for goal in self._goals.values() for token in goal.waiting]
 
     def select_for_cancel(self, goal_id: bytes, stamp_ns: int) -> CancelSelection:
         """Which goals a cancel request is about, by the table of protocol.md 8.4."""
@@ -277,7 +257,7 @@ class GoalBook(Generic[ResultT, TokenT]):
         timeout_ns = self.result_timeout_ns
         return timeout_ns is not None and (timeout_ns <= 0 or now_ns - ended_ns > timeout_ns)
 
-    def _find(self, goal_id: bytes) -> _Goal[ResultT, TokenT]:
+    def _find(self, goal_id: bytes) -> _Goal[ResultT]:
         goal = self._goals.get(goal_id)
         if goal is None:
             raise UnknownGoalError(f"goal {goal_id.hex()} is not known, or its result has expired")

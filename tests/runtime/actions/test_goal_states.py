@@ -58,7 +58,7 @@ def gid(number: int) -> bytes:
     return number.to_bytes(16, "big")
 
 
-Book = GoalBook[str, str]
+Book = GoalBook[str]
 
 
 def book(*stamps: int, timeout_ns: int = 100) -> Book:
@@ -77,22 +77,13 @@ def test_a_known_id_is_refused_even_after_the_end() -> None:
     assert goals.accept(gid(1), 8) is None and len(goals) == 1
 
 
-def test_results_wait_for_the_end_and_are_there_at_once_afterwards() -> None:
+def test_results_are_there_when_the_goal_has_ended() -> None:
     goals = book(5)
-    with pytest.raises(UnknownGoalError):
-        goals.wait_for_result(gid(9), "z")
     assert goals.result(gid(1)) is goals.result(gid(9)) is None
-    goals.wait_for_result(gid(1), "a")
     goals.apply(gid(1), E.EXECUTE)
-    assert goals.result(gid(1)) is goals.result(gid(9)) is None
-    goals.wait_for_result(gid(1), "b")
-    goals.wait_for_result(gid(1), "gone")
-    assert goals.waiting() == ["a", "b", "gone"]
-    goals.forget_waiting(gid(1), "gone")
-    goals.forget_waiting(gid(1), "gone")
-    goals.forget_waiting(gid(9), "gone")
-    assert goals.finish(gid(1), E.SUCCEED, "result", 7) == ["a", "b"]
-    assert goals.result(gid(1)) == "result" and goals.waiting() == []
+    assert goals.result(gid(1)) is None
+    goals.finish(gid(1), E.SUCCEED, "result", 7)
+    assert goals.result(gid(1)) == "result"
 
 
 def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
@@ -220,20 +211,18 @@ class BookAgainstModel(RuleBasedStateMachine):
 
     @initialize(timeout=st.sampled_from([0, 10, 50]))
     def create(self, timeout: int) -> None:
-        self.timeout, self.now, self.tokens = timeout, 100, 0
-        self.book: GoalBook[int, int] = GoalBook(timeout)
+        self.timeout, self.now = timeout, 100
+        self.book: GoalBook[int] = GoalBook(timeout)
         self.model: dict[int, GoalStatus] = {}
         self.stamps: dict[int, int] = {}
         self.ended: dict[int, int] = {}
-        self.waiting: dict[int, list[int]] = {}
-        self.answered: dict[int, int] = {}
 
     @rule(goal=ids)
     def accept(self, goal: int) -> None:
         info = self.book.accept(gid(goal), self.now)
         assert (info is None) == (goal in self.model)
         if info is not None:
-            self.model[goal], self.stamps[goal], self.waiting[goal] = S.ACCEPTED, self.now, []
+            self.model[goal], self.stamps[goal] = S.ACCEPTED, self.now
 
     @rule(goal=ids, event=st.sampled_from(list(E)))
     def happen(self, goal: int, event: GoalEvent) -> None:
@@ -241,7 +230,7 @@ class BookAgainstModel(RuleBasedStateMachine):
         ends = event in (E.SUCCEED, E.ABORT, E.CANCELED)
         try:
             if ends:
-                told = self.book.finish(gid(goal), event, self.now, self.now)
+                self.book.finish(gid(goal), event, self.now, self.now)
             else:
                 assert self.book.apply(gid(goal), event) is target
         except (GoalTransitionError, UnknownGoalError):
@@ -250,21 +239,13 @@ class BookAgainstModel(RuleBasedStateMachine):
         assert target is not None
         self.model[goal] = target
         if ends:
-            assert told == self.waiting[goal]
-            for token in told:
-                assert token not in self.answered
-                self.answered[token] = goal
-            self.waiting[goal], self.ended[goal] = [], self.now
+            self.ended[goal] = self.now
 
     @rule(goal=ids)
     def ask_result(self, goal: int) -> None:
-        self.tokens += 1
         known = self.model.get(goal, S.UNKNOWN)
         assert self.book.status(gid(goal)) is known
         assert self.book.result(gid(goal)) == (self.ended[goal] if known.is_terminal else None)
-        if known.is_active:
-            self.book.wait_for_result(gid(goal), self.tokens)
-            self.waiting[goal].append(self.tokens)
 
     @rule(goal=st.integers(0, 5), back=st.integers(0, 60), by_stamp=st.booleans())
     def cancel(self, goal: int, back: int, by_stamp: bool) -> None:
