@@ -114,7 +114,7 @@ def test_a_second_server_changes_nothing_while_the_first_lives(world: World) -> 
         _, client = await pair(world, execute)
         handle = await client.send_goal(goal())
         second = world.node("second").create_action_server(Fibonacci, "fib", fibonacci)
-        await until(lambda: len(client._result._present()) == 2)
+        await until(lambda: len(client._result.client.servers()) == 2)
         await asyncio.sleep(1.2)  # the client looks at its servers twice a second
         assert not handle.is_done
         second.close()
@@ -139,7 +139,7 @@ def test_unknown_from_another_server_is_not_the_answer(world: World) -> None:
             return Fibonacci.GetResult.Response()
 
         stranger = world.node().create_service(Fibonacci.GetResult, "fib/_action/get_result", answer)
-        await until(lambda: len(client._result._reader.matched_writers()) == 2)
+        await until(lambda: len(client._result.client.servers()) == 2)
         handle = await client.send_goal(goal(), timeout_s=5)
         status, got = await handle.result(timeout_s=5)
         assert (status, list(got.sequence), len(asked)) == (S.SUCCEEDED, [5], 1)
@@ -153,7 +153,7 @@ def test_a_server_that_stayed_is_asked_when_the_one_that_accepted_is_gone(world:
         server, client = await pair(world, until_canceled)
         handle = await client.send_goal(goal())
         world.node("second").create_action_server(Fibonacci, "fib", fibonacci)
-        await until(lambda: len(client._result._present()) == 2)
+        await until(lambda: len(client._result.client.servers()) == 2)
         server.close()
         with pytest.raises(UnknownGoal, match="does not know goal"):
             await handle.result(timeout_s=10)
@@ -351,11 +351,27 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
             await until(lambda: len(server._rows) == 0)
 
         await some(20)
-        things = (server, server._book, server._desk, server._runner, client, client._result, *scopes)
+        things = (
+            server,
+            server._book,
+            server._desk,
+            server._runner,
+            client,
+            client._result,
+            client._result.client,
+            *scopes,
+        )
         before = [sizes(thing) for thing in things]
         await some(1000 if world.transport is not None else 100)
         assert [sizes(thing) for thing in things] == before
-        assert before[0]["_goals"] == before[1]["_goals"] == before[4]["_goals"] == before[5]["_pending"] == 0
+        assert (
+            before[0]["_goals"]
+            == before[1]["_goals"]
+            == before[4]["_goals"]
+            == before[5]["_wanted"]
+            == before[6]["_pending"]
+            == 0
+        )
 
     run(main, 60)
 
@@ -420,10 +436,10 @@ def test_the_result_of_an_unfinished_goal_is_asked_for_without_a_task(world: Wor
         _, client = await pair(world, until_canceled)
         before = len(client._scope._tasks)
         handles = [await client.send_goal(goal()) for _ in range(20)]
-        assert len(client._scope._tasks) == before and len(client._result._pending) == 20
+        assert len(client._scope._tasks) == before and client._result.pending_count == 20
         await client.cancel_all(timeout_s=5)
         assert {(await handle.result(timeout_s=5))[0] for handle in handles} == {S.CANCELED}
-        assert client._result._pending == {}
+        assert client._result.pending_count == client._result.client.pending_count == 0
 
     run(main)
 
@@ -433,13 +449,13 @@ def test_servers_that_keep_few_requests_get_the_questions_in_turn(world: World) 
 
     async def main() -> None:
         _, client = await pair(world, until_canceled)
-        questions = client._result
-        questions._is_available()
-        questions._burst = 3
+        questions = client._result.client
+        questions.servers()
+        questions._kept = 3
         handles = []
         for _ in range(10):
             handles.append(await client.send_goal(goal()))
-        await until(lambda: not questions._unsent)
+        await until(lambda: not questions._window._waiting)
         await client.cancel_all(timeout_s=5)
         assert {(await handle.result(timeout_s=5))[0] for handle in handles} == {S.CANCELED}
 

@@ -655,7 +655,7 @@ def test_a_server_that_goes_away_is_noticed(world: World) -> None:
         with pytest.raises(ActionServerLost):
             async for _ in handle.feedback():
                 pass
-        assert client._goals == {} and client._result._pending == {}
+        assert client._goals == {} and client._result.pending_count == 0
 
     run(main)
 
