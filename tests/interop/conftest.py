@@ -6,30 +6,20 @@ unless ROSIDL_TEST_REQUIRE_PEERS is set, as in CI.
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import shutil
 import subprocess
-import sys
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from worlds import dds, domain_id, only_loopback, pytest_pyfunc_call
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-_spec = importlib.util.spec_from_file_location(
-    "runtime_conftest", Path(__file__).parent.parent / "runtime" / "conftest.py"
-)
-assert _spec is not None and _spec.loader is not None
-_runtime = sys.modules["runtime_conftest"] = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_runtime)
-only_loopback = _runtime.only_loopback
-dds = _runtime.dds
-pytest_pyfunc_call = _runtime.pytest_pyfunc_call
-domain_id: Callable[[], int] = _runtime.domain_id
+__all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
 SOURCES = Path(__file__).parent / "peers"
 _CYCLONE_XML = (

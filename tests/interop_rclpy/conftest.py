@@ -5,7 +5,6 @@ Where the system lets us have no such network all of them are told to stay on th
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import sys
 from contextlib import ExitStack, nullcontext
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from environments import environment
+from worlds import dds, domain_id, only_loopback, pytest_pyfunc_call
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -23,16 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from private_network import PrivateNetwork
 from rclpy_peer import Peer
 
-_spec = importlib.util.spec_from_file_location(
-    "runtime_conftest", Path(__file__).parent.parent / "runtime" / "conftest.py"
-)
-assert _spec is not None and _spec.loader is not None
-_runtime = sys.modules["runtime_conftest"] = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(_runtime)
-only_loopback = _runtime.only_loopback
-dds = _runtime.dds
-pytest_pyfunc_call = _runtime.pytest_pyfunc_call
-domain_id: Callable[[], int] = _runtime.domain_id
+__all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
 
 def pytest_configure(config: pytest.Config) -> None:

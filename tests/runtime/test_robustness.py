@@ -10,12 +10,12 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
+from worlds import ROOT
 
 from rosidl_py_gen import compile_text
 from rosidl_py_gen.errors import ClosedError
@@ -23,9 +23,7 @@ from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, TransportErro
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:
-    from .conftest import World
-
-ROOT = Path(__file__).parents[2]
+    from worlds import World
 
 
 async def eventually(condition: Any, timeout_s: float = 5) -> None:

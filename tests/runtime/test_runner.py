@@ -11,11 +11,11 @@ import subprocess
 import sys
 import time
 import warnings
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
+from worlds import ROOT
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Node, run, spin
@@ -24,9 +24,8 @@ from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from .conftest import World
+    from worlds import World
 
-ROOT = Path(__file__).parents[2]
 IMPORTS = """
 import asyncio, sys, threading, time
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node, run, spin

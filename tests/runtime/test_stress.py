@@ -17,14 +17,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String, UInt8MultiArray
+from worlds import ROOT
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile
 
 if TYPE_CHECKING:
-    from .conftest import World
-
-ROOT = Path(__file__).parents[2]
+    from worlds import World
 
 
 def resources() -> tuple[int, int]:

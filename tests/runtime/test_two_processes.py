@@ -9,22 +9,21 @@ import os
 import subprocess
 import sys
 import threading
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
+from worlds import ROOT
 
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from worlds import World
+
     from rosidl_py_gen.runtime import Publisher
 
-    from .conftest import World
-
-ROOT = Path(__file__).parents[2]
 COUNT = 5000
 THREADS = 5
 COUNTER = """

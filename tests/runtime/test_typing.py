@@ -7,9 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from .conftest import _folder  # type: ignore[import-not-found,unused-ignore]
+from worlds import GENERATED, ROOT
 
-ROOT = Path(__file__).parents[2]
 PROGRAM = """
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -91,7 +90,7 @@ def check(tmp_path: Path, program: str) -> str:
     path = tmp_path / "program.py"
     path.write_text(program)
     command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary", "--follow-imports=silent", str(path)]
-    environment = {**os.environ, "MYPYPATH": f"{_folder.name}{os.pathsep}{ROOT}"}
+    environment = {**os.environ, "MYPYPATH": f"{GENERATED.name}{os.pathsep}{ROOT}"}
     return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False).stdout
 
 

@@ -1,0 +1,50 @@
+"""The Fibonacci action with handlers, and a server with its client."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import get_action
+
+if TYPE_CHECKING:
+    from worlds import World
+
+Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
+
+
+def goal(order: int = 3) -> Any:
+    return Fibonacci.Goal(order=order)
+
+
+def result(*numbers: int) -> Any:
+    return Fibonacci.Result(sequence=list(numbers))
+
+
+def feedback(*numbers: int) -> Any:
+    return Fibonacci.Feedback(sequence=list(numbers))
+
+
+async def fibonacci(handle: Any) -> Any:
+    """The handler of the README."""
+    done: list[int] = []
+    for number in range(handle.request.order):
+        if handle.cancel_requested:
+            return handle.canceled(Fibonacci.Result(sequence=done))
+        done.append(number)
+        handle.publish_feedback(Fibonacci.Feedback(sequence=done))
+        await asyncio.sleep(0)
+    return Fibonacci.Result(sequence=done)
+
+
+async def until_canceled(handle: Any) -> Any:
+    await handle.wait_for_cancel()
+    return handle.canceled(result(7))
+
+
+async def pair(world: World, execute: Any = fibonacci, **options: Any) -> tuple[Any, Any]:
+    """A server and a connected client."""
+    server = world.node("server").create_action_server(Fibonacci, "fib", execute, **options)
+    client = world.node("client").create_action_client(Fibonacci, "fib", server_lost_after_s=0.3)
+    assert await client.wait_for_server(timeout_s=5)
+    return server, client

@@ -1,0 +1,132 @@
+"""What actions and parameters put on the wire, byte by byte (protocol.md 4, 5.1, 8, 9)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from action_worlds import Fibonacci
+from worlds import World, run, until
+
+from rosidl_py_gen.runtime.endpoints.types import service_type
+from rosidl_py_gen.runtime.names.dds import reply_name, request_name, topic_name, type_name
+from rosidl_py_gen.runtime.node.actions import NodeActions
+from rosidl_py_gen.runtime.time.values import ClockType, Time
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+GOAL_ID = bytes.fromhex("00112233445566778899aabbccddeeff")
+HEADER = "00 01 00 00"  # XCDR1, little endian
+STAMP = "0a 00 00 00  05 00 00 00"  # sec 10, nanosec 5
+ACTION = "example_interfaces::action::dds_::Fibonacci_"
+DEEP = QoSProfile().keep_all()
+
+
+class Tap:
+    """Readers beside the real ones, which keep every sample of a service or topic."""
+
+    def __init__(self, node: NodeActions, topic: str, dds_type: str) -> None:
+        self.reader = node.scope.participant.create_reader(topic, dds_type, DEEP, b"")
+
+    def take(self, *, service: bool = True) -> list[str]:
+        """Samples as hex; of services only the part behind the 16-byte header, which is checked apart."""
+        items = [bytes(item[0]) for item in self.reader.queue.items]
+        self.reader.queue.items.clear()
+        return [(item[:4] + item[20 if service else 4 :]).hex() for item in items]
+
+
+def wire(*parts: str) -> str:
+    """A sample, up to a multiple of four bytes."""
+    text = "".join((HEADER, *parts)).replace(" ", "")
+    return text + "0" * (-len(text) % 8)
+
+
+def tap_service(node: NodeActions, name: str, dds_type: str) -> tuple[Tap, Tap]:
+    request = Tap(node, request_name(name), f"{dds_type}Request_")
+    return request, Tap(node, reply_name(name), f"{dds_type}Response_")
+
+
+async def until_canceled(goal: Any) -> Any:
+    await goal.wait_for_cancel()
+    goal.publish_feedback(Fibonacci.Feedback(sequence=[7]))
+    return goal.canceled(Fibonacci.Result(sequence=[1, 2]))
+
+
+def test_a_goal_from_sending_to_its_cancelled_end(world: World) -> None:
+    async def main() -> None:
+        watcher = world.node("watcher")
+        send = tap_service(watcher, "/fib/_action/send_goal", f"{ACTION}SendGoal_")
+        result = tap_service(watcher, "/fib/_action/get_result", f"{ACTION}GetResult_")
+        cancel = tap_service(watcher, "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
+        feedback = Tap(watcher, "rt/fib/_action/feedback", f"{ACTION}FeedbackMessage_")
+        status = Tap(watcher, "rt/fib/_action/status", "action_msgs::msg::dds_::GoalStatusArray_")
+        server = world.node("server")
+        server.clock.enable_ros_time_override()
+        server.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
+        server.create_action_server(Fibonacci, "fib", until_canceled)
+        client = world.node("client").create_action_client(Fibonacci, "fib")
+        goal = await client.send_goal(Fibonacci.Goal(order=3), timeout_s=5, goal_id=GOAL_ID)
+        await until(lambda: len(status.reader.queue.items) == 1)
+        await goal.cancel(timeout_s=5)
+        await goal.result(timeout_s=5)
+        one = GOAL_ID.hex()
+        assert send[0].take() == [wire(one, "03 00 00 00")]  # goal_id, order
+        assert send[1].take() == [wire("01 00 00 00", STAMP)]  # accepted, 3 pad bytes, stamp
+        assert result[0].take() == [wire(one)]
+        # status CANCELED, 3 pad bytes, two numbers
+        assert result[1].take() == [wire("05 00 00 00", "02 00 00 00", "01 00 00 00", "02 00 00 00")]
+        assert cancel[0].take() == [wire(one, "00 00 00 00  00 00 00 00")]  # goal_id, zero stamp
+        # return_code NONE, 3 pad bytes, one GoalInfo with the acceptance stamp
+        assert cancel[1].take() == [wire("00 00 00 00", "01 00 00 00", one, STAMP)]
+        assert feedback.take(service=False) == [wire(one, "01 00 00 00", "07 00 00 00")]
+        row = ("01 00 00 00", one, STAMP)  # one status: GoalInfo, then the number
+        assert status.take(service=False) == [wire(*row, number) for number in ("02", "03", "05")]
+
+    run(main)
+
+
+def test_cancel_all_and_cancel_before_select_by_zeros(world: World) -> None:
+    async def main() -> None:
+        cancel = tap_service(world.node("watcher"), "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
+        world.node("server").create_action_server(Fibonacci, "fib", until_canceled)
+        client = world.node("client").create_action_client(Fibonacci, "fib")
+        await client.cancel_all(timeout_s=5)
+        await client.cancel_before(Time(seconds=10, nanoseconds=5), timeout_s=5)
+        assert cancel[0].take() == [wire("00" * 24), wire("00" * 16, STAMP)]
+        assert cancel[1].take() == [wire("00 00 00 00", "00 00 00 00")] * 2
+
+    run(main)
+
+
+def test_an_unknown_goal_is_answered_unknown_with_a_default_result(world: World) -> None:
+    async def main() -> None:
+        result = tap_service(world.node("watcher"), "/fib/_action/get_result", f"{ACTION}GetResult_")
+        world.node("server").create_action_server(Fibonacci, "fib", until_canceled)
+        ask = world.node("client").create_client(Fibonacci.GetResult, "fib/_action/get_result")
+        await ask.call(Fibonacci.GetResult.Request(), timeout_s=5)
+        assert result[1].take() == [wire("00 00 00 00", "00 00 00 00")]
+
+    run(main)
+
+
+def test_names_types_and_qos_are_those_of_ros(world: World) -> None:
+    node = world.node("server")
+    node.create_action_server(Fibonacci, "fib", until_canceled)
+    node.scope.discovery.refresh()
+    endpoints = [e.info for e in node.scope.graph.endpoints.values() if "/_action/" in e.info.topic]
+    found = {
+        (e.topic, e.type, e.is_writer): (e.qos.reliability.name, e.qos.durability.name, e.qos.depth) for e in endpoints
+    }
+    names = {topic for topic, _, _ in found}
+    assert names == {
+        *(f"rq/fib/_action/{s}Request" for s in ("send_goal", "cancel_goal", "get_result")),
+        *(f"rr/fib/_action/{s}Reply" for s in ("send_goal", "cancel_goal", "get_result")),
+        topic_name("/fib/_action/feedback"),
+        topic_name("/fib/_action/status"),
+    }
+    send = service_type(Fibonacci.SendGoal)
+    assert found["rq/fib/_action/send_goalRequest", type_name(send.request.ros_name), False][:2] == (
+        "RELIABLE",
+        "VOLATILE",
+    )
+    status = found["rt/fib/_action/status", "action_msgs::msg::dds_::GoalStatusArray_", True]
+    assert status == ("RELIABLE", "TRANSIENT_LOCAL", 1)
+    assert found["rt/fib/_action/feedback", f"{ACTION}FeedbackMessage_", True] == ("RELIABLE", "VOLATILE", 10)

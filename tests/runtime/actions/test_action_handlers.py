@@ -1,0 +1,240 @@
+"""Handlers of action servers: in which thread they run, how they end, and what closing does to them."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from action_worlds import Fibonacci, feedback, goal, pair, result
+from worlds import ROOT, World, run, until
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.actions.states import GoalStatus
+
+S = GoalStatus
+
+
+@pytest.mark.parametrize("handler", ["until_cancelled", "for_ever"])
+@pytest.mark.parametrize("style", ["run", "asyncio", "spin"])
+def test_ctrl_c_ends_a_program_whose_handler_runs_in_a_thread(style: str, handler: str) -> None:
+    script = Path(__file__).with_name("ctrl_c_process.py")
+    root = str(ROOT)
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
+    command = [sys.executable, str(script), style, handler]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=env)
+    try:
+        assert process.stdout is not None and process.stdout.readline() == b"executing\n"
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=10)
+    finally:
+        process.kill()
+    if style != "asyncio":  # which lets KeyboardInterrupt through
+        assert b"KeyboardInterrupt" not in errors
+        # Python 3.10 cannot tell who cancelled a task; what was under way is logged.
+        assert b"Traceback" not in errors or sys.version_info < (3, 11)
+    assert process.returncode == (0 if style != "asyncio" else -signal.SIGINT)
+    assert b"Task was destroyed" not in errors and b"Fatal" not in errors
+
+
+def test_the_tests_that_press_ctrl_c_pass_in_a_background_job_too() -> None:
+    one = "test_ctrl_c_ends_a_program_whose_handler_runs_in_a_thread[asyncio-until_cancelled]"
+    job = ["sh", "-c", 'trap "" INT; exec "$@"', "sh", sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    done = subprocess.run([*job, f"{Path(__file__)}::{one}"], cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout
+
+
+def test_closing_asks_plain_handlers_to_end(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        outcomes: list[Any] = []
+        entered = threading.Event()
+
+        def execute(handle: Any) -> Any:
+            entered.set()
+            while not handle.cancel_requested:
+                time.sleep(0.005)
+            try:
+                handle.canceled(result(1))
+            except ClosedError as error:
+                outcomes.append(error)
+                raise
+
+        server, client = await pair(world, execute)
+        await client.send_goal(goal())
+        await until(entered.is_set)
+        server.close()
+        await until(lambda: len(outcomes) == 1)
+        await asyncio.sleep(0.01)
+        assert "failed" not in caplog.text
+
+    run(main)
+
+
+def test_closing_asks_async_handlers_to_end(world: World) -> None:
+    async def main() -> None:
+        seen: list[bool] = []
+        entered = asyncio.Event()
+
+        async def execute(handle: Any) -> Any:
+            entered.set()
+            try:
+                await asyncio.sleep(30)
+            finally:
+                seen.append(handle.cancel_requested)
+
+        server, client = await pair(world, execute)
+        await client.send_goal(goal())
+        await asyncio.wait_for(entered.wait(), 5)
+        server.close()
+        await until(lambda: seen == [True])
+
+    run(main)
+
+
+def test_plain_handlers_do_not_wait_for_a_thread(world: World) -> None:
+    """asyncio's own pool has six threads on two processors: the seventh goal was EXECUTING and did not run."""
+
+    async def main() -> None:
+        together = threading.Barrier(40)
+
+        def execute(handle: Any) -> Any:
+            together.wait(10)
+            return result(handle.request.order)
+
+        _, client = await pair(world, execute)
+        handles = [await client.send_goal(goal(number)) for number in range(40)]
+        ends = [await handle.result(timeout_s=10) for handle in handles]
+        assert [(status, list(got.sequence)) for status, got in ends] == [(S.SUCCEEDED, [n]) for n in range(40)]
+
+    run(main)
+
+
+def test_a_plain_handler_may_answer_with_a_coroutine(world: World) -> None:
+    async def main() -> None:
+        async def later(handle: Any) -> Any:
+            return result(handle.request.order)
+
+        _, client = await pair(world, lambda handle: later(handle))
+        status, got = await (await client.send_goal(goal(4))).result(timeout_s=5)
+        assert (status, list(got.sequence)) == (S.SUCCEEDED, [4])
+
+    run(main)
+
+
+@pytest.mark.parametrize("in_thread", [False, True])
+def test_a_handler_that_raises_cancelled_error_aborts(
+    world: World, caplog: pytest.LogCaptureFixture, in_thread: bool
+) -> None:
+    async def main() -> None:
+        async def execute(handle: Any) -> Any:
+            waiting = asyncio.get_running_loop().create_future()
+            waiting.cancel()
+            await waiting
+
+        def plain(handle: Any) -> Any:
+            raise asyncio.CancelledError
+
+        server, client = await pair(world, plain if in_thread else execute)
+        status, got = await (await client.send_goal(goal())).result(timeout_s=5)
+        assert (status, list(got.sequence), server.goals) == (S.ABORTED, [], [])
+        assert "was cancelled, or awaited something that was" in caplog.text
+
+    run(main)
+
+
+def test_a_handler_that_raises_stop_iteration_in_its_thread_aborts(world: World) -> None:
+    async def main() -> None:
+        def execute(handle: Any) -> Any:
+            return next(iter(()))
+
+        _, client = await pair(world, execute)
+        assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.ABORTED
+
+    run(main)
+
+
+def test_a_result_is_sent_as_it_was_when_the_goal_ended(world: World) -> None:
+    async def main() -> None:
+        kept: list[Any] = []
+
+        async def execute(handle: Any) -> Any:
+            kept.append(result(1, 2))
+            handle.succeed(kept[0])
+            kept[0].sequence = [9]
+
+        _, client = await pair(world, execute)
+        handle = await client.send_goal(goal())
+        assert list((await handle.result(timeout_s=5))[1].sequence) == [1, 2]
+        ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
+        request = Fibonacci.GetResult.Request()
+        request.goal_id.uuid = handle.goal_id
+        again = await ask.call(request, timeout_s=5)
+        assert (again.status, list(again.result.sequence)) == (4, [1, 2])
+
+    run(main)
+
+
+def test_a_result_that_does_not_fit_is_an_error_that_names_the_result(world: World) -> None:
+    async def main() -> None:
+        errors: list[str] = []
+
+        async def execute(handle: Any) -> Any:
+            try:
+                handle.succeed(result(2**40))
+            except ValueError as error:
+                errors.append(str(error))
+            return result(1)
+
+        _, client = await pair(world, execute)
+        assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.SUCCEEDED
+        assert errors[0].startswith("example_interfaces/action/Fibonacci_Result.sequence")
+
+    run(main)
+
+
+def test_a_thread_can_use_the_goal_while_the_loop_runs(world: World) -> None:
+    async def main() -> None:
+        def execute(handle: Any) -> Any:
+            handle.publish_feedback(feedback(1))
+            with pytest.raises(Exception, match="cannot canceled"):
+                handle.canceled()
+            return handle.succeed(result(3))
+
+        _, client = await pair(world, execute)
+        handle = await client.send_goal(goal())
+        assert [list(item.sequence) async for item in handle.feedback()] == [[1]]
+        assert list((await handle.result())[1].sequence) == [3]
+
+    run(main)
+
+
+def test_a_goal_of_a_closed_world_can_still_be_asked(world: World) -> None:
+    """A thread that outlives its loop must not wait for it."""
+    goals: list[Any] = []
+
+    async def main() -> None:
+        entered = threading.Event()
+
+        def execute(handle: Any) -> Any:
+            goals.append(handle)
+            entered.set()
+            while not handle.cancel_requested:
+                time.sleep(0.005)
+
+        _, client = await pair(world, execute)
+        await client.send_goal(goal())
+        await until(entered.is_set)
+
+    run(main)
+    world.close()
+    with pytest.raises(ClosedError):
+        goals[0].canceled()
+    with pytest.raises(ClosedError):
+        goals[0].publish_feedback(feedback(1))

@@ -1,0 +1,273 @@
+"""Services and clients, on both transports."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+from example_interfaces.srv import AddTwoInts
+from std_srvs.srv import Empty, SetBool
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, WouldDeadlockError
+from rosidl_py_gen.runtime.endpoints.header import header_of, message_of, with_header
+from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest
+from rosidl_py_gen.runtime.transport.interface import EndpointFound
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+
+if TYPE_CHECKING:
+    from worlds import World
+
+Request, Response = AddTwoInts.Request, AddTwoInts.Response
+
+
+def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
+    """The classic."""
+    return Response(sum=request.a + request.b)
+
+
+async def add_slowly(request: AddTwoInts.Request) -> AddTwoInts.Response:
+    """Bigger numbers take less time, so that responses come in another order than the requests."""
+    await asyncio.sleep(0.05 - request.a * 0.001)
+    return add(request)
+
+
+def test_the_header_sits_between_encapsulation_and_message() -> None:
+    message = Request(a=1, b=2).encode()
+    wire = with_header(message, 0x1122334455667788, 1)
+    assert wire == bytes.fromhex(
+        "00010000"  # XCDR1, little endian
+        "8877665544332211"  # the client's number
+        "0100000000000000"  # sequence number
+        "0100000000000000"  # a
+        "0200000000000000"  # b
+    )
+    assert header_of(wire) == (0x1122334455667788, 1, 20) and message_of(wire, 20) == message
+    big = bytes.fromhex("00000000 1122334455667788 0000000000000001 07")
+    assert header_of(big) == (0x1122334455667788, 1, 20) and message_of(big, 20) == b"\0\0\0\0\7"
+    assert len(with_header(b"\0\1\0\0\7", 1, 1)) == 24, "filled up with zeros, so that nobody has to copy it again"
+
+
+async def test_a_plain_and_an_async_handler_answer(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service(AddTwoInts, "add", add)
+    alice.create_service(AddTwoInts, "add_slowly", add_slowly)
+    for name in ("add", "/add_slowly"):
+        client = bob.create_client(AddTwoInts, name)
+        assert await client.wait_for_service(timeout_s=5)
+        assert await client.call(Request(a=2, b=40), timeout_s=5) == Response(sum=42)
+
+
+async def test_many_calls_at_once_find_their_own_responses(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service(AddTwoInts, "add", add_slowly)
+    clients = [bob.create_client(AddTwoInts, "add") for _ in range(3)]
+    calls = [clients[i % 3].call(Request(a=i % 50, b=1000 * i), timeout_s=10) for i in range(300)]
+    assert [response.sum for response in await asyncio.gather(*calls)] == [i % 50 + 1000 * i for i in range(300)]
+    assert [client.pending_count for client in clients] == [0, 0, 0]
+
+
+async def test_requests_can_be_answered_later_from_another_task(world: World) -> None:
+    alice, bob = world.pair()
+    server = alice.create_service(AddTwoInts, "add")
+    waiting: list[ServiceRequest[AddTwoInts.Request, AddTwoInts.Response]] = []
+
+    async def collect() -> None:
+        async for request in server:
+            waiting.append(request)
+
+    collecting = asyncio.create_task(collect())
+    client = bob.create_client(AddTwoInts, "add")
+    calls = [asyncio.create_task(client.call(Request(a=i), timeout_s=5)) for i in range(3)]
+    while len(waiting) < 3:
+        await asyncio.sleep(0.01)
+    for request in reversed(waiting):
+        request.respond(add(request.message))
+    assert [response.sum for response in await asyncio.gather(*calls)] == [0, 1, 2]
+    with pytest.raises(AlreadyRespondedError):
+        waiting[0].respond(Response())
+    server.close()
+    await asyncio.wait_for(collecting, 1)
+
+
+async def test_a_call_without_server_times_out(world: World) -> None:
+    _, bob = world.pair()
+    client = bob.create_client(AddTwoInts, "nobody")
+    assert not client.service_is_available()
+    assert not await client.wait_for_service(timeout_s=0.05)
+    with pytest.raises(CallTimeoutError, match="/nobody"):
+        await client.call(Request(), timeout_s=0.1)
+
+
+async def test_pending_calls_are_freed_by_timeout_cancellation_and_close(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service(AddTwoInts, "silent")  # never answers
+    client = bob.create_client(AddTwoInts, "silent")
+    assert await client.wait_for_service(timeout_s=5)
+    with pytest.raises(TimeoutError):
+        await client.call(Request(), timeout_s=0.05)
+    assert client.pending_count == 0
+    cancelled = asyncio.create_task(client.call(Request()))
+    closed = asyncio.create_task(client.call(Request()))
+    await asyncio.sleep(0.02)
+    assert client.pending_count == 2
+    cancelled.cancel()
+    await asyncio.gather(cancelled, return_exceptions=True)
+    assert client.pending_count == 1
+    client.close()
+    with pytest.raises(ClosedError, match="/silent"):
+        await closed
+    assert client.pending_count == 0
+    with pytest.raises(ClosedError):
+        await client.call(Request())
+
+
+async def test_late_and_foreign_replies_are_ignored(world: World) -> None:
+    alice, bob = world.pair()
+    server = alice.create_service(AddTwoInts, "add")
+    client = bob.create_client(AddTwoInts, "add")
+    assert await client.wait_for_service(timeout_s=5)
+    with pytest.raises(CallTimeoutError):
+        task = asyncio.create_task(anext(aiter(server)))
+        await client.call(Request(a=1), timeout_s=0.2)
+    (await task).respond(Response(sum=1))  # late
+    server._writer.write(with_header(Response(sum=2).encode(), 12345, 1))  # of another client
+    server._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense
+    task = asyncio.create_task(anext(aiter(server)))
+    call = asyncio.create_task(client.call(Request(a=3), timeout_s=5))
+    (await task).respond(Response(sum=3))
+    assert (await call).sum == 3
+
+
+async def test_a_handler_that_raises_is_logged_and_the_next_call_works(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    alice, bob = world.pair()
+
+    def handler(request: SetBool.Request) -> SetBool.Response:
+        if not request.data:
+            raise ValueError("no falsehood here")
+        return SetBool.Response(success=True)
+
+    alice.create_service(SetBool, "set", handler)
+    client = bob.create_client(SetBool, "set")
+    with caplog.at_level(logging.ERROR), pytest.raises(CallTimeoutError):
+        await client.call(SetBool.Request(data=False), timeout_s=0.3)
+    assert "no falsehood here" in caplog.text
+    assert (await client.call(SetBool.Request(data=True), timeout_s=5)).success
+
+
+async def test_a_service_can_be_called_inside_callbacks(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service(AddTwoInts, "add", add)
+    client = bob.create_client(AddTwoInts, "add")
+    results: asyncio.Queue[int] = asyncio.Queue()
+
+    async def through(request: SetBool.Request) -> SetBool.Response:
+        response = await client.call(Request(a=20, b=22), timeout_s=5)
+        results.put_nowait(response.sum)
+        return SetBool.Response(success=request.data)
+
+    bob.create_service(SetBool, "chain", through)
+    chain = alice.create_client(SetBool, "chain")
+    assert (await chain.call(SetBool.Request(data=True), timeout_s=5)).success
+    assert await results.get() == 42
+    assert (await asyncio.to_thread(client.call_sync, Request(a=1, b=1), 5)).sum == 2
+
+
+async def test_call_sync_on_the_loop_says_what_to_do(world: World) -> None:
+    client = world.node("bob").create_client(AddTwoInts, "add")
+    with pytest.raises(WouldDeadlockError, match=r"await client\.call"):
+        client.call_sync(Request())
+
+
+def test_call_sync_from_a_script(world: World) -> None:
+    alice, bob = world.node("alice"), world.node("bob")
+    ready, done = threading.Event(), threading.Event()
+
+    async def serve() -> None:
+        alice.create_service(AddTwoInts, "add", add)
+        ready.set()
+        while not done.is_set():
+            await asyncio.sleep(0.01)
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    ready.wait()
+    client = bob.create_client(AddTwoInts, "add")
+    assert [client.call_sync(Request(a=i, b=1), timeout_s=5).sum for i in range(3)] == [1, 2, 3]
+    with pytest.raises(CallTimeoutError):
+        bob.create_client(AddTwoInts, "nobody").call_sync(Request(), timeout_s=0.05)
+    done.set()
+    thread.join()
+
+
+async def test_types_given_as_text_are_dicts(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service("example_interfaces/srv/AddTwoInts", "add", lambda request: {"sum": request["a"]})
+    client = bob.create_client("example_interfaces/srv/AddTwoInts", "add")
+    assert await client.call({"a": 5}, timeout_s=5) == {"sum": 5}
+
+
+async def test_empty_requests_and_responses_work(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service(Empty, "reset", lambda request: Empty.Response())
+    assert await bob.create_client(Empty, "reset").call(Empty.Request(), timeout_s=5) == Empty.Response()
+
+
+async def test_a_service_that_comes_later_is_waited_for(world: World) -> None:
+    alice, bob = world.pair()
+    client = bob.create_client(AddTwoInts, "add")
+    waiting = asyncio.create_task(client.call(Request(a=1, b=2), timeout_s=5))
+    await asyncio.sleep(0.1)
+    server = alice.create_service(AddTwoInts, "add", add)
+    assert (await waiting).sum == 3
+    server.close()
+    await asyncio.sleep(0.2)
+    assert not client.service_is_available()
+    alice.create_service(AddTwoInts, "add", add)
+    assert (await client.call(Request(a=1, b=2), timeout_s=5)).sum == 3
+
+
+async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None:
+    alice, bob = world.pair()
+    server = alice.create_service(AddTwoInts, "add", add)
+    client = bob.create_client(AddTwoInts, "add")
+    assert await client.wait_for_service(timeout_s=5)
+    await asyncio.sleep(0.05)
+    graph = bob.scope.graph
+    data = {guid: graph.endpoints[guid].user_data for guid in (server._reader.guid, server._writer.guid)}
+    assert len({item["serviceid"] for item in data.values()}) == 1
+    assert data[server._reader.guid]["typehash"] == AddTwoInts.Request._TYPE.hash
+    assert data[server._writer.guid]["typehash"] == AddTwoInts.Response._TYPE.hash
+    own = {graph.endpoints[guid].user_data["clientid"] for guid in (client._reader.guid, client._writer.guid)}
+    assert len(own) == 1
+
+
+async def test_fast_dds_servers_are_refused_instead_of_hanging_where_they_cannot_be_called(memory: World) -> None:
+    bob = memory.node("bob")
+    bob.context.participant.fast_dds_refusal = "this build is not known"  # type: ignore[misc]
+    client = bob.create_client(AddTwoInts, "add")
+    prefix = b"\x01\x0f" + bytes(10)
+    for number, (topic, kind) in enumerate((("rq/addRequest", "Request"), ("rr/addReply", "Response")), 1):
+        bob.scope.graph.apply(
+            EndpointFound(
+                prefix + bytes((0, 0, number, 3 if kind == "Response" else 4)),
+                prefix + b"\0\0\1\xc1",
+                kind == "Response",
+                topic,
+                f"example_interfaces::srv::dds_::AddTwoInts_{kind}_",
+                SERVICES_DEFAULT,
+                b"",
+            )
+        )
+    started = time.monotonic()
+    with pytest.raises(ForeignServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
+        await client.call(Request(), timeout_s=20)
+    with pytest.raises(ForeignServiceError, match="Fast DDS"):
+        await client.wait_for_service(timeout_s=20)
+    assert time.monotonic() - started < 5

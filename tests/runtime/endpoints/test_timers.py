@@ -1,0 +1,284 @@
+"""Timers on a running loop; their arithmetic is tested in runtime_pure."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime import ClockType, Duration, Time
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+    from worlds import World
+
+
+async def test_ticks_come_at_the_period_and_do_not_drift(memory: World) -> None:
+    node = memory.node("n")
+    start = time.monotonic()
+    timer = node.create_wall_timer(0.02)
+    for _ in range(10):
+        await timer.tick()
+        await asyncio.sleep(0.005)
+    assert 0.19 <= time.monotonic() - start <= 0.26
+
+
+async def test_missed_ticks_are_skipped_and_counted(memory: World) -> None:
+    timer = memory.node("n").create_timer(0.01)
+    time.sleep(0.055)
+    since_last = await timer.tick()
+    assert since_last.seconds >= 0.05
+    assert timer.missed == 4
+    assert timer.call_count == 1
+
+
+async def test_plain_and_async_callbacks(memory: World) -> None:
+    node = memory.node("n")
+    calls: list[str] = []
+
+    async def slow() -> None:
+        calls.append("slow")
+        await asyncio.sleep(0.035)
+
+    node.create_timer(0.01, lambda: calls.append("plain"))
+    slow_timer = node.create_timer(0.01, slow)
+    await asyncio.sleep(0.105)
+    assert 7 <= calls.count("plain") <= 11
+    assert 2 <= calls.count("slow") <= 4
+    assert slow_timer.missed >= 4
+
+
+async def test_a_failing_callback_is_logged_and_called_again(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+    count = 0
+
+    def callback() -> None:
+        nonlocal count
+        count += 1
+        raise ValueError("tick tock")
+
+    memory.node("n").create_timer(0.01, callback)
+    with caplog.at_level(logging.ERROR):
+        await asyncio.sleep(0.06)
+    assert count >= 3
+    assert "tick tock" in caplog.text
+
+
+async def test_cancel_and_reset(memory: World) -> None:
+    calls: list[float] = []
+    timer = memory.node("n").create_timer(0.01, lambda: calls.append(time.monotonic()))
+    timer.cancel()
+    assert timer.is_canceled and timer.time_until_next_call() is None
+    await asyncio.sleep(0.03)
+    assert calls == []
+    timer.reset()
+    await asyncio.sleep(0.03)
+    assert calls
+
+
+async def test_simulated_time_drives_timers(memory: World) -> None:
+    node = memory.node("n")
+    clock = node.clock
+    clock.enable_ros_time_override()
+    calls: list[int] = []
+    node.create_timer(1.0, lambda: calls.append(clock.now_ns()))
+    await asyncio.sleep(0.02)
+    assert calls == []  # the clock has not started
+    for second in (10, 11, 12):
+        clock.set_ros_time_override(Time(seconds=second, clock_type=ClockType.ROS_TIME))
+        await asyncio.sleep(0.01)
+    assert calls[-1] == 12_000_000_000
+    assert len(calls) >= 2
+
+
+async def test_the_iterator_ends_and_tick_raises_when_the_timer_closes(memory: World) -> None:
+    timer = memory.node("n").create_timer(100)
+
+    async def iterate() -> int:
+        return len([tick async for tick in timer])
+
+    iterating = asyncio.create_task(iterate())
+    ticking = asyncio.create_task(timer.tick())
+    await asyncio.sleep(0.01)
+    timer.close()
+    timer.close()
+    assert await iterating == 0
+    with pytest.raises(ClosedError):
+        await ticking
+
+
+async def test_a_timer_with_callback_cannot_be_awaited(memory: World) -> None:
+    with pytest.raises(TypeError, match="callback"):
+        await memory.node("n").create_timer(1, print).tick()
+
+
+async def test_the_period_can_change(memory: World) -> None:
+    timer = memory.node("n").create_timer(100)
+    assert timer.period == Duration(seconds=100)
+    timer.change_period(0.01)
+    timer.reset()
+    await asyncio.wait_for(timer.tick(), 1)
+
+
+def cancelled_outcome() -> None:
+    """Ask a future for its result that was cancelled."""
+    future: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+    future.cancel()
+    future.result()
+
+
+async def async_cancelled_outcome() -> None:
+    """The same, awaited."""
+    cancelled_outcome()
+
+
+@pytest.mark.parametrize("outcome", [cancelled_outcome, async_cancelled_outcome])
+async def test_the_cancelled_error_of_something_awaited_is_a_failure_like_others(
+    world: World, caplog: pytest.LogCaptureFixture, outcome: Callable[[], Coroutine[None, None, None] | None]
+) -> None:
+    count = 0
+
+    def plain() -> None:
+        nonlocal count
+        count += 1
+        outcome()
+
+    async def awaited() -> None:
+        nonlocal count
+        count += 1
+        await outcome()  # type: ignore[misc]
+
+    timer = world.node("n").create_timer(0.01, plain if outcome is cancelled_outcome else awaited)
+    with caplog.at_level(logging.ERROR):
+        await asyncio.sleep(0.1)
+    assert count >= 3
+    ours = [record for record in caplog.records if "a timer's callback failed" in record.getMessage()]
+    assert len(ours) >= 3 and all(record.exc_info for record in ours)
+    assert len(ours) == len([record for record in caplog.records if record.levelno >= logging.ERROR])
+    timer.close()
+
+
+async def test_closing_the_node_cancels_a_callback_without_a_word(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = memory.node("n")
+    ends: list[str] = []
+
+    async def waits() -> None:
+        try:
+            await asyncio.sleep(60)
+        except asyncio.CancelledError:
+            ends.append("cancelled")
+            raise
+
+    node.create_timer(0.01, waits)
+    await asyncio.sleep(0.05)
+    node.close()
+    await asyncio.sleep(0.01)
+    assert ends == ["cancelled"]
+    assert caplog.text == ""
+
+
+@pytest.mark.filterwarnings("error")
+async def test_a_plain_callback_that_returns_a_coroutine_is_awaited(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    running = most = runs = 0
+
+    async def work() -> None:
+        nonlocal running, most, runs
+        running += 1
+        most = max(most, running)
+        await asyncio.sleep(0.025)
+        running -= 1
+        runs += 1
+        raise ValueError("after the work")
+
+    timer = world.node("n").create_timer(0.01, lambda: work())
+    await asyncio.sleep(0.2)
+    timer.close()
+    gc.collect()
+    assert runs >= 3 and most == 1
+    assert timer.missed >= runs
+    assert "after the work" in caplog.text and "never awaited" not in caplog.text
+
+
+async def test_a_timer_of_another_thread_is_called_in_time_and_on_the_loop(world: World) -> None:
+    node = world.node("n")
+    await node.create_timer(0.001).tick()  # the loop is attached
+    calls: list[tuple[float, int]] = []
+    made: list[float] = []
+    idle = asyncio.get_running_loop().create_future()
+
+    def called() -> None:
+        calls.append((time.monotonic(), threading.get_ident()))
+        if len(calls) == 3:
+            idle.set_result(None)
+
+    def make() -> None:
+        time.sleep(0.1)  # the loop sleeps by now, with nothing to wake it
+        node.create_timer(0.05, called)
+        made.append(time.monotonic())
+
+    thread = threading.Thread(target=make)
+    thread.start()
+    start = time.monotonic()
+    await asyncio.wait({idle}, timeout=2)
+    thread.join()
+    assert time.monotonic() - start < 1
+    assert len(calls) == 3 and {ident for _, ident in calls} == {threading.get_ident()}
+    assert 0.04 <= calls[0][0] - made[0] <= 0.15
+
+
+async def test_closing_in_another_thread_wakes_who_waits(world: World) -> None:
+    node = world.node("n")
+    timer = node.create_timer(100)
+    start = time.monotonic()
+    ticking = asyncio.ensure_future(timer.tick())
+    closing = threading.Thread(target=lambda: (time.sleep(0.1), timer.close()))
+    closing.start()
+    await asyncio.wait({ticking}, timeout=2)
+    closing.join()
+    assert time.monotonic() - start < 1
+    with pytest.raises(ClosedError, match="timer"):
+        ticking.result()
+
+
+async def test_cancel_and_reset_in_another_thread(world: World) -> None:
+    node = world.node("n")
+    done = asyncio.get_running_loop().create_future()
+    timer = node.create_timer(0.05, lambda: done.done() or done.set_result(time.monotonic()))
+    timer.cancel()
+    again: list[float] = []
+
+    def reset() -> None:
+        time.sleep(0.15)
+        again.append(time.monotonic())
+        timer.reset()
+
+    thread = threading.Thread(target=reset)
+    thread.start()
+    await asyncio.wait({done}, timeout=2)
+    thread.join()
+    assert 0.04 <= done.result() - again[0] <= 0.15
+    await asyncio.to_thread(timer.cancel)
+    calls = timer.call_count
+    await asyncio.sleep(0.12)
+    assert timer.call_count == calls
+
+
+async def test_a_closed_timer_cannot_be_reset(memory: World) -> None:
+    node = memory.node("n")
+    timer, other = node.create_timer(1, print), node.create_timer(1)
+    timer.close()
+    with pytest.raises(ClosedError, match="a timer of node /n is closed"):
+        timer.reset()
+    node.close()
+    with pytest.raises(ClosedError, match="/n"):
+        other.reset()

@@ -1,0 +1,422 @@
+"""Publishers and subscriptions, on both transports."""
+
+from __future__ import annotations
+
+import asyncio
+import ctypes
+import logging
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import Image
+from std_msgs.msg import Int32, String
+
+from rosidl_py_gen.errors import ClosedError, EncodeError, InvalidNameError, TypeNotFoundError
+from rosidl_py_gen.runtime import QoSProfile, WaitTimeoutError
+from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError
+from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+
+if TYPE_CHECKING:
+    from worlds import World
+
+
+async def test_messages_arrive_in_order_through_the_iterator(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(String, "chatter")
+    publisher = alice.create_publisher(String, "chatter")
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    for number in range(5):
+        publisher.publish(String(data=str(number)))
+    seen = []
+    async for message in subscription:
+        seen.append(message.data)
+        if len(seen) == 5:
+            break
+    assert seen == ["0", "1", "2", "3", "4"]
+
+
+async def test_the_info_names_publisher_and_times(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(String, "chatter")
+    publisher = alice.create_publisher(String, "chatter")
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    before = time.time_ns()
+    publisher.publish(String(data="x"))
+    message, info = await subscription.receive_with_info(timeout_s=5)
+    assert message == String(data="x")
+    assert before <= info.source_timestamp_ns <= info.received_timestamp_ns <= time.time_ns()
+    assert info.publisher_gid == publisher.gid
+    assert [endpoint.endpoint_gid for endpoint in bob.get_publishers_info_by_topic("chatter")] == [publisher.gid]
+
+
+async def test_plain_and_async_callbacks_are_called_for_every_message(world: World) -> None:
+    alice, bob = world.pair()
+    plain: list[int] = []
+    slow: list[int] = []
+
+    async def callback(message: Int32) -> None:
+        await asyncio.sleep(0.001)
+        slow.append(message.data)
+
+    bob.create_subscription(Int32, "n", lambda message: plain.append(message.data))
+    bob.create_subscription(Int32, "n", callback)
+    publisher = alice.create_publisher(Int32, "n")
+    assert await publisher.wait_for_subscribers(timeout_s=5, count=2)
+    for number in range(10):
+        publisher.publish(Int32(data=number))
+    await until(lambda: len(slow) == 10)
+    assert plain == slow == list(range(10))
+
+
+async def test_a_callback_that_raises_is_logged_and_changes_nothing_else(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    alice, bob = world.pair()
+    seen: list[int] = []
+
+    def callback(message: Int32) -> None:
+        if message.data == 1:
+            raise ValueError("one is too many")
+        seen.append(message.data)
+
+    bob.create_subscription(Int32, "n", callback)
+    publisher = alice.create_publisher(Int32, "n")
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    with caplog.at_level(logging.ERROR):
+        for number in range(3):
+            publisher.publish(Int32(data=number))
+        await until(lambda: len(seen) == 2)
+    assert seen == [0, 2]
+    assert "one is too many" in caplog.text and "callback of /n" in caplog.text
+
+
+async def test_keep_last_drops_the_oldest_and_counts(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(Int32, "n", qos=5)
+    publisher = alice.create_publisher(Int32, "n", qos=5)
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    for number in range(100):
+        publisher.publish(Int32(data=number))
+    seen = [(await subscription.receive(timeout_s=5)).data for _ in range(5)]
+    assert seen == [95, 96, 97, 98, 99]
+    assert subscription.dropped == 95
+
+
+async def test_keep_all_loses_nothing(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(Int32, "n", qos=QoSProfile().keep_all())
+    publisher = alice.create_publisher(Int32, "n", qos=QoSProfile().keep_all())
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    for number in range(2000):
+        publisher.publish(Int32(data=number))
+    assert [(await subscription.receive(timeout_s=5)).data for _ in range(2000)] == list(range(2000))
+    assert subscription.dropped == 0
+    assert await publisher.wait_for_acknowledged(timeout_s=5)
+
+
+async def test_late_joiners_get_what_transient_local_keeps(world: World) -> None:
+    alice, bob = world.pair()
+    qos = QoSProfile().keep_last(3).transient_local()
+    publisher = alice.create_publisher(Int32, "n", qos)
+    for number in range(10):
+        publisher.publish(Int32(data=number))
+    late = bob.create_subscription(Int32, "n", qos=qos)
+    volatile = bob.create_subscription(Int32, "n", qos=3)
+    assert [(await late.receive(timeout_s=5)).data for _ in range(3)] == [7, 8, 9]
+    with pytest.raises(WaitTimeoutError):
+        await volatile.receive(timeout_s=0.1)
+
+
+async def test_latest_skips_what_is_older(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(Int32, "n")
+    publisher = alice.create_publisher(Int32, "n")
+    assert subscription.latest() is None
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    for number in range(4):
+        publisher.publish(Int32(data=number))
+    await asyncio.sleep(0.05)
+    assert subscription.latest() == Int32(data=3)
+    assert subscription.latest() == Int32(data=3)
+    with pytest.raises(WaitTimeoutError, match="/n"):
+        await subscription.receive(timeout_s=0.05)
+
+
+async def test_raw_bytes_go_in_and_out_with_their_header(world: World) -> None:
+    alice, bob = world.pair()
+    typed = bob.create_subscription(Int32, "n")
+    raw = bob.create_subscription(Int32, "n", raw=True)
+    publisher = alice.create_publisher(Int32, "n")
+    assert await publisher.wait_for_subscribers(timeout_s=5, count=2)
+    publisher.publish_raw(bytes.fromhex("00010000 07000000"))
+    assert await typed.receive(timeout_s=5) == Int32(data=7)
+    data = await raw.receive(timeout_s=5)
+    assert type(data) is bytes
+    assert data == bytes.fromhex("00010000 07000000")
+
+
+@pytest.mark.parametrize("bad", [b"", b"\0\1\0\0", b"\0\0\0\0\0\0\0\7", b"\0\7\0\0\0\0\0\0"])
+async def test_bytes_that_dds_would_misread_are_refused(memory: World, bad: bytes) -> None:
+    publisher = memory.node("alice").create_publisher(Int32, "n")
+    with pytest.raises(EncodeError, match="header 00 01"):
+        publisher.publish_raw(bad)
+
+
+async def test_samples_that_do_not_decode_are_counted_logged_and_dropped(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(String, "s")
+    publisher = alice.create_publisher(String, "s")
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    with caplog.at_level(logging.WARNING):
+        for _ in range(5):
+            publisher.publish_raw(bytes.fromhex("00010000 ffffff00 61000000"))
+        publisher.publish(String(data="good"))
+        assert await subscription.receive(timeout_s=5) == String(data="good")
+    assert subscription.undecodable == 5
+    assert caplog.text.count("dropped a sample on /s") == 1
+
+
+async def test_a_type_given_as_text_needs_no_import(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription("geometry_msgs/msg/PoseStamped", "pose")
+    typed = bob.create_subscription(PoseStamped, "pose")
+    publisher = alice.create_publisher("geometry_msgs/msg/PoseStamped", "pose")
+    assert await publisher.wait_for_subscribers(timeout_s=5, count=2)
+    publisher.publish({"header": {"frame_id": "map"}, "pose": {"position": {"x": 1.5}}})
+    message = await subscription.receive(timeout_s=5)
+    assert message["header"]["frame_id"] == "map"
+    assert message["pose"]["position"] == {"x": 1.5, "y": 0.0, "z": 0.0}
+    assert (await typed.receive(timeout_s=5)).pose.position.x == 1.5
+
+
+async def test_an_unknown_type_is_named(memory: World) -> None:
+    with pytest.raises(TypeNotFoundError, match="std_msgs/msg/Strin"):
+        memory.node("alice").create_publisher("std_msgs/msg/Strin", "s")
+    with pytest.raises(TypeError, match="generated message class"):
+        memory.node("carol").create_publisher(int, "s")  # type: ignore[type-var]
+
+
+async def test_a_message_of_another_type_is_refused(memory: World) -> None:
+    publisher = memory.node("alice").create_publisher(String, "s")
+    with pytest.raises(TypeError, match="std_msgs/msg/String"):
+        publisher.publish(Int32(data=1))  # type: ignore[arg-type]
+
+
+async def test_an_invalid_topic_name_is_refused(memory: World) -> None:
+    with pytest.raises(InvalidNameError, match="digit"):
+        memory.node("alice").create_publisher(String, "1chatter")
+
+
+async def test_megabytes_arrive_whole_and_stay_valid(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = bob.create_subscription(Image, "image", qos=3)
+    publisher = alice.create_publisher(Image, "image", qos=3)
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    pixels = np.random.default_rng(1).integers(0, 256, 6_220_800, dtype=np.uint8)
+    publisher.publish(Image(height=1080, width=1920, step=5760, encoding="rgb8", data=pixels))
+    first = await subscription.receive(timeout_s=5)
+    for _ in range(3):  # the memory of the first must not be reused
+        publisher.publish(Image(data=np.zeros(6_220_800, dtype=np.uint8)))
+        await subscription.receive(timeout_s=5)
+    assert np.array_equal(first.data, pixels)
+
+
+async def test_close_wakes_whoever_waits(world: World) -> None:
+    _, bob = world.pair()
+    subscription = bob.create_subscription(String, "s")
+
+    async def iterate() -> int:
+        return len([message async for message in subscription])
+
+    iterating = asyncio.create_task(iterate())
+    receiving = asyncio.create_task(subscription.receive())
+    await asyncio.sleep(0.02)
+    subscription.close()
+    subscription.close()
+    assert await asyncio.wait_for(iterating, 1) == 0
+    with pytest.raises(ClosedError, match="/s"):
+        await asyncio.wait_for(receiving, 1)
+
+
+@pytest.mark.parametrize("how", ["iterate", "receive"])
+async def test_close_in_another_thread_wakes_whoever_waits(world: World, how: str) -> None:
+    subscription = world.node("bob").create_subscription(String, "s")
+
+    async def iterate() -> int:
+        return len([message async for message in subscription])
+
+    waiting: asyncio.Future[object] = asyncio.ensure_future(iterate() if how == "iterate" else subscription.receive())
+    closing = threading.Thread(target=lambda: (time.sleep(0.1), subscription.close()))
+    start = time.monotonic()
+    closing.start()
+    await asyncio.wait({waiting}, timeout=2)  # nothing else wakes the loop
+    closing.join()
+    assert time.monotonic() - start < 1
+    if how == "iterate":
+        assert waiting.result() == 0
+    else:
+        with pytest.raises(ClosedError, match="/s"):
+            waiting.result()
+
+
+@pytest.mark.parametrize("closed", ["publisher", "node"])
+async def test_a_publish_that_waits_in_a_thread_says_when_its_publisher_closes(
+    world: World, monkeypatch: pytest.MonkeyPatch, closed: str
+) -> None:
+    node = world.node("alice")
+    publisher = node.create_publisher(String, "s", QoSProfile().keep_all())
+    await node.create_timer(0.001).tick()  # the loop is attached
+    tries = threading.Event()
+
+    def full(_: bytes) -> bool:
+        tries.set()
+        return False
+
+    monkeypatch.setattr(publisher, "_write", full)
+    waiting = asyncio.ensure_future(asyncio.to_thread(publisher.publish, String()))
+    assert await asyncio.to_thread(tries.wait, 2)
+    await asyncio.sleep(0.02)
+    assert not waiting.done()
+    (publisher if closed == "publisher" else node).close()
+    with pytest.raises(ClosedError, match="publisher on /s"):
+        await waiting
+
+
+async def test_closed_things_say_so(world: World) -> None:
+    alice, _ = world.pair()
+    publisher = alice.create_publisher(String, "s")
+    publisher.close()
+    publisher.close()
+    with pytest.raises(ClosedError, match="publisher on /s"):
+        publisher.publish(String())
+    assert publisher.subscription_count == 0
+    subscription, later = alice.create_subscription(String, "s"), alice.create_subscription(String, "s")
+    subscription.close()
+    with pytest.raises(ClosedError, match="subscription on /s"):
+        subscription.latest()
+    assert subscription.publisher_count == 0
+    alice.close()
+    with pytest.raises(ClosedError, match="/s"):
+        later.latest()
+    with pytest.raises(ClosedError, match="node"):
+        alice.create_publisher(String, "s")
+
+
+async def test_a_subscription_with_callback_cannot_be_received_from(memory: World) -> None:
+    subscription = memory.node("bob").create_subscription(String, "s", print)
+    with pytest.raises(CallbackInUseError):
+        await subscription.receive(timeout_s=0)
+
+
+async def test_publishing_from_many_threads_loses_nothing(world: World) -> None:
+    alice, bob = world.pair()
+    qos = QoSProfile().keep_all()
+    subscription = bob.create_subscription(Int32, "n", qos=qos)
+    publisher = alice.create_publisher(Int32, "n", qos)
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    threads = [
+        threading.Thread(target=lambda start: [publisher.publish(Int32(data=start + i)) for i in range(500)], args=(k,))
+        for k in (0, 1000, 2000, 3000)
+    ]
+    for thread in threads:
+        thread.start()
+    seen = [(await subscription.receive(timeout_s=5)).data for _ in range(2000)]
+    assert sorted(seen) == [base + i for base in (0, 1000, 2000, 3000) for i in range(500)]
+    for base in (0, 1000, 2000, 3000):
+        assert [n for n in seen if base <= n < base + 500] == list(range(base, base + 500))
+
+
+async def test_ignore_local_hears_others_only(world: World) -> None:
+    alice, bob = world.pair()
+    subscription = alice.create_subscription(String, "s", ignore_local=True)
+    own, other = alice.create_publisher(String, "s"), bob.create_publisher(String, "s")
+    assert await other.wait_for_subscribers(timeout_s=5)
+    own.publish(String(data="own"))
+    other.publish(String(data="other"))
+    assert await subscription.receive(timeout_s=5) == String(data="other")
+
+
+async def test_the_relay_of_the_readme(world: World) -> None:
+    alice, bob = world.pair()
+
+    async def relay() -> None:
+        async with world.node("relay") as node:
+            out = node.create_publisher(String, "chatter_loud")
+            async for message in node.create_subscription(String, "chatter"):
+                out.publish(String(data=message.data.upper()))
+
+    task = asyncio.create_task(relay())
+    publisher = alice.create_publisher(String, "chatter")
+    loud = bob.create_subscription(String, "chatter_loud")
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    assert await loud.wait_for_publishers(timeout_s=5)
+    publisher.publish(String(data="hello"))
+    assert await loud.receive(timeout_s=5) == String(data="HELLO")
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+
+
+async def until(condition: object, timeout_s: float = 5.0) -> None:
+    """Let the loop run until `condition()` holds."""
+    assert callable(condition)
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "it never happened"
+        await asyncio.sleep(0.005)
+
+
+async def test_a_publisher_can_say_that_it_is_alive(world: World) -> None:
+    alice, bob = world.pair()
+    manual = QoSProfile().manual_liveliness(lease_s=60)
+    publisher = alice.create_publisher(String, "alive", manual)
+    subscription = bob.create_subscription(String, "alive", qos=manual)
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    publisher.assert_liveliness()
+    publisher.publish(String(data="here"))
+    assert (await subscription.receive(timeout_s=5)).data == "here"
+    publisher.close()
+    with pytest.raises(ClosedError):
+        publisher.assert_liveliness()
+
+
+class LivelinessChanged(ctypes.Structure):
+    """dds_liveliness_changed_status_t."""
+
+    _fields_ = (
+        ("alive", ctypes.c_uint32),
+        ("not_alive", ctypes.c_uint32),
+        ("alive_change", ctypes.c_int32),
+        ("not_alive_change", ctypes.c_int32),
+        ("last_publication", ctypes.c_uint64),
+    )
+
+
+async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(dds: World) -> None:
+    alice, bob = dds.pair()
+    manual = QoSProfile().manual_liveliness(lease_s=0.4)
+    publisher = alice.create_publisher(String, "alive", manual)
+    subscription = bob.create_subscription(String, "alive", qos=manual)
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    assert await subscription.wait_for_publishers(timeout_s=5)
+    get_status = cyclone._library.dds_get_liveliness_changed_status
+    get_status.argtypes = (ctypes.c_int32, ctypes.c_void_p)
+
+    def counts() -> tuple[int, int]:
+        status = LivelinessChanged()
+        assert get_status(subscription._reader.entity, ctypes.byref(status)) == 0  # type: ignore[attr-defined]
+        return status.alive, status.not_alive
+
+    publisher.publish(String(data="begins the lease"))
+    for _ in range(30):  # nearly four leases, in which nothing is published
+        publisher.assert_liveliness()
+        await asyncio.sleep(0.05)
+        assert counts() == (1, 0)
+    await until(lambda: counts() == (0, 1), timeout_s=2)
+    publisher.publish(String(data="back"))
+    await until(lambda: counts() == (1, 0), timeout_s=0.35)

@@ -1,0 +1,197 @@
+"""Lifecycle transitions that are cancelled, odd answers of callbacks, and the constructor."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from typing import Any
+
+import numpy as np
+import pytest
+from worlds import World, run, until
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition, TransitionEvent
+from rosidl_py_gen.msgs.lifecycle_msgs.srv import ChangeState
+from rosidl_py_gen.runtime import Context, LifecycleNode, Node
+from rosidl_py_gen.runtime.lifecycle.states import Outcome, State
+
+
+class Slow(LifecycleNode):
+    """Configuring takes until it is released, or cancelled."""
+
+    def __init__(self, name: str, context: Context) -> None:
+        super().__init__(name, context=context)
+        self.release = asyncio.Event()
+        self.log: list[str] = []
+        self.recovers: Any = True
+        self.stubborn = False
+        self.error_takes_s = 0.0
+
+    async def on_configure(self, state: State) -> None:
+        self.log.append("configure")
+        try:
+            await self.release.wait()
+        except asyncio.CancelledError:
+            self.log.append("cancelled")
+            if not self.stubborn:
+                raise
+
+    async def on_error(self, state: State) -> Any:
+        self.log.append(f"error from {state.label}")
+        await asyncio.sleep(self.error_takes_s)
+        return self.recovers
+
+
+def slow(world: World) -> Slow:
+    node = Slow("n", world.context())
+    world.nodes.append(node)
+    return node
+
+
+@pytest.mark.parametrize(("recovers", "state"), [(True, State.UNCONFIGURED), (False, State.FINALIZED)])
+def test_a_cancelled_transition_goes_through_error_processing(world: World, recovers: bool, state: State) -> None:
+    async def main() -> None:
+        events: list[tuple[int, int]] = []
+        listener = world.node("listener")
+        seen = listener.create_subscription(TransitionEvent, "/n/transition_event", None, 100)
+        node = slow(world)
+        await seen.wait_for_publishers(5)
+        node.recovers = recovers
+        with pytest.raises(asyncio.TimeoutError):
+            await asyncio.wait_for(node.configure(), 0.05)
+        assert node.state is state and node.log == ["configure", "cancelled", "error from unconfigured"]
+        for _ in range(3):
+            event = await seen.receive(5)
+            events.append((event.start_state.id, event.goal_state.id))
+        assert events == [(1, 10), (10, 15), (15, int(state))]
+        if recovers:
+            node.release.set()
+            assert await node.configure() is Outcome.SUCCESS and await node.shutdown() is Outcome.SUCCESS
+
+    run(main)
+
+
+def test_cancelling_a_second_time_ends_error_processing_too(world: World) -> None:
+    async def main() -> None:
+        node = slow(world)
+        node.error_takes_s = 60
+        task = asyncio.ensure_future(node.configure())
+        await until(lambda: "configure" in node.log)
+        task.cancel()
+        await until(lambda: node.state is State.ERRORPROCESSING)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert node.state is State.FINALIZED
+
+    run(main)
+
+
+def test_a_callback_may_hold_back_the_cancellation(world: World) -> None:
+    async def main() -> None:
+        node = slow(world)
+        node.stubborn = True
+        task = asyncio.ensure_future(node.configure())
+        await until(lambda: "configure" in node.log)
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert node.state is State.INACTIVE and node.log == ["configure", "cancelled"]
+
+    run(main)
+
+
+class Cancels(Slow):
+    """Its callback is cancelled by something of its own, nobody cancelled the caller."""
+
+    async def on_configure(self, state: State) -> None:
+        raise asyncio.CancelledError
+
+    def on_activate(self, state: State) -> None:
+        raise asyncio.CancelledError
+
+
+def test_a_callback_that_is_cancelled_by_itself_is_an_error_of_the_transition(world: World) -> None:
+    async def main() -> None:
+        node = Cancels("n", world.context())
+        world.nodes.append(node)
+        assert await node.configure() is Outcome.ERROR and node.state is State.UNCONFIGURED
+        client = world.node("other").create_client(ChangeState, "/n/change_state")
+        assert not (await client.call(ChangeState.Request(transition=Transition(id=1)), 5)).success
+        assert node.state is State.UNCONFIGURED and node.log == ["error from unconfigured"] * 2
+
+    run(main)
+
+
+def test_closing_the_node_ends_a_transition_that_a_service_began(world: World) -> None:
+    async def main() -> None:
+        node = slow(world)
+        client = world.node("other").create_client(ChangeState, "/n/change_state")
+        call = asyncio.ensure_future(client.call(ChangeState.Request(transition=Transition(id=1)), 5))
+        await until(lambda: "configure" in node.log)
+        node.close()
+        await until(lambda: node.state is State.FINALIZED)
+        assert node.log == ["configure", "cancelled"]
+        call.cancel()
+        with pytest.raises(ClosedError):
+            await node.configure()
+
+    run(main)
+
+
+class ClosesItself(LifecycleNode):
+    """Shutting down closes the node."""
+
+    def on_shutdown(self, state: State) -> None:
+        self.close()
+
+
+def test_a_callback_may_close_the_node(world: World) -> None:
+    async def main() -> None:
+        node = ClosesItself("n", context=world.context())
+        assert await node.shutdown() is Outcome.SUCCESS and node.state is State.FINALIZED
+
+    run(main)
+
+
+class Answers(LifecycleNode):
+    """Answers what it is told to."""
+
+    answer: Any = None
+
+    def on_configure(self, state: State) -> Any:
+        return self.answer
+
+    def on_error(self, state: State) -> Any:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("answer", "outcome", "state"),
+    [
+        (np.bool_(False), Outcome.FAILURE, State.UNCONFIGURED),
+        (0, Outcome.FAILURE, State.UNCONFIGURED),
+        ("", Outcome.FAILURE, State.UNCONFIGURED),
+        (np.bool_(True), Outcome.SUCCESS, State.INACTIVE),
+        (Transition.TRANSITION_CALLBACK_FAILURE, Outcome.FAILURE, State.UNCONFIGURED),
+        (np.array([1, 2]), Outcome.ERROR, State.UNCONFIGURED),  # has no truth
+    ],
+)
+def test_odd_answers(world: World, answer: Any, outcome: Outcome, state: State) -> None:
+    async def main() -> None:
+        node = Answers("n", context=world.context())
+        world.nodes.append(node)
+        node.answer = answer
+        assert await node.configure() is outcome and node.state is state
+
+    run(main)
+
+
+def test_the_constructor_takes_what_a_node_takes(world: World) -> None:
+    assert inspect.signature(LifecycleNode) == inspect.signature(Node)
+    node = LifecycleNode("n", "/ns", context=world.context(), overrides={"a": 5}, declare_overrides=True)
+    world.nodes.append(node)
+    assert node.get_parameter("a") == 5 and node.fully_qualified_name == "/ns/n"
+    with pytest.raises(TypeError, match="unexpected keyword argument 'typo'"):
+        LifecycleNode("m", typo=1)  # type: ignore[call-arg]

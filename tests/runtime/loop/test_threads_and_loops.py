@@ -1,0 +1,312 @@
+"""Which thread and which loop may do what: waiting calls from plain code, one loop after the other, bursts of calls."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from example_interfaces.srv import AddTwoInts
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+
+if TYPE_CHECKING:
+    from worlds import World
+
+
+async def eventually(condition: Any, timeout_s: float = 5) -> None:
+    """Wait until `condition()` holds."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "it never happened"
+        await asyncio.sleep(0.01)
+
+
+def test_two_threads_may_wait_for_services_without_a_loop(world: World) -> None:
+    server, caller = world.pair()
+    stop, serving = threading.Event(), threading.Event()
+
+    async def serve() -> None:
+        async def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:
+            await asyncio.sleep(request.a / 1000)
+            return AddTwoInts.Response(sum=request.a)
+
+        server.create_service(AddTwoInts, "slow", handler)
+        serving.set()
+        while not stop.is_set():
+            await asyncio.sleep(0.01)
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    assert serving.wait(5)
+    client = caller.create_client(AddTwoInts, "slow")
+    sums: dict[int, object] = {}
+
+    def call(milliseconds: int, timeout_s: float) -> None:
+        try:
+            sums[milliseconds] = client.call_sync(AddTwoInts.Request(a=milliseconds), timeout_s).sum
+        except CallTimeoutError as error:
+            sums[milliseconds] = error
+
+    call(0, 5)  # the first call makes the private loop
+    started = time.monotonic()
+    threads = [threading.Thread(target=call, args=args) for args in ((100, 3), (400, 3), (700, 3), (5000, 0.9))]
+    for one in threads:
+        one.start()
+    for one in threads:
+        one.join(10)
+        assert not one.is_alive()
+    took = time.monotonic() - started
+    stop.set()
+    thread.join()
+    assert isinstance(sums.pop(5000), CallTimeoutError)
+    assert sums == {0: 0, 100: 100, 400: 400, 700: 700}
+    assert took < 3
+
+
+def test_what_was_published_between_two_loops_does_not_stop_delivery(world: World) -> None:
+    node = world.node("both")
+    client = node.create_client(SetBool, "set")
+    with pytest.raises(CallTimeoutError):
+        client.call_sync(SetBool.Request(), timeout_s=0.05)
+    publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
+    publisher.publish(String(data="between"))
+
+    async def main() -> None:
+        node.create_service(SetBool, "set", lambda request: SetBool.Response(success=True))
+        assert (await client.call(SetBool.Request(), timeout_s=3)).success
+        assert (await subscription.receive(timeout_s=3)).data == "between"
+
+    asyncio.run(main())
+
+
+def test_a_client_may_be_used_on_one_loop_after_the_other(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    # A server that keeps few requests, as on rmw_cyclonedds: bursts are spread over time.
+    from rosidl_py_gen.runtime.endpoints import server as service
+
+    monkeypatch.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(5))
+    server, caller = world.pair()
+    client = caller.create_client(AddTwoInts, "add")
+
+    async def burst() -> None:
+        made = server.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a))
+        calls = (client.call(AddTwoInts.Request(a=number), timeout_s=5) for number in range(40))
+        assert [answer.sum for answer in await asyncio.gather(*calls)] == list(range(40))
+        assert client.pending_count == 0
+        made.close()
+
+    asyncio.run(burst())
+    asyncio.run(burst())
+
+
+def test_publishing_on_a_loop_is_enough_to_bring_a_node_to_life(world: World) -> None:
+    node = world.node("early")
+    heard: list[str] = []
+    node.create_subscription(String, "t", lambda message: heard.append(message.data))
+    publisher = node.create_publisher(String, "t")
+
+    async def main() -> None:
+        publisher.publish(String(data="x"))
+        await eventually(lambda: heard)
+
+    asyncio.run(main())
+    heard.clear()
+    asyncio.run(main())  # and again on the next loop
+
+
+def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(world: World) -> None:
+    one, other = world.node("one"), world.node("other")
+    deadline = time.monotonic() + 5
+    while set(one.get_node_names()) != {"/one", "/other"}:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    while set(other.get_node_names()) != {"/one", "/other"}:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    for number in range(50):
+        other.create_publisher(String, f"t{number}")
+    one.get_node_names()
+    assert len(one.context.discovery._reader.queue.items) == 0
+
+
+def test_threads_may_take_turns_in_waiting_calls(world: World) -> None:
+    client = world.node("caller").create_client(SetBool, "s")
+    outcomes: list[BaseException | None] = []
+
+    def calls(times: int) -> None:
+        for _ in range(times):
+            try:
+                client.call_sync(SetBool.Request(), timeout_s=0.02)
+            except BaseException as error:
+                outcomes.append(error)
+
+    calls(1)
+    threads = [threading.Thread(target=calls, args=(10,)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    calls(10)
+    for thread in threads:
+        thread.join(10)
+    assert len(outcomes) == 51
+    assert {type(outcome) for outcome in outcomes} == {CallTimeoutError}
+
+
+@pytest.mark.parametrize("style", ["paused", "ended"])
+def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, style: str) -> None:
+    client = world.node("caller").create_client(SetBool, "s")
+    outcomes: list[BaseException] = []
+
+    def call() -> None:
+        try:
+            client.call_sync(SetBool.Request(), timeout_s=0.5)
+        except BaseException as error:
+            outcomes.append(error)
+
+    async def begin() -> threading.Thread:
+        await client.wait_for_service(timeout_s=0.01)  # attaches the loop
+        thread = threading.Thread(target=call)
+        thread.start()
+        await asyncio.sleep(0.1)
+        return thread
+
+    if style == "ended":
+        thread = asyncio.run(begin())
+    else:
+        loop = asyncio.new_event_loop()
+        thread = loop.run_until_complete(begin())
+    thread.join(5)
+    assert not thread.is_alive()
+    assert [type(outcome) for outcome in outcomes] == [ClosedError]
+    with pytest.raises(CallTimeoutError):
+        client.call_sync(SetBool.Request(), timeout_s=0.05)
+    if style == "paused":
+        loop.close()
+
+
+def test_a_loop_may_start_while_threads_wait_for_services(world: World) -> None:
+    node = world.node("caller")
+    client, stop = node.create_client(SetBool, "s"), threading.Event()
+    outcomes: list[object] = []
+
+    def calls() -> None:
+        while not stop.is_set():
+            try:
+                outcomes.append(client.call_sync(SetBool.Request(data=True), timeout_s=0.3).success)
+            except BaseException as error:
+                outcomes.append(type(error))
+
+    threads = [threading.Thread(target=calls) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    time.sleep(0.1)
+
+    async def main() -> None:
+        async with node:
+            node.create_service(SetBool, "s", lambda request: SetBool.Response(success=request.data))
+            await eventually(lambda: True in outcomes)
+            stop.set()
+            await asyncio.to_thread(lambda: [thread.join(5) for thread in threads])
+
+    asyncio.run(main())
+    assert set(outcomes) <= {CallTimeoutError, True}
+
+
+def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world: World) -> None:
+    node = world.node("n")
+    client, ticks = node.create_client(SetBool, "s"), []
+    loop = asyncio.new_event_loop()
+
+    async def begin() -> None:
+        node.create_timer(0.01, lambda: ticks.append(1))
+        await eventually(lambda: ticks)
+
+    async def go_on() -> None:
+        ticks.clear()
+        await eventually(lambda: ticks)
+
+    def call(timeout_s: float) -> None:
+        with pytest.raises((CallTimeoutError, ClosedError)):
+            client.call_sync(SetBool.Request(), timeout_s)
+
+    loop.run_until_complete(begin())
+    call(0.05)
+    loop.run_until_complete(go_on())
+    # The thread that took the context from the loop is not the last one that needs it.
+    threads = [threading.Thread(target=call, args=(timeout_s,)) for timeout_s in (0.2, 0.5)]
+    for thread in threads:
+        thread.start()
+        time.sleep(0.05)
+    for thread in threads:
+        thread.join(5)
+    loop.run_until_complete(go_on())
+    # Nothing can be given back once the context is closed.
+    last = threading.Thread(target=call, args=(5,))
+    last.start()
+    time.sleep(0.05)
+    node.context.close()
+    last.join(5)
+    assert not last.is_alive()
+    loop.close()
+
+
+async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from rosidl_py_gen.runtime.endpoints import server as service
+
+    monkeypatch.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+    server, caller = world.pair()
+
+    def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:
+        time.sleep(0.003)
+        return AddTwoInts.Response(sum=request.a)
+
+    server.create_service(AddTwoInts, "add", handler)
+    clients = [caller.create_client(AddTwoInts, "add") for _ in range(3)]
+    assert await clients[0].wait_for_service(timeout_s=5)
+    calls = [client.call(AddTwoInts.Request(a=number), timeout_s=10) for number in range(50) for client in clients]
+    answers = await asyncio.gather(*calls)
+    assert [answer.sum for answer in answers] == [number for number in range(50) for _ in clients]
+    assert clients[0]._window is clients[2]._window
+    assert not clients[0]._window._waiting and clients[0]._window._unanswered == 0
+
+
+def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(dds: World) -> None:
+    """Only the main thread may change where signals write to; the place must not vanish meanwhile."""
+    client = dds.node("n").create_client(SetBool, "s")
+
+    def call() -> None:
+        with pytest.raises(CallTimeoutError):
+            client.call_sync(SetBool.Request(), timeout_s=0.05)
+
+    async def attach() -> None:
+        await client.wait_for_service(timeout_s=0.01)
+
+    def where() -> int:
+        place = signal.set_wakeup_fd(-1)
+        signal.set_wakeup_fd(place)
+        return os.fstat(place).st_ino
+
+    loop = asyncio.new_event_loop()
+    loop.run_until_complete(attach())
+    before = where()
+    thread = threading.Thread(target=call)
+    thread.start()
+    thread.join(5)
+    assert where() == before
+    dds.contexts[0].close()
+    loop.close()
+    other = dds.node("other")
+
+    async def again() -> None:
+        other.create_publisher(String, "t")
+
+    asyncio.run(again())

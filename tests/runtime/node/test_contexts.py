@@ -1,0 +1,339 @@
+"""Contexts: forks, domains that are open already, nodes that cannot start, closed ones that are asked."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import multiprocessing
+import os
+import socket
+import subprocess
+import sys
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from std_msgs.msg import Int32
+from worlds import ROOT
+
+from rosidl_py_gen.errors import ClosedError, InvalidNameError
+from rosidl_py_gen.runtime import Context, Node, TransportError
+from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from multiprocessing.connection import Connection
+
+    from worlds import World
+
+needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
+
+
+# ------------------------------------------------------------------------------------------------------------- forks
+
+
+def python(text: str, timeout_s: float = 15, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a program in a process of its own; a hanging one fails the test."""
+    return subprocess.run(
+        [sys.executable, "-W", "default", "-c", text],
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+        capture_output=True,
+        text=True,
+        timeout=timeout_s,
+        check=False,
+    )
+
+
+FORK = """
+import asyncio, os, sys, warnings
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node, TransportError
+warnings.simplefilter("ignore", DeprecationWarning)  # newer Pythons: "may lead to deadlocks"
+
+def forked(action):
+    child = os.fork()
+    if child == 0:
+        try:
+            print(action())
+        except TransportError as error:
+            print(error)
+        sys.exit(7)
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
+
+def talk(name="child"):
+    with Node(name) as node:
+        return f"/{name}" in node.get_node_names()
+"""
+
+
+@needs_fork
+def test_a_forked_child_of_a_process_with_nodes_ends() -> None:
+    text = """
+node = Node("parent")
+publisher = node.create_publisher("std_msgs/msg/Int32", "s")
+async def loop():
+    async with node:
+        forked(lambda: os.getpid())
+forked(node.close)
+asyncio.run(loop())
+print(talk("still alive".replace(" ", "_")))
+"""
+    done = python(FORK + text)
+    assert (done.stderr, done.returncode) == ("", 0)
+    answers = done.stdout.splitlines()
+    assert answers[:2] == ["None", "7"] and answers[2].isdigit() and answers[3:] == ["7", "True"]
+
+
+@needs_fork
+def test_a_forked_child_cannot_use_dds_but_memory() -> None:
+    text = """
+node = Node("parent")
+forked(talk)
+forked(lambda: Context((node.context.domain_id + 1) % 200))
+forked(lambda: Node("child", context=Context(transport=MemoryTransport())))
+"""
+    done = python(FORK + text)
+    refused, end, again, _, made, _ = done.stdout.splitlines()
+    assert refused.startswith("this process was forked from one that uses DDS") and "spawn" in refused
+    assert (end, again, made, done.returncode) == ("7", refused, "Node('/child')", 0)
+
+
+@needs_fork
+def test_a_forked_child_may_use_dds_when_nothing_was_open() -> None:
+    done = python(FORK + "talk()\nforked(talk)\nprint(talk())")
+    assert (done.stdout, done.stderr) == ("True\n7\nTrue\n", "")
+
+
+def in_forked_child(action: Callable[[], object]) -> str:
+    """What `action` raises, or returns, in a child of this process that multiprocessing forks."""
+    fork: Any = multiprocessing.get_context("fork")
+    ours, theirs = fork.Pipe()
+
+    def body(answers: Connection) -> None:
+        try:
+            answers.send(repr(action()))
+        except BaseException as error:
+            answers.send(f"{type(error).__name__}: {error}")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # newer Pythons: "may lead to deadlocks", which we test
+        child = fork.Process(target=body, args=(theirs,))
+        child.start()
+    try:
+        assert ours.poll(10), "the child hangs"
+        return str(ours.recv())
+    finally:
+        child.join(5)
+        alive = child.is_alive()
+        child.kill()
+        child.join()
+        assert not alive, "the child does not end"
+
+
+async def enter(node: Node) -> None:
+    """`async with` and nothing in it."""
+    async with node:
+        pass
+
+
+@needs_fork
+def test_inherited_things_say_that_they_do_not_work_after_a_fork(world: World) -> None:
+    node = world.node("parent")
+    publisher = node.create_publisher(Int32, "s")
+    subscription = node.create_subscription(Int32, "s")
+    uses: list[Callable[[], object]] = [
+        lambda: publisher.publish(Int32()),
+        lambda: node.create_publisher(Int32, "t"),
+        lambda: node.create_timer(1.0),
+        node.get_node_names,
+        lambda: asyncio.run(subscription.receive()),
+        lambda: asyncio.run(node.wait_for_node("x", 1)),
+        lambda: asyncio.run(enter(node)),
+        lambda: Node("child", context=node.context),
+    ]
+    for use in uses:
+        answer = in_forked_child(use)
+        assert answer.startswith("ClosedError: ") and "before this process was forked" in answer, answer
+    assert in_forked_child(node.close) == "None"
+    assert in_forked_child(node.context.close) == "None"
+    assert in_forked_child(lambda: node.logger.warning("from the child")) == "None"
+    assert node.get_node_names() == ["/parent"]
+    publisher.publish(Int32(data=3))
+    assert asyncio.run(subscription.receive(timeout_s=5)).data == 3
+
+
+# ----------------------------------------------------------------------------------------------------------- domains
+
+
+OPEN = """
+from rosidl_py_gen.runtime import Context, TransportError
+try:
+    Context()
+except TransportError as error:
+    print(error)
+"""
+
+
+def test_one_domain_has_one_configuration_in_a_process(dds: World) -> None:
+    first = dds.context()
+    with pytest.raises(TransportError, match="open in this process with another configuration") as caught:
+        Context(first.domain_id, discovery="off", args=["test"])
+    assert "AllowMulticast" in str(caught.value) and "ros_discovery_off" in str(caught.value)
+    assert str(caught.value).count("<CycloneDDS>") == 2
+    with Context(first.domain_id, discovery="localhost", args=["test"]) as second:
+        assert second.domain_id == first.domain_id
+    first.close()
+    with Context(first.domain_id, discovery="off", args=["test"]) as third:
+        assert not third.is_closed
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "<CycloneDDS><Domain>",
+        "file:///nowhere/cyclone.xml",
+        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='no0'/></Interfaces></General></Domain>"
+        "</CycloneDDS>",
+    ],
+)
+def test_a_broken_cyclonedds_uri_is_named(uri: str) -> None:
+    said = python(OPEN, CYCLONEDDS_URI=uri).stdout
+    assert f"CYCLONEDDS_URI is set to {uri!r}" in said and "could not configure domain" in said
+
+
+def test_a_full_domain_says_so(dds: World) -> None:
+    from rosidl_py_gen.runtime.transport.cyclone.domain import _has_free_index
+
+    number = dds.context().domain_id
+    assert _has_free_index(number)
+    with contextlib.ExitStack() as stack:
+        for index in range(32):
+            taken = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+            with contextlib.suppress(OSError):  # our own context has one
+                taken.bind(("127.0.0.1", 7400 + 250 * number + 10 + 2 * index))
+        assert not _has_free_index(number)
+        said = python(OPEN).stdout
+    assert "All 32 participant indexes of the domain are taken on this machine" in said and "ROS_DOMAIN_ID" in said
+
+
+# ------------------------------------------------------------------------------------------------ nodes and contexts
+
+
+@pytest.mark.parametrize(
+    ("name", "namespace", "error"),
+    [("bad name", "", InvalidNameError), ("n", "/a//b", InvalidNameError), (None, "", InvalidNameError)],
+)
+def test_a_node_that_cannot_start_leaves_no_default_context(name: Any, namespace: str, error: type[Exception]) -> None:
+    with pytest.raises(error):
+        Node(name, namespace)
+    assert Context._default is None or Context._default.is_closed
+    with Node("other") as other:
+        with pytest.raises(error):
+            Node(name, namespace)
+        assert not other.context.is_closed
+
+
+def test_names_that_only_remapping_breaks_leave_no_default_context(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["test", "--ros-args", "-r", f"__node:={'n' * 256}"])
+    with pytest.raises(InvalidNameError):
+        Node("n")
+    assert Context._default is None or Context._default.is_closed
+
+
+async def test_a_node_that_cannot_be_entered_is_not_left_behind(memory: World) -> None:
+    context = memory.context()
+    used = memory.node("used", context=context)
+    context.bridge.running_loop()
+
+    async def elsewhere() -> None:
+        async with Node("second", context=context):
+            raise AssertionError("two loops of one context")
+
+    async def enter_used() -> None:
+        async with used:
+            raise AssertionError("two loops of one context")
+
+    for attempt in (elsewhere, enter_used):
+        with pytest.raises(LoopMismatchError):
+            await asyncio.to_thread(lambda attempt=attempt: asyncio.run(attempt()))
+    assert not used.is_closed
+    assert used.get_node_names() == ["/used"]
+
+
+async def test_a_closed_node_answers_nothing(world: World) -> None:
+    node = world.node("n", "/ns")
+    node.close()
+    asks: list[Callable[[], object]] = [
+        node.get_node_names,
+        node.get_nodes,
+        node.get_topic_names_and_types,
+        node.get_service_names_and_types,
+        lambda: node.get_publishers_info_by_topic("t"),
+        lambda: node.get_subscriptions_info_by_topic("t"),
+        lambda: node.count_publishers("t"),
+        lambda: node.count_subscribers("t"),
+        lambda: node.get_publisher_names_and_types_by_node("n"),
+        lambda: node.get_subscriber_names_and_types_by_node("n"),
+        lambda: node.get_service_names_and_types_by_node("n"),
+        lambda: node.get_client_names_and_types_by_node("n"),
+        lambda: node.create_publisher(Int32, "t"),
+    ]
+    for ask in asks:
+        with pytest.raises(ClosedError, match=r"^node /ns/n is closed$"):
+            ask()
+    with pytest.raises(ClosedError, match=r"^node /ns/n is closed$"):
+        async with node:
+            pass
+    with pytest.raises(ClosedError):
+        await node.wait_for_node("n", timeout_s=0.1)
+
+
+class Own(Node):
+    """The usual style: callbacks are methods of the node."""
+
+    def __init__(self, context: Context, seen: list[int]) -> None:
+        super().__init__("own", context=context)
+        self.seen = seen
+        self.create_subscription(Int32, "n", self.on_number)
+
+    def on_number(self, message: Int32) -> None:
+        self.seen.append(message.data)
+
+
+async def test_a_node_whose_methods_are_callbacks_works_unheld_until_its_context_closes(world: World) -> None:
+    seen: list[int] = []
+    context, other = world.context(), world.node("other")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ResourceWarning)
+        Own(context, seen)
+        gc.collect()
+        publisher = other.create_publisher(Int32, "n")
+        assert await publisher.wait_for_subscribers(timeout_s=5)
+        publisher.publish(Int32(data=5))
+        for _ in range(500):
+            if seen:
+                break
+            await asyncio.sleep(0.01)
+        assert seen == [5]
+        context.close()
+        for _ in range(500):
+            if "/own" not in other.get_node_names():
+                break
+            await asyncio.sleep(0.01)
+        assert other.get_node_names() == ["/other"]
+
+
+async def test_nothing_grows_with_the_publishers_that_came_and_went(memory: World) -> None:
+    alice, bob = memory.pair()
+    subscription = bob.create_subscription(Int32, "n")
+    kept: list[set[int]] = []
+    for number in range(3):
+        for _ in range(20):
+            publisher = alice.create_publisher(Int32, "n")
+            publisher.publish(Int32(data=number))
+            message, info = await subscription.receive_with_info(timeout_s=1)
+            assert (message.data, info.publisher_gid) == (number, publisher.gid)
+            publisher.close()
+        reader: Any = subscription._reader
+        kept.append({len(part) for part in vars(reader).values() if isinstance(part, (dict, list, set))})
+    assert kept[0] == kept[1] == kept[2]

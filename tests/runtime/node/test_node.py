@@ -1,0 +1,371 @@
+"""Nodes and contexts: names, arguments, lifetime, the graph they see."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from example_interfaces.srv import AddTwoInts
+from std_msgs.msg import Int32, String
+from worlds import ROOT, domain_id, second_domain_id
+
+from rosidl_py_gen import get_message, get_service, runtime
+from rosidl_py_gen.errors import ClosedError, InvalidNameError
+from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
+from rosidl_py_gen.runtime import (
+    Context,
+    EndpointType,
+    IntrospectionState,
+    LifecycleNode,
+    MemoryTransport,
+    Node,
+    Outcome,
+    QoSProfile,
+    State,
+    WaitTimeoutError,
+)
+from rosidl_py_gen.runtime.endpoints.late_types import MESSAGES, SERVICES, late_message_type, late_service_type
+from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
+from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.parameters.values import ParameterError
+from rosidl_py_gen.runtime.transport.qos import ROSOUT, Durability, History, Reliability
+
+if TYPE_CHECKING:
+    from worlds import World
+
+
+async def test_names_are_expanded_and_remapped(world: World) -> None:
+    context = world.context("--ros-args", "-r", "__ns:=/robot", "-r", "chatter:=/loud", "-r", "~/in:=other")
+    node = world.node("arm", "ignored", context=context)
+    assert (node.name, node.namespace, node.fully_qualified_name) == ("arm", "/robot", "/robot/arm")
+    assert node.logger.name == "robot.arm"
+    assert node.create_publisher(String, "chatter").topic == "/loud"
+    assert node.create_subscription(String, "~/in").topic == "/robot/other"
+    assert node.create_publisher(String, "{node}/x").topic == "/robot/arm/x"
+    assert node.create_service(AddTwoInts, "~/add").name == "/robot/arm/add"
+
+
+@pytest.mark.parametrize(("name", "namespace"), [("1st", ""), ("a/b", ""), ("", ""), ("ok", "/a//b")])
+def test_invalid_names_are_refused(memory: World, name: str, namespace: str) -> None:
+    with pytest.raises(InvalidNameError):
+        Node(name, namespace, context=memory.context())
+
+
+async def test_every_node_sees_every_other_one(world: World) -> None:
+    alice, bob = world.pair()
+    carol = world.node("carol", "/ns", context=alice.context)
+    for node in (alice, bob, carol):
+        for name in ("/alice", "/bob", "/ns/carol"):
+            assert await node.wait_for_node(name, timeout_s=5)
+        assert node.get_node_names() == ["/alice", "/bob", "/ns/carol"]
+    carol.close()
+
+    async def until_carol_left() -> None:
+        if bob.get_node_names() == ["/alice", "/bob"]:
+            return
+        async for _ in bob.graph_changes():
+            if bob.get_node_names() == ["/alice", "/bob"]:
+                return
+
+    await asyncio.wait_for(until_carol_left(), 5)
+    assert not await bob.wait_for_node("nobody", timeout_s=0.05)
+
+
+async def test_endpoints_are_described_with_node_type_hash_and_qos(world: World) -> None:
+    alice, bob = world.pair()
+    qos = QoSProfile().keep_last(7).transient_local().deadline(1.5)
+    publisher = alice.create_publisher(String, "/topic", qos)
+    alice.create_subscription(String, "/topic", qos=QoSProfile().keep_all().best_effort())
+    assert await publisher.wait_for_subscribers(timeout_s=5)
+    assert await bob.wait_for_node("/alice", timeout_s=5)
+    await settled(lambda: bob.count_publishers("/topic") == 1 and bob.count_subscribers("/topic") == 1)
+    await settled(lambda: bob.get_publishers_info_by_topic("/topic")[0].node_name == "alice")
+    (info,) = bob.get_publishers_info_by_topic("topic")
+    assert (info.node_name, info.node_namespace, info.topic_type) == ("alice", "/", "std_msgs/msg/String")
+    assert info.topic_type_hash == String._TYPE.hash
+    assert info.endpoint_type is EndpointType.PUBLISHER
+    assert info.endpoint_gid == publisher.gid and len(info.endpoint_gid) == 16
+    assert (info.qos_profile.history, info.qos_profile.depth) == (History.KEEP_LAST, 7)
+    assert info.qos_profile.durability is Durability.TRANSIENT_LOCAL
+    assert info.qos_profile.deadline_ns == 1_500_000_000
+    (other,) = bob.get_subscriptions_info_by_topic("rt/topic", no_mangle=True)
+    assert (other.qos_profile.history, other.qos_profile.depth) == (History.KEEP_ALL, 0)
+    assert other.qos_profile.reliability is Reliability.BEST_EFFORT
+
+
+async def test_topics_and_services_are_listed_in_all_and_by_node(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_publisher(String, "/out")
+    alice.create_subscription(Int32, "/in")
+    alice.create_service(AddTwoInts, "/add")
+    bob.create_client(AddTwoInts, "/add")
+    string, int32, add = ["std_msgs/msg/String"], ["std_msgs/msg/Int32"], ["example_interfaces/srv/AddTwoInts"]
+    log, event = ["rcl_interfaces/msg/Log"], ["rcl_interfaces/msg/ParameterEvent"]
+    common = [("/parameter_events", event), ("/rosout", log)]
+    await settled(lambda: len(bob.get_topic_names_and_types()) == 4)
+    assert bob.get_topic_names_and_types() == [("/in", int32), ("/out", string), *common]
+    assert ("rq/addRequest", ["example_interfaces::srv::dds_::AddTwoInts_Request_"]) in bob.get_topic_names_and_types(
+        no_demangle=True
+    )
+    of_alice, of_bob = every_nodes_services("/alice"), every_nodes_services("/bob")
+    assert bob.get_service_names_and_types() == [("/add", add), *of_alice, *of_bob]
+    await settled(lambda: bob.get_service_names_and_types_by_node("alice") == [("/add", add), *of_alice])
+    assert bob.get_publisher_names_and_types_by_node("alice") == [("/out", string), *common]
+    assert bob.get_subscriber_names_and_types_by_node("alice") == [("/in", int32)]
+    assert bob.get_client_names_and_types_by_node("bob") == [("/add", add)]
+    assert bob.get_client_names_and_types_by_node("alice") == []
+
+
+def every_nodes_services(node: str) -> list[tuple[str, list[str]]]:
+    """What protocol.md 9.1 says every node serves."""
+    parameters = (
+        "DescribeParameters",
+        "GetParameterTypes",
+        "GetParameters",
+        "GetTypeDescription",
+        "ListParameters",
+        "SetParameters",
+        "SetParametersAtomically",
+    )
+    found = []
+    for name in parameters:
+        package = "type_description_interfaces" if name == "GetTypeDescription" else "rcl_interfaces"
+        snake = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name)[1:]
+        found.append((f"{node}/{snake}", [f"{package}/srv/{name}"]))
+    return sorted(found)
+
+
+async def test_program_arguments_are_handed_back_and_parameters_taken(memory: World) -> None:
+    context = memory.context("--fast", "--ros-args", "-p", "speed:=2", "-p", "arm:speed:=3", "--", "file")
+    assert context.arguments == ["test", "--fast", "file"]
+    arm, leg = memory.node("arm", context=context), memory.node("leg", context=context)
+    assert [node.declare_parameter("speed", 1) for node in (arm, leg)] == [3, 2]
+
+
+async def test_no_stdout_logs(
+    memory: World, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # with handlers of the program's own the console is quiet
+    memory.node("loud").logger.warning("heard")
+    memory.node("quiet", context=memory.context("--ros-args", "--disable-stdout-logs")).logger.warning("unheard")
+    printed = capfd.readouterr().err
+    assert "heard" in printed and "unheard" not in printed
+
+
+def test_a_node_that_cannot_start_leaves_nothing(memory: World) -> None:
+    context = memory.context("--ros-args", "-p", "use_sim_time:=3")
+    with pytest.raises(ParameterError):
+        Node("n", context=context)
+    assert context.discovery.graph.nodes() == []
+
+
+def test_types_that_are_imported_late_are_the_bundled_ones() -> None:
+    for name, hashes in SERVICES.items():
+        early, late = service_type(get_service(name)), late_service_type(name)
+        assert hashes == (early.type_hash, early.request.type_hash, early.response.type_hash)
+        assert (late.ros_name, late.request.ros_name, late.response.ros_name) == (
+            name,
+            early.request.ros_name,
+            early.response.ros_name,
+        )
+        message = get_service(name).Request()
+        assert late.request.decode(late.request.encode(message)) == message
+    for name, type_hash in MESSAGES.items():
+        assert type_hash == message_type(name).type_hash == late_message_type(name).type_hash
+        assert late_message_type(name).encode(get_message(name)()) == get_message(name)()._encode()
+
+
+def test_a_node_starts_without_what_it_may_never_need() -> None:
+    program = (
+        "import sys\nfrom rosidl_py_gen.runtime import Context, MemoryTransport, Node\n"
+        "node = Node('n', context=Context(transport=MemoryTransport(), args=['p']))\n"
+        "print([m for m in sys.modules if m == 'yaml' or '.runtime.action' in m or '_srv' in m or '.srv._' in m])\n"
+        "node.context.close()\n"
+    )
+    command = [sys.executable, "-c", program]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert run.stdout == "[]\n"
+
+
+def test_every_exported_name_exists() -> None:
+    assert {name: getattr(runtime, name) for name in runtime.__all__}.keys() == runtime._MODULE_OF.keys()
+
+
+async def test_a_lifecycle_node_is_a_node_with_all_options(world: World) -> None:
+    async with LifecycleNode("n", "/ns", context=world.context(), overrides={"a": 2}) as node:
+        assert (node.fully_qualified_name, node.declare_parameter("a", 1)) == ("/ns/n", 2)
+        assert await node.configure() is Outcome.SUCCESS
+        assert node.state is State.INACTIVE
+    assert node.is_closed
+
+
+async def test_introspection_of_closed_endpoints_is_refused(memory: World) -> None:
+    node = memory.node("n")
+    for endpoint in (node.create_client(AddTwoInts, "a"), node.create_service(AddTwoInts, "a")):
+        endpoint.close()
+        with pytest.raises(ClosedError):
+            endpoint.configure_introspection(node.clock, 10, IntrospectionState.METADATA)
+
+
+async def test_options_of_a_node(memory: World) -> None:
+    node = Node(
+        "n",
+        context=memory.context(),
+        overrides={"a": 1},
+        declare_overrides=True,
+        start_services=False,
+        logger_services=True,
+    )
+    assert node.get_parameter("a", int) == 1
+    names = ["/n/get_logger_levels", "/n/get_type_description", "/n/set_logger_levels"]
+    await settled(lambda: [name for name, _ in node.get_service_names_and_types_by_node("n")] == names)
+    node.close()
+
+
+async def test_incompatible_qos_is_explained_once_with_both_nodes(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    alice, bob = world.pair()
+    with caplog.at_level(logging.WARNING):
+        alice.create_publisher(String, "s", QoSProfile().best_effort())
+        bob.create_subscription(String, "s", qos=QoSProfile().reliable())
+        await settled(lambda: "incompatible" in caplog.text)
+        await asyncio.sleep(0.1)
+        bob.create_publisher(String, "unrelated")
+        await asyncio.sleep(0.1)
+    lines = [record.getMessage() for record in caplog.records if "incompatible" in record.getMessage()]
+    assert len(lines) == 2  # each side tells its own user
+    for line in lines:
+        assert "on /s from node /alice to node /bob" in line
+        assert "Best effort publisher and reliable subscription" in line
+
+
+async def test_what_a_node_logs_is_published_on_rosout(world: World) -> None:
+    alice, bob = world.pair()
+    logs = bob.create_subscription(Log, "/rosout", qos=ROSOUT)
+    alice.logger.warning("careful")
+    while True:
+        message = await logs.receive(timeout_s=5)
+        if message.name == "alice":
+            break
+    assert (message.level, message.msg) == (30, "careful")
+    assert message.file.endswith("test_node.py") and message.function and message.line > 0
+
+
+async def test_best_available_follows_the_peers_at_creation(world: World) -> None:
+    from rosidl_py_gen.runtime.transport.qos import BEST_AVAILABLE
+
+    alice, bob = world.pair()
+    alice.create_publisher(String, "s", QoSProfile().best_effort())
+    await settled(lambda: bob.count_publishers("s") == 1)
+    subscription = bob.create_subscription(String, "s", qos=BEST_AVAILABLE)
+    assert subscription.qos.reliability is Reliability.BEST_EFFORT
+    assert subscription.qos.durability is Durability.VOLATILE
+
+
+def test_closing_a_context_closes_its_nodes(world: World) -> None:
+    context = world.context()
+    node = world.node("n", context=context)
+    publisher = node.create_publisher(String, "s")
+    context.close()
+    context.close()
+    assert node.is_closed
+    with pytest.raises(ClosedError):
+        publisher.publish(String())
+    with pytest.raises(ClosedError):
+        Node("m", context=context)
+
+
+def test_the_default_context_lives_from_the_first_node_to_the_last() -> None:
+    with Node("a") as first, Node("b") as second:
+        context = first.context
+        assert second.context is context
+        first.close()
+        assert not context.is_closed
+    assert context.is_closed
+    with Node("c") as third:
+        assert third.context is not context
+
+
+def test_a_forgotten_node_warns_and_closes(memory: World) -> None:
+    context = memory.context()
+    node = Node("forgotten", context=context)
+    node.create_subscription(String, "s", print)
+    with pytest.warns(ResourceWarning, match="/forgotten"):
+        del node
+        gc.collect()
+    assert context.discovery.graph.nodes() == []
+
+
+def test_one_context_cannot_serve_two_running_loops(world: World) -> None:
+    node = world.node("n")
+
+    async def outer() -> None:
+        node.context.bridge.running_loop()
+
+        async def inner() -> None:
+            node.context.bridge.running_loop()
+
+        with pytest.raises(LoopMismatchError, match="Context of their own"):
+            await asyncio.to_thread(lambda: asyncio.run(inner()))
+
+    asyncio.run(outer())
+
+    async def later() -> None:
+        subscription = node.create_subscription(Int32, "n")
+        publisher = node.create_publisher(Int32, "n")
+        assert await publisher.wait_for_subscribers(timeout_s=5)
+        publisher.publish(Int32(data=1))
+        assert (await subscription.receive(timeout_s=5)).data == 1
+
+    asyncio.run(later())  # one after the other is fine
+
+
+async def test_two_contexts_of_different_domains_do_not_meet() -> None:
+    world = MemoryTransport()
+    with Context(1, transport=world) as one, Context(2, transport=world) as two:
+        first, second = Node("first", context=one), Node("second", context=two)
+        publisher = first.create_publisher(String, "s")
+        second.create_subscription(String, "s")
+        assert not await publisher.wait_for_subscribers(timeout_s=0.05)
+        first.close()
+        second.close()
+
+
+async def test_two_contexts_of_different_dds_domains_do_not_meet() -> None:
+    assert domain_id() != second_domain_id()
+    with (
+        Context(domain_id()) as one,
+        Context(domain_id()) as same,
+        Context(second_domain_id()) as two,
+        Node("first", context=one) as first,
+        Node("near", context=same) as near,
+        Node("far", context=two) as far,
+    ):
+        publisher = first.create_publisher(String, "s")
+        heard = near.create_subscription(String, "s")
+        not_heard = far.create_subscription(String, "s")
+        assert await publisher.wait_for_subscribers(timeout_s=5)
+        assert not await publisher.wait_for_subscribers(timeout_s=1, count=2)
+        publisher.publish(String(data="near"))
+        assert await heard.receive(timeout_s=5) == String(data="near")
+        with pytest.raises(WaitTimeoutError):
+            await not_heard.receive(timeout_s=0.2)
+        assert sorted(first.get_node_names()) == ["/first", "/near"]
+        assert far.get_node_names() == ["/far"]
+        assert far.count_publishers("s") == 0
+
+
+async def settled(condition: object, timeout_s: float = 5.0) -> None:
+    """Wait until `condition()` holds."""
+    assert callable(condition)
+    for _ in range(int(timeout_s / 0.01)):
+        if condition():
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError("it never happened")

@@ -1,0 +1,204 @@
+"""Simulated time through the parameter (protocol.md 9.6); only what is about real time sleeps for real."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from functools import partial
+from typing import Any
+
+import pytest
+from worlds import World, run, until
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.time.clock import Clock, ClockType, ClockTypeError, Duration, Time, TimeRangeError
+
+
+def ros(seconds: float) -> Time:
+    return Time(seconds=seconds, clock_type=ClockType.ROS_TIME)
+
+
+def reads(clock: Clock, seconds: float) -> bool:
+    return clock.now() == ros(seconds)
+
+
+async def settle() -> None:
+    """Let everything run that is ready."""
+    for _ in range(10):
+        await asyncio.sleep(0)
+
+
+def test_use_sim_time_is_live(world: World) -> None:
+    """r2r reads it once and never again (r2r.md A8)."""
+
+    async def main() -> None:
+        node, source = world.node("n"), world.node("source").create_sim_time_publisher()
+        remote = world.node("other").create_parameter_client("/n")
+        assert node.clock.now() > ros(1_000_000_000)
+        assert (await remote.set({"use_sim_time": True}, 5))[0].successful
+        assert node.clock.now() == ros(0)  # until the first /clock
+        assert await source.wait_for_subscribers(5)
+        source.set_time(ros(100))
+        await until(lambda: node.clock.now() == ros(100))
+        source.advance(2.5)
+        await until(lambda: node.clock.now() == ros(102.5))
+        source.advance(-50)
+        await until(lambda: node.clock.now() == ros(52.5))
+        assert (await remote.set({"use_sim_time": False}, 5))[0].successful
+        assert node.clock.now() > ros(1_000_000_000)
+        await until(lambda: source._publisher.subscription_count == 0)
+        assert (await remote.set({"use_sim_time": True}, 5))[0].successful
+        assert node.clock.now() == ros(0)
+
+    run(main)
+
+
+@pytest.mark.parametrize("value", [1, "true", 1.0])
+def test_something_else_than_a_bool_is_refused(world: World, value: object) -> None:
+    node = world.node("n")
+    assert not node.set_parameters({"use_sim_time": value})[0].successful
+    assert node.get_parameter("use_sim_time", bool) is False
+
+
+def test_it_can_be_given_at_the_start(world: World) -> None:
+    node = world.node("n", args="--ros-args -p use_sim_time:=true")
+    assert node.clock.ros_time_is_active and node.clock.now_ns() == 0
+
+
+def test_timers_follow_simulated_time(world: World) -> None:
+    async def main() -> None:
+        node = world.node("n", args="--ros-args -p use_sim_time:=true")
+        source = world.node("source").create_sim_time_publisher()
+        assert await source.wait_for_subscribers(5)
+        calls: list[float] = []
+        timer = node.create_timer(10.0, lambda: calls.append(node.clock.now().seconds))
+        await settle()
+        assert calls == []
+        for now in (100, 105, 111, 155):
+            source.set_time(ros(now))
+            await until(partial(reads, node.clock, now))
+            await settle()
+        # Created at 0: due at the first time, then on the grid of that one, missed periods skipped.
+        assert calls == [100, 111, 155] and timer.missed == 9 + 3
+
+    run(main)
+
+
+def test_sleeping_by_simulated_time(world: World) -> None:
+    async def main() -> None:
+        node = world.node("n", args="--ros-args -p use_sim_time:=true")
+        source = world.node("source").create_sim_time_publisher()
+        assert await source.wait_for_subscribers(5)
+        until_task = asyncio.ensure_future(node.clock.sleep_until(ros(110)))
+        for_task = asyncio.ensure_future(node.clock.sleep_for(5))
+        zero_task = asyncio.ensure_future(node.clock.sleep_until(ros(0)))
+        await settle()
+        assert not (until_task.done() or for_task.done() or zero_task.done())
+        source.set_time(ros(100))
+        await zero_task
+        await settle()
+        assert not (until_task.done() or for_task.done())
+        source.set_time(ros(106))
+        await for_task
+        source.set_time(ros(50))
+        await until(partial(reads, node.clock, 50))
+        await settle()
+        assert not until_task.done()
+        source.set_time(ros(110))
+        await until_task
+        assert node.clock._handles == []
+
+    run(main)
+
+
+def test_sleeping_by_real_clocks(world: World) -> None:
+    async def main() -> None:
+        for kind in ClockType:
+            clock = Clock(kind)
+            start = clock.now()
+            assert await clock.sleep_for(0.02)
+            assert clock.now() - start >= Duration(seconds=0.02)
+            assert await clock.sleep_until(start)
+            assert await clock.sleep_for(Duration(seconds=-1))
+        with pytest.raises(ClockTypeError, match="cannot sleep until a ROS_TIME"):
+            await Clock(ClockType.STEADY_TIME).sleep_until(ros(1))
+
+    run(main)
+
+
+def test_a_publisher_with_a_rate_runs_by_itself(world: World) -> None:
+    async def main() -> None:
+        node = world.node("n", args="--ros-args -p use_sim_time:=true")
+        source = world.node("source").create_sim_time_publisher(rate=1000.0, start=ros(50), period_s=0.002)
+        await until(lambda: node.clock.now() > ros(55))
+        source.rate = 0
+        await asyncio.sleep(0.02)
+        stopped = source.now
+        await asyncio.sleep(0.02)
+        assert source.now == stopped
+        source.close()
+        source.close()
+        with pytest.raises(ClosedError):
+            source.rate = 1
+
+    run(main)
+
+
+def test_the_rate_of_a_publisher_can_be_set_later(world: World) -> None:
+    async def main() -> None:
+        source = world.node("source").create_sim_time_publisher(start=ros(50), period_s=0.002)
+        await asyncio.sleep(0.1)
+        assert source.now == ros(50)
+        source.rate = 1.0
+        await until(lambda: source.now > ros(50))
+        assert source.now < ros(50.09)  # the time before it ran does not count
+        source.rate = 10_000.0
+        await until(lambda: source.now > ros(70))
+        source.rate = 0
+        stopped = source.now
+        await asyncio.sleep(0.02)
+        assert source.now == stopped and source.rate == 0
+
+    run(main)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "words"),
+    [
+        ({"rate": math.nan}, TimeRangeError, "^rate.* must be finite and 0 or more, got nan"),
+        ({"rate": math.inf}, TimeRangeError, "^rate.* must be finite"),
+        ({"rate": -1}, TimeRangeError, "^rate.* must be finite and 0 or more, got -1"),
+        ({"rate": "fast"}, TypeError, "^rate must be a number of simulated seconds per second, got 'fast'"),
+        ({"rate": None}, TypeError, "^rate must be a number"),
+        ({"start": 5}, TypeError, "^start must be a Time such as .*, got 5"),
+        ({"period_s": 0}, TimeRangeError, "^period_s.* must be more than 0"),
+    ],
+)
+def test_a_publisher_refuses_wrong_values(
+    world: World, options: dict[str, Any], error: type[Exception], words: str
+) -> None:
+    node = world.node("source")
+    before = len(node.scope.owned)
+    with pytest.raises(error, match=words):
+        node.create_sim_time_publisher(**options)
+    assert len(node.scope.owned) == before
+    if "rate" in options:
+        source = node.create_sim_time_publisher(rate=1.0)
+        with pytest.raises(error, match=words):
+            source.rate = options["rate"]
+        assert source.rate == 1.0
+
+
+def test_wrong_times_are_refused_and_change_nothing(world: World) -> None:
+    source = world.node("source").create_sim_time_publisher(start=ros(5))
+    with pytest.raises(TypeError, match=r"^now must be a Time such as .*, got 5"):
+        source.set_time(5)  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"^duration must be a number of seconds, got 'a'"):
+        source.advance("a")  # type: ignore[arg-type]
+    with pytest.raises(TimeRangeError, match=r"^duration must be finite"):
+        source.advance(math.nan)
+    with pytest.raises(TimeRangeError, match="int32"):
+        source.set_time(ros(2**31))
+    with pytest.raises(TimeRangeError, match="negative"):
+        source.advance(-6)
+    assert source.now == ros(5)

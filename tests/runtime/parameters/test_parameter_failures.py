@@ -1,0 +1,126 @@
+"""Mistakes in callbacks and validators never leave another node without an answer."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import pytest
+from worlds import World, run
+
+from rosidl_py_gen.msgs.rcl_interfaces.msg import SetParametersResult
+from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, SetResult
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValue, Parameter, parameter_value
+
+
+def reciprocal(value: int) -> str | None:
+    return None if 1 / value < 10 else "too small"
+
+
+@dataclass
+class Checked:
+    v: Annotated[int, reciprocal] = 1
+    t: int = 1
+
+    def __post_init__(self) -> None:
+        if self.t > 10:
+            raise LookupError("t")
+
+
+OK = SetResult(True)
+DIVIDED = SetResult(False, "the validator of 'v' raised ZeroDivisionError: division by zero")
+
+
+def test_a_validator_that_raises_is_answered(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        node = world.node("n")
+        checked = node.declare_parameters(Checked)
+        remote = world.node("other").create_parameter_client("/n")
+        assert await remote.set({"t": 2, "v": 0}, timeout_s=5) == [OK, DIVIDED]
+        assert await remote.set_atomically({"t": 3, "v": 0}, timeout_s=5) == DIVIDED
+        refused = SetResult(False, "Checked(...) raised LookupError: t")
+        assert await remote.set({"t": 11}, timeout_s=5) == [refused]
+        assert (checked.t, checked.v) == (2, 1)
+        assert node.set_parameters({"v": 0, "t": 4}) == [DIVIDED, OK] and checked.t == 4
+        with pytest.raises(InvalidParameterValue, match="raised ZeroDivisionError"):
+            node.set_parameter("v", 0)
+
+    with caplog.at_level(logging.ERROR):
+        run(main)
+    assert "the validator of 'v' failed" in caplog.text and "1 / value < 10" in caplog.text
+
+
+def broken(*_: object) -> Any:
+    raise KeyError("gone")
+
+
+@pytest.mark.parametrize(
+    ("kind", "callback", "reason"),
+    [
+        ("pre", broken, "the pre-set callback 'broken' raised KeyError: 'gone'"),
+        ("on", broken, "the on-set callback 'broken' raised KeyError: 'gone'"),
+        ("pre", lambda ps: None, "'<lambda>' returned None, expected a list of Parameter objects"),
+        ("on", lambda ps: None, "the on-set callback '<lambda>' returned None, expected a SetResult"),
+        ("on", lambda ps: True, "returned True, expected a SetResult"),
+        ("on", lambda ps: "no", "returned 'no', expected a SetResult"),
+        ("on", lambda ps: SetResult(False, "caf\udce9 \U0001f916"), "caf? \U0001f916"),
+    ],
+)
+def test_callbacks_that_fail_are_answered(world: World, kind: str, callback: Any, reason: str) -> None:
+    async def main() -> None:
+        node = world.node("n")
+        node.declare_parameter("a", 1)
+        getattr(node, f"add_{kind}_set_callback")(callback)
+        remote = world.node("other").create_parameter_client("/n")
+        (first,) = await remote.set({"a": 2}, timeout_s=5)
+        second = await remote.set_atomically({"a": 2}, timeout_s=5)
+        assert first == second and not first.successful and reason in first.reason
+        assert node.get_parameter("a", int) == 1
+
+    run(main)
+
+
+def test_a_wrong_answer_is_a_type_error_for_code_of_the_node(world: World) -> None:
+    node = world.node("n")
+    node.declare_parameter("a", 1)
+    node.add_on_set_callback(lambda ps: None)  # type: ignore[arg-type,return-value]
+    for change in (node.set_parameters, node.set_parameters_atomically):
+        with pytest.raises(CallbackAnswerError, match="returned None, expected a SetResult"):
+            change({"a": 2})
+    with pytest.raises(TypeError, match="returned None, expected a SetResult"):
+        node.set_parameter("a", 2)
+    assert node.get_parameter("a") == 1
+
+
+def test_the_result_message_of_rclpys_callbacks_will_do(world: World) -> None:
+    node = world.node("n")
+    node.declare_parameter("a", 1)
+    node.add_on_set_callback(lambda ps: SetParametersResult(successful=False, reason="no"))  # type: ignore[arg-type,return-value]
+    assert node.set_parameters({"a": 2}) == [SetResult(False, "no")]
+
+
+def test_a_post_set_callback_that_raises_is_logged(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    heard: list[list[Parameter]] = []
+
+    async def main() -> None:
+        node = world.node("n")
+        node.declare_parameter("a", 1)
+        node.add_post_set_callback(heard.append)
+        node.add_post_set_callback(broken)
+        remote = world.node("other").create_parameter_client("/n")
+        assert await remote.set({"a": 2}, timeout_s=5) == [OK]
+        assert node.get_parameter("a") == 2 and heard == [[Parameter("a", parameter_value(2))]]
+
+    with caplog.at_level(logging.ERROR):
+        run(main)
+    assert "the post-set callback 'broken' failed" in caplog.text
+
+
+def test_async_callbacks_are_refused_at_once(world: World) -> None:
+    async def later(parameters: list[Parameter]) -> Any: ...
+
+    node = world.node("n")
+    for add in (node.add_pre_set_callback, node.add_on_set_callback, node.add_post_set_callback):
+        with pytest.raises(TypeError, match="'later' is async, but a set cannot wait for it"):
+            add(later)  # type: ignore[arg-type]

@@ -1,0 +1,358 @@
+"""Parameters over the wire: services, events, the remote client (protocol.md 9.1 to 9.5)."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import weakref
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import pytest
+from worlds import World, run, take, until
+
+from rosidl_py_gen.msgs.rcl_interfaces.msg import Parameter as ParameterMessage
+from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
+from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterValue as ValueMessage
+from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters, SetParameters
+from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime.parameters.fields import Range
+from rosidl_py_gen.runtime.parameters.messages import (
+    descriptor_from_message,
+    descriptor_to_message,
+    value_from_message,
+    value_to_message,
+)
+from rosidl_py_gen.runtime.parameters.store import SetResult
+from rosidl_py_gen.runtime.parameters.values import (
+    FloatRange,
+    IntRange,
+    InvalidParameterValue,
+    Parameter,
+    ParameterDescriptor,
+    ParameterNotDeclared,
+    ParameterType,
+    ParameterValue,
+    WrongParameterType,
+    parameter_value,
+)
+
+SERVICES = [
+    "describe_parameters",
+    "get_parameters",
+    "get_parameter_types",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+]
+ALL_TYPES: list[Any] = [None, True, -5, 2.5, "text", b"\x01\xff", [True, False], [1, 2], [0.5], ["a", "ü"]]
+
+
+@pytest.mark.parametrize("value", ALL_TYPES)
+def test_every_type_survives_the_message_and_its_bytes(value: object) -> None:
+    wanted = parameter_value(value)
+    message = ValueMessage.decode(value_to_message(wanted).encode())
+    assert value_from_message(message) == wanted
+
+
+def test_only_the_selected_member_is_set() -> None:
+    assert value_to_message(parameter_value(7)) == ValueMessage(type=2, integer_value=7)
+    assert value_from_message(ValueMessage(type=200, integer_value=7)) == ParameterValue()
+
+
+@pytest.mark.parametrize(
+    "descriptor",
+    [
+        ParameterDescriptor("a", ParameterType.INTEGER, "d", "c", True, False, None, IntRange(1, 9, 2)),
+        ParameterDescriptor("a", ParameterType.DOUBLE, dynamic_typing=True, floating_point_range=FloatRange(0, 1, 0.5)),
+    ],
+)
+def test_descriptors_survive_the_message(descriptor: ParameterDescriptor) -> None:
+    assert descriptor_from_message(descriptor_to_message(descriptor)) == descriptor
+
+
+def test_every_node_has_what_rclpy_nodes_have(world: World) -> None:
+    node = world.node("n", "/ns", logger_services=True)
+    services = dict(node.get_service_names_and_types())
+    for name in SERVICES:
+        assert f"/ns/n/{name}" in services
+    assert {"/ns/n/get_logger_levels", "/ns/n/set_logger_levels", "/ns/n/get_type_description"} <= set(services)
+    assert node.get_parameter("use_sim_time", bool) is False
+    assert node.get_parameter("start_type_description_service", bool) is True
+    assert node.describe_parameter("start_type_description_service") == ParameterDescriptor(
+        "start_type_description_service",
+        ParameterType.BOOL,
+        "If enabled, start the ~/get_type_description service.",
+        read_only=True,
+    )
+
+
+def test_the_type_description_service_can_be_switched_off(world: World) -> None:
+    node = world.node("n", args="--ros-args -p start_type_description_service:=false")
+    assert "/n/get_type_description" not in dict(node.get_service_names_and_types())
+
+
+def test_raw_services_answer_as_rclpy_does(world: World) -> None:
+    async def main() -> None:
+        node = world.node("n")
+        node.declare_parameter("a", 1)
+        node.declare_parameter("g.b", "x")
+        other = world.node("other")
+        get = other.create_client(GetParameters, "/n/get_parameters")
+        answer = await get.call(GetParameters.Request(names=["g.b", "a"]), 5)
+        assert [value.type for value in answer.values] == [4, 2]
+        assert (await get.call(GetParameters.Request(names=["a", "nope"]), 5)).values == []
+        types = other.create_client(GetParameterTypes, "/n/get_parameter_types")
+        assert list((await types.call(GetParameterTypes.Request(names=["a", "g.b"]), 5)).types) == [2, 4]
+        listing = other.create_client(ListParameters, "/n/list_parameters")
+        found = (await listing.call(ListParameters.Request(prefixes=["g"]), 5)).result
+        assert (found.names, found.prefixes) == (["g.b"], ["g"])
+        change = other.create_client(SetParameters, "/n/set_parameters")
+        request = SetParameters.Request(
+            parameters=[
+                ParameterMessage(name="a", value=ValueMessage(type=4, string_value="no")),
+                ParameterMessage(name="a", value=ValueMessage(type=2, integer_value=5)),
+                ParameterMessage(name="x", value=ValueMessage(type=2)),
+            ]
+        )
+        results = (await change.call(request, 5)).results
+        assert [(r.successful, r.reason) for r in results] == [
+            (False, "Wrong parameter type, expected 'Type.INTEGER' got 'Type.STRING'"),
+            (True, ""),
+            (False, "Invalid access to undeclared parameter(s): ['x']"),
+        ]
+
+    run(main)
+
+
+def test_the_answer_comes_before_the_events_it_caused(world: World) -> None:
+    async def main() -> None:
+        node, other = world.node("n"), world.node("other")
+        node.declare_parameter("a", 1)
+        events, client = other.parameter_events("/n"), other.create_parameter_client("/n")
+        assert await events.wait_for_publishers(5) and await client.wait_for_services(5)
+        await until(lambda: _event_publisher(node).has_subscriptions)
+        written: list[str] = []
+        for writer, name in ((_event_publisher(node)._writer, "event"), (_set_service(node)._writer, "answer")):
+            _note_writes(writer, name, written)
+        _event_publisher(node)._write = _event_publisher(node)._writer.write
+        assert (await client.set({"a": 2}, 5))[0].successful
+        await until(lambda: len(written) == 2)
+        assert written == ["answer", "event"]
+        written.clear()
+        node.set_parameter("a", 3)
+        assert written == ["event"]  # at once, where nobody waits for an answer
+
+    run(main)
+
+
+def _event_publisher(node: Any) -> Any:
+    return next(
+        item for item in node.scope.owned.values() if type(item).__name__ == "ParameterEventPublisher"
+    )._publisher
+
+
+def _set_service(node: Any) -> Any:
+    services = next(item for item in node.scope.owned.values() if type(item).__name__ == "ParameterServices")
+    return next(service for service in services.endpoints if service.name.endswith("/set_parameters"))
+
+
+def _note_writes(writer: Any, name: str, written: list[str]) -> None:
+    write = writer.write
+
+    def noted(data: bytes) -> bool:
+        written.append(name)
+        return bool(write(data))
+
+    writer.write = noted
+
+
+def test_events_say_who_when_and_what(world: World) -> None:
+    async def main() -> None:
+        listener = world.node("listener")
+        seen = listener.create_subscription(EventMessage, "/parameter_events", None, 100)
+        node = world.node("n", "/ns")
+        node.declare_parameter("a", 1)
+        node.declare_parameter("d", 1, ParameterDescriptor(dynamic_typing=True))
+        assert node.set_parameters_atomically({"a": 2, "d": None}).successful
+        messages = [await seen.receive(5) for _ in range(5)]
+        assert {m.node for m in messages} == {"/ns/n"} and messages[0].stamp.sec > 0
+        assert [[p.name for p in m.new_parameters] for m in messages[:4]] == [
+            ["use_sim_time"],
+            ["start_type_description_service"],
+            ["a"],
+            ["d"],
+        ]
+        last = messages[4]
+        assert [(p.name, p.value.integer_value) for p in last.changed_parameters] == [("a", 2)]
+        assert [(p.name, p.value.type) for p in last.deleted_parameters] == [("d", 0)]
+
+    run(main)
+
+
+@dataclass
+class Drive:
+    speed: Annotated[float, Range(0.0, 2.0), "in m/s"] = 1.0
+    name: str = "x"
+
+
+def test_a_remote_client_drives_a_dataclass(world: World) -> None:
+    async def main() -> None:
+        node = world.node("n")
+        drive = node.declare_parameters(Drive)
+        remote = world.node("other").create_parameter_client("/n")
+        assert await remote.wait_for_services(timeout_s=5)
+        assert await remote.get("speed", timeout_s=5) == 1.0
+        assert await remote.set({"speed": 1.5, "name": "y"}, timeout_s=5) == [SetResult(True), SetResult(True)]
+        assert (drive.speed, drive.name) == (1.5, "y")
+        refused = await remote.set_atomically({"name": "z", "speed": 9.0})
+        assert refused == SetResult(False, "Parameter speed out of range Min: 0.0, Max: 2.0, value: 9.0")
+        assert drive.name == "y"
+        drive.speed = 0.5
+        assert await remote.get(["speed", "name"]) == [0.5, "y"]
+        assert await remote.types(["speed", "name"]) == [ParameterType.DOUBLE, ParameterType.STRING]
+        (described,) = await remote.describe(["speed"])
+        assert (described.description, described.floating_point_range) == ("in m/s", FloatRange(0.0, 2.0))
+        assert "speed" in (await remote.list()).names
+        with pytest.raises(ParameterNotDeclared, match="'nope'"):
+            await remote.get("nope")
+        with pytest.raises(ParameterNotDeclared):
+            await remote.types(["nope"])
+
+    run(main)
+
+
+@pytest.mark.parametrize("value", ALL_TYPES[1:])
+def test_every_type_can_be_set_and_read_remotely(world: World, value: object) -> None:
+    async def main() -> None:
+        node = world.node("n")
+        node.declare_parameter("p", None, ParameterDescriptor(dynamic_typing=True))
+        remote = world.node("other").create_parameter_client("n")
+        assert await remote.set({"p": value}, 5) == [SetResult(True)]
+        assert await remote.get("p", 5) == parameter_value(value).value
+
+    run(main)
+
+
+def test_yaml_out_and_in(world: World, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("yaml") / "p.yaml"
+
+    async def main() -> None:
+        node = world.node("n", "/ns")
+        node.declare_parameter("a.b", [1, 2])
+        node.declare_parameter("text", "yes")
+        node.declare_parameter("unset", None, ParameterDescriptor(type=ParameterType.BOOL))
+        remote = world.node("other").create_parameter_client("/ns/n")
+        text = await remote.dump_yaml(timeout_s=5)
+        assert text == (
+            "/ns/n:\n  ros__parameters:\n    use_sim_time: false\n    start_type_description_service: true\n"
+            '    a:\n      b: [1, 2]\n    text: "yes"\n'
+        )
+        await asyncio.to_thread(Path(path).write_text, text.replace("[1, 2]", "[3]"), encoding="utf-8")
+        results = await remote.load_yaml(path, timeout_s=5)
+        assert results["a.b"] == SetResult(True) and node.get_parameter("a.b", list[int]) == [3]
+        assert not results["start_type_description_service"].successful
+
+    run(main)
+
+
+def test_a_stream_of_another_nodes_events(world: World) -> None:
+    async def main() -> None:
+        node, noise, other = world.node("n"), world.node("noise"), world.node("other")
+        remote = other.create_parameter_client("/n")
+        events, everything = remote.events(), other.parameter_events()
+        await events.wait_for_publishers(5)
+        noise.declare_parameter("b", 1)
+        node.declare_parameter("a", 1)
+        got = await take(events)
+        assert (got.node, got.event.new) == ("/n", (Parameter("a", parameter_value(1)),))
+        assert [(await take(everything)).node for _ in range(2)] == ["/noise", "/n"]
+        remote.close()
+        remote.close()
+        with pytest.raises(StopAsyncIteration):
+            await take(events)
+
+    run(main)
+
+
+def test_own_changes_as_a_stream(world: World) -> None:
+    async def main() -> None:
+        node = world.node("n")
+        changes = node.parameter_changes()
+        node.declare_parameter("a", 1)
+        node.set_parameter("a", 2)
+        assert [await take(changes), await take(changes)] == [("a", 1), ("a", 2)]
+        changes.close()
+        node.set_parameter("a", 3)
+        with pytest.raises(StopAsyncIteration):
+            await take(changes)
+
+    run(main)
+
+
+def test_plain_api(world: World) -> None:
+    node = world.node("n", overrides={"given": 5})
+    assert node.declare_parameter("given", 1) == 5
+    assert node.declare_parameter("empty", [], ParameterDescriptor(type=ParameterType.STRING_ARRAY)) == ()
+    assert node.set_parameters({"empty": [], "given": 6}) == [SetResult(True)] * 2
+    assert node.get_parameter("given", int) == 6 and node.get_parameter("empty", list[str]) == []
+    with pytest.raises(WrongParameterType, match="'given' is of type INTEGER, expected DOUBLE"):
+        node.get_parameter("given", float)
+    with pytest.raises(ParameterNotDeclared):
+        node.get_parameter("nope", float)
+    with pytest.raises(InvalidParameterValue, match="Wrong parameter type"):
+        node.set_parameter("given", "text")
+    with pytest.raises(TypeError, match="is no parameter type"):
+        node.get_parameter("given", dict)
+    node.declare_parameter("unset", None, ParameterDescriptor(type=ParameterType.DOUBLE))
+    assert node.get_parameter("unset", float) is None and node.get_parameter("unset", float, 2.5) == 2.5
+    node.undeclare_parameter("unset")
+    assert not node.has_parameter("unset") and node.list_parameters().prefixes == ()
+    assert node.get_parameters(["given", "empty"]) == [6, ()]
+
+
+def test_command_line_and_constructor_overrides(world: World) -> None:
+    node = world.node("n", args="--ros-args -p a:=1 -p b:=2 -p other:c:=3", overrides={"a": 9}, declare_overrides=True)
+    assert {n: node.get_parameter(n) for n in ("a", "b")} == {"a": 9, "b": 2}
+    assert not node.has_parameter("c")
+
+
+def test_a_remote_node_that_is_not_there_is_a_timeout(world: World) -> None:
+    async def main() -> None:
+        remote = world.node("other").create_parameter_client("/gone")
+        assert not await remote.wait_for_services(timeout_s=0.05)
+        with pytest.raises(CallTimeoutError):
+            await remote.get("a", timeout_s=0.05)
+
+    run(main)
+
+
+def test_closing_the_node_takes_everything_along(world: World) -> None:
+    async def main() -> None:
+        node = world.node("n")
+        other = world.node("other")
+        remote = other.create_parameter_client("/n")
+        assert await remote.wait_for_services(5)
+        node.close()
+        await until(lambda: not remote._get.service_is_available())
+        assert "/n" not in other.get_node_names()
+
+    run(main)
+
+
+def test_a_node_that_nobody_holds_goes_at_once(world: World) -> None:
+    node = world.node("n", logger_services=True)
+    node.declare_parameters(Drive)
+    node.set_parameter("use_sim_time", True)
+    node.parameter_changes()
+    node.create_sim_time_publisher()
+    world.nodes.remove(node)
+    gone = weakref.ref(node)
+    gc.disable()
+    try:
+        with pytest.warns(ResourceWarning, match="never closed"):
+            del node
+        assert gone() is None
+    finally:
+        gc.enable()

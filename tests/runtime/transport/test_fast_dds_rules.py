@@ -1,0 +1,459 @@
+"""The rules of `transport/cyclone/fastdds.py`: what is replaced, when, for whom, and what happens when something is
+not as known.
+
+The peers here are our own, told to speak as Fast DDS peers do; real ones are in `tests/interop` and
+`tests/interop_rclpy`. HOOK_ROUNDS=1000 starts, stops and forks a thousand processes.
+"""
+
+from __future__ import annotations
+
+import _thread
+import asyncio
+import ctypes as ct
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from std_msgs.msg import Int32, String
+from std_srvs.srv import SetBool
+from worlds import ROOT
+
+from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
+from rosidl_py_gen.runtime import ForeignServiceError
+from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+from rosidl_py_gen.runtime.transport.cyclone import rtps
+from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from worlds import World
+
+    from rosidl_py_gen.runtime import Node
+
+FAST_GUID = b"\x01\x0f" + bytes(10) + b"\0\0\1\xc1"
+CYCLONE_GUID = b"\x01\x10" + FAST_GUID[2:]
+REQUEST = "std_srvs::srv::dds_::SetBool_Request_"
+READER = -1
+"""Stands for a reader of participants; no real one has that handle."""
+AS_FAST_DDS = """
+import asyncio, os, sys
+import rosidl_py_gen.runtime.endpoints.client as client
+from rosidl_py_gen.runtime import Node
+from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
+
+client.is_foreign = lambda guid: True  # every server is taken for one on Fast DDS
+cyclone._fast_dds.notice(-1)  # and there may be clients
+
+def answer(request):
+    return Types.Response(types=[len(name) for name in request.names])
+"""
+SERVER = f"""{AS_FAST_DDS}
+async def main():
+    async with Node("server") as node:
+        node.create_service(Types, "types", answer)
+        await asyncio.sleep(60)
+
+asyncio.run(main())
+"""
+CALLER = f"""{AS_FAST_DDS}
+async def main():
+    async with Node("caller") as node:
+        types = node.create_client(Types, "types")
+        while True:
+            await asyncio.gather(*(types.call(Types.Request(names=["x"] * count), 20) for count in (1, 10, 20_000)))
+            print("x", flush=True)
+
+asyncio.run(main())
+"""
+SHORT_LIFE = f"""{AS_FAST_DDS}
+from rosidl_py_gen.runtime import Context
+
+async def main():
+    async with Node("mayfly") as node:
+        node.create_service(Types, "own", answer)
+        own = node.create_client(Types, "own")
+        assert list((await own.call(Types.Request(names=["abc"]), 10)).types) == [3]
+
+def child():  # everything in it is new
+    pid = os.fork()
+    if pid == 0:
+        asyncio.run(main())
+        Context.close_all()
+        os._exit(0)
+    assert os.waitpid(pid, 0)[1] == 0
+
+child()
+asyncio.run(main())
+Context.close_all()
+child()
+asyncio.run(main())
+if len(sys.argv) > 1:  # leave without closing anything
+    node = Node("left")
+    node.create_service(Types, "left", answer)
+"""
+
+
+@contextmanager
+def program(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A process of its own, until the end of the block."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", text, *arguments], env=environment, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture
+def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Clients of this test take every server for one on Fast DDS, and received samples are looked into."""
+    monkeypatch.setattr("rosidl_py_gen.runtime.endpoints.client.is_foreign", lambda guid: True)
+    cyclone._fast_dds.notice(READER)
+    yield
+    cyclone._fast_dds.forget(READER)
+
+
+def table_of(type_object: int) -> Any:
+    """The functions for samples of a type."""
+    address = ct.c_void_p.from_address(type_object + 8).value
+    assert address is not None
+    return (ct.c_void_p * 17).from_address(address)
+
+
+def type_object(node: Node, dds_type: str) -> int:
+    """What stands for a type in the node's domain."""
+    participant: Any = node.scope.participant
+    found: int = participant.type_object(dds_type)
+    return found
+
+
+def receiver(node: Node) -> Any:
+    """The function that makes samples of received requests of `SetBool`."""
+    return table_of(type_object(node, REQUEST))[2]
+
+
+def with_service(node: Node) -> Node:
+    """That node, with a service `set_bool` that answers at length when asked for True."""
+    node.create_service(
+        SetBool,
+        "set_bool",
+        lambda request: SetBool.Response(success=request.data, message="m" * 999_999 * request.data),
+    )
+    return node
+
+
+# ---------------------------------------------------------------------------------------------- what is replaced, when
+
+
+def test_functions_of_topics_are_left_alone(dds: World) -> None:
+    node = with_service(dds.node("ours"))
+    node.create_publisher(String, "topic")
+    node.create_publisher(Int32, "number")
+    names = ("std_msgs::msg::dds_::String_", "std_msgs::msg::dds_::Int32_")
+    services = ("std_srvs::srv::dds_::SetBool_Request_", "std_srvs::srv::dds_::SetBool_Response_")
+    addresses = [ct.addressof(table_of(type_object(node, name))) for name in (*names, *services)]
+    assert addresses[0] == addresses[1]
+    assert len(set(addresses)) == 3
+
+
+def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there(dds: World) -> None:
+    node = with_service(dds.node("ours"))
+    participant: Any = node.scope.participant
+    fast_dds = participant.fast_dds
+    participant.report_discovery()
+    plain = receiver(node)
+    for guid, is_looked_into in ((CYCLONE_GUID, False), (FAST_GUID, True)):
+        fast_dds.notice(READER)
+        assert receiver(node) != plain
+        fast_dds.look(READER)
+        fast_dds.settle(READER, [ParticipantFound(guid, b"")])
+        assert (receiver(node) != plain) is is_looked_into
+    fast_dds.settle(READER, [Lost(FAST_GUID)])
+    assert receiver(node) == plain
+
+
+def test_what_is_noticed_while_discovery_is_read_is_not_forgotten(dds: World) -> None:
+    node = with_service(dds.node("ours"))
+    participant: Any = node.scope.participant
+    participant.report_discovery()
+    plain = receiver(node)
+    participant.fast_dds.look(READER)
+    participant.fast_dds.notice(READER)
+    participant.fast_dds.settle(READER, [])
+    assert receiver(node) != plain
+    participant.fast_dds.forget(READER)
+    participant.report_discovery()
+    assert receiver(node) == plain
+
+
+def test_a_new_participant_is_noticed_at_once_whatever_the_loop_does(dds: World) -> None:
+    node = with_service(dds.node("ours"))
+    participant: Any = node.scope.participant
+    participant.report_discovery()
+    plain = receiver(node)
+    with program(SERVER):  # no loop runs here
+        deadline = time.monotonic() + 20
+        while receiver(node) == plain:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+        participant.report_discovery()  # it is on Cyclone
+        assert receiver(node) == plain
+
+
+# ------------------------------------------------------------------------------------------------- the way of Fast DDS
+
+
+async def test_calls_in_the_way_of_fast_dds_inside_one_process(dds: World, as_fast_dds: None) -> None:
+    client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
+    for number in range(20):
+        response = await client.call(SetBool.Request(data=bool(number % 2)), timeout_s=10)
+        assert (response.success, len(response.message)) == (bool(number % 2), 999_999 * (number % 2))
+    assert client._sent == 20
+
+
+@pytest.mark.parametrize("lossiness", [0, 100], ids=["all packets", "one of ten lost"])
+async def test_calls_in_the_way_of_fast_dds_between_processes(
+    dds: World, as_fast_dds: None, lossiness: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    test = f"<Internal><Test><XmitLossiness>{lossiness}</XmitLossiness></Test></Internal>"
+    # A participant whose first announcements are lost is found by the next ones, after 30 s unless told otherwise.
+    discovery = "<Discovery><SPDPInterval>500ms</SPDPInterval></Discovery>"
+    monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain>{discovery}{test}</Domain></CycloneDDS>")
+    with program(SERVER):
+        types = dds.node("ours").create_client(GetParameterTypes, "types")
+        for count in (0, 1, 7, 500, 20_000, 200_000):
+            request = GetParameterTypes.Request(names=["x" * (index % 5) for index in range(count)])
+            response = await types.call(request, timeout_s=25)
+            assert bytes(response.types) == bytes(index % 5 for index in range(count))
+    fast_dds: Any = cyclone._fast_dds
+    assert fast_dds.refusal is None
+
+
+async def test_nothing_is_kept_of_what_was_sent(dds: World, as_fast_dds: None) -> None:
+    with program(SERVER):
+        node = dds.node("ours")
+        types = node.create_client(GetParameterTypes, "types")
+        for _ in range(100):
+            await types.call(GetParameterTypes.Request(names=["x"]), timeout_s=20)
+        assert await types._scope.wait_until(types._writer.all_acknowledged, 10, lambda: False)
+        await types.call(GetParameterTypes.Request(names=["x"]), timeout_s=20)
+        assert len(cyclone._fast_dds.outgoing) < 5
+        node.context.close()
+    assert cyclone._fast_dds.outgoing == {}
+    assert types._by_number == {}
+
+
+async def test_requests_given_up_leave_no_numbers_behind(dds: World, as_fast_dds: None) -> None:
+    node = dds.node("ours")
+    node.create_service(SetBool, "silent")
+    client = node.create_client(SetBool, "silent")
+    for _ in range(5):
+        calls = (client.call(SetBool.Request(), timeout_s=0.05) for _ in range(100))
+        assert all(isinstance(error, TimeoutError) for error in await asyncio.gather(*calls, return_exceptions=True))
+    assert client._sent == 500 and client._by_number == {}
+
+
+async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: None) -> None:
+    server = dds.node("server")
+    server.create_service(
+        GetParameterTypes,
+        "types",
+        lambda request: GetParameterTypes.Response(types=bytes(len(name) for name in request.names)),
+    )
+    is_over = threading.Event()
+
+    def come_and_go(number: int) -> None:
+        node = dds.node(f"busy_{number}")
+        while not is_over.is_set():
+            service = node.create_service(f"std_srvs/srv/{('Empty', 'Trigger', 'SetBool')[number]}", "own")
+            client = node.create_client(GetParameterTypes, "types")
+            publisher = node.create_publisher(f"std_msgs/msg/{('Bool', 'Char', 'Byte')[number]}", "topic")
+            for endpoint in (service, client, publisher):
+                endpoint.close()
+
+    threads = [threading.Thread(target=come_and_go, args=(number,)) for number in range(3)]
+    with program(CALLER) as first, program(CALLER) as second:
+        for thread in threads:
+            thread.start()
+        for _ in range(30):
+            for caller in (first, second):
+                assert caller.stdout is not None
+                assert await asyncio.wait_for(asyncio.to_thread(caller.stdout.readline), 20) == "x\n"
+        is_over.set()
+        for thread in threads:
+            await asyncio.to_thread(thread.join, 20)
+            assert not thread.is_alive()
+
+
+@pytest.mark.timeout(3000)
+def test_processes_start_stop_and_fork() -> None:
+    for number in range(int(os.environ.get("HOOK_ROUNDS", "10"))):
+        with program(SHORT_LIFE, *(["leave"] if number % 2 else [])) as process:
+            assert process.wait(60) == 0
+
+
+def test_a_node_that_is_dropped_in_a_thread_of_the_middleware_is_closed_elsewhere(dds: World) -> None:
+    context = dds.context()
+    nodes = [dds.node("dropped", context=context)]
+    dds.nodes.clear()
+    closed_by: list[str] = []
+    scope = nodes[0].scope
+    remove = scope.discovery.remove_node
+    scope.discovery.remove_node = lambda number: (closed_by.append(threading.current_thread().name), remove(number))[1]  # type: ignore[method-assign]
+    with pytest.warns(ResourceWarning, match="never closed"):
+        _thread.start_new_thread(nodes.clear, ())  # `threading` does not know it, as those of Cyclone
+        deadline = time.monotonic() + 10
+        while not closed_by and time.monotonic() < deadline:
+            time.sleep(0.01)
+    assert closed_by == ["rosidl-py-gen closer"]
+
+
+# --------------------------------------------------------------------------------------------------- what is not known
+
+
+def unknown() -> FastDds:
+    """As with another build of the library."""
+    return FastDds(SimpleNamespace(_name="/somewhere/libddsc.so.12"))  # type: ignore[arg-type]
+
+
+def test_an_unknown_build_is_refused_and_left_alone(dds: World) -> None:
+    node = with_service(dds.node("ours"))
+    place = ct.c_void_p.from_address(type_object(node, REQUEST) + 8)
+    before = place.value
+    fast_dds = unknown()
+    fast_dds.prepare(type_object(node, REQUEST), "std_srvs::srv::dds_::SetBool_Request_")
+    assert place.value == before
+    assert fast_dds.refusal is not None and "libddsc.so.12" in fast_dds.refusal
+    assert fast_dds.listener(node.scope.participant.api) is None  # type: ignore[attr-defined]
+
+
+def test_a_refusal_is_told_once_and_only_where_fast_dds_peers_are() -> None:
+    fast_dds = unknown()
+    fast_dds.settle(READER, [ParticipantFound(CYCLONE_GUID, b"")])
+    assert fast_dds.complaint() is None
+    fast_dds.settle(READER, [ParticipantFound(FAST_GUID, b"")])
+    told = fast_dds.complaint()
+    assert told is not None and told.startswith("services of Fast DDS nodes cannot be used here, topics can: ")
+    assert fast_dds.complaint() is None
+
+
+async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_build(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cyclone._fast_dds, "refusal", "this build is not known")
+    alice, bob = dds.pair()
+    publisher = alice.create_publisher(String, "topic")
+    subscription = bob.create_subscription(String, "topic")
+    assert await publisher.wait_for_subscribers(timeout_s=10)
+    publisher.publish(String(data="through"))
+    assert (await subscription.receive(timeout_s=5)).data == "through"
+    client = bob.create_client(SetBool, "set_bool")
+    for number, (topic, kind) in enumerate((("rq/set_boolRequest", "Request"), ("rr/set_boolReply", "Response")), 1):
+        last = b"\x03" if kind == "Response" else b"\x04"
+        guid, type_name = FAST_GUID[:12] + bytes((0, 0, number)) + last, f"std_srvs::srv::dds_::SetBool_{kind}_"
+        bob.scope.graph.apply(
+            EndpointFound(guid, FAST_GUID, kind == "Response", topic, type_name, SERVICES_DEFAULT, b"")
+        )
+    with pytest.raises(ForeignServiceError, match=r"Topics work with it.*this build is not known"):
+        await client.call(SetBool.Request(), timeout_s=10)
+
+
+class Packet:
+    """A packet as Cyclone has it while making it, in memory of ours."""
+
+    def __init__(self, submessage: bytes, *, source: int = rtps.INFO_SRC) -> None:
+        self.data = ct.create_string_buffer(
+            bytes((source,)).ljust(24, b"\0") + bytes((rtps.INFO_DST,)).ljust(16, b"\0") + submessage
+        )
+        self.words = (ct.c_uint64 * 20)()
+        self.words[1] = self.words[2] = len(submessage)  # room, and how much is in it
+        self.words[19] = ct.addressof(self.data)
+        self.iov = ct.addressof(self.words) + 40
+
+
+WRITER = b"\0\0\x14\x03"
+WRITTEN = bytes(8) + b"\0\0\0\0" + WRITER + bytes(8)
+
+
+@pytest.mark.parametrize(
+    ("packet", "is_known"),
+    [
+        (Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:]), True),
+        (Packet(bytes((rtps.DATA_FRAG, 1)) + WRITTEN[2:] + bytes(12)), True),
+        (Packet(bytes(12) + bytes((0x17, 1)) + WRITTEN[2:]), False),
+        (Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:12] + b"\0\0\x15\x03" + bytes(8)), False),
+        (Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:], source=0), False),
+    ],
+    ids=["DATA", "DATA_FRAG", "another submessage", "of another writer", "another head"],
+)
+def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: Packet, is_known: bool) -> None:
+    fast_dds = FastDds(cyclone._library)
+    before = packet.data.raw
+    assert fast_dds.announce_parameters(packet.iov, WRITER) is is_known
+    changed = [index for index, (old, new) in enumerate(zip(before, packet.data.raw, strict=True)) if old != new]
+    assert len(changed) == is_known
+    assert (fast_dds.refusal is None) is is_known
+
+
+@pytest.mark.parametrize(("word", "value"), [(1, 1), (3, 1), (4, 1)], ids=["room", "other parameters", "has a message"])
+def test_what_is_no_packet_being_made_is_left_alone_without_distrust(word: int, value: int) -> None:
+    fast_dds = FastDds(cyclone._library)
+    packet = Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:])
+    packet.words[word] = value
+    before = packet.data.raw
+    assert not fast_dds.announce_parameters(packet.iov, WRITER)
+    assert packet.data.raw == before and fast_dds.refusal is None
+
+
+async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None) -> None:
+    client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
+    fast_dds: Any = cyclone._fast_dds
+    await client.call(SetBool.Request(), timeout_s=10)
+    samples = next(one for one in fast_dds._tables.values() if one.sends)
+    plain, inside = samples._plain_to_ser_ref, []
+
+    def interrupted(*arguments: int) -> Any:
+        signal.raise_signal(signal.SIGINT)
+        inside.append(arguments)
+        return plain(*arguments)
+
+    with program(SERVER):
+        types = dds.node("other").create_client(GetParameterTypes, "types")
+        assert await types.wait_for_service(timeout_s=20)
+        for one in fast_dds._tables.values():
+            one._plain_to_ser_ref = interrupted
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                types.ask(GetParameterTypes.Request(names=["x"]), list, list)
+        finally:
+            signal.signal(signal.SIGINT, before)
+            for one in fast_dds._tables.values():
+                one._plain_to_ser_ref = plain
+        assert inside
+        assert (await types.call(GetParameterTypes.Request(names=["abc"]), timeout_s=10)).types.tolist() == [3]
+
+
+async def test_after_something_that_is_not_as_known_calls_are_refused_instead_of_lost(
+    dds: World, as_fast_dds: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client = with_service(dds.node("ours")).create_client(SetBool, "set_bool")
+    await client.call(SetBool.Request(), timeout_s=10)
+    monkeypatch.setattr(cyclone._fast_dds, "refusal", None)  # restored at the end
+    cyclone._fast_dds.distrust("a test")
+    with pytest.raises(ForeignServiceError, match="does not behave as known: a test"):
+        await client.call(SetBool.Request(), timeout_s=10)

@@ -1,0 +1,99 @@
+"""Endpoints announce no type information, so that peers of every kind compare names; the peers here do announce it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from std_msgs.msg import String
+from worlds import ROOT
+
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
+
+if TYPE_CHECKING:
+    from worlds import World
+
+
+EARLIER_VERSION = """
+import asyncio, sys
+from rosidl_py_gen.runtime import Node
+from rosidl_py_gen.runtime.transport.cyclone import topics as cyclone_topics
+
+cyclone_topics.TypeObjects._silence = lambda self, sertype: None  # as it was up to 0.1.0
+
+async def main():
+    async with Node("peer") as node:
+        publisher = node.create_publisher("std_msgs/msg/String", "answers")
+        async for message in node.create_subscription("std_msgs/msg/String", "questions"):
+            publisher.publish(message)
+
+asyncio.run(main())
+"""
+TRUE_TYPE = """
+import os, time
+from dataclasses import dataclass
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+
+@dataclass
+class String(IdlStruct, typename="std_msgs::msg::dds_::String_"):
+    data: str
+
+number = int(os.environ["ROS_DOMAIN_ID"])
+domain = Domain(number, '''<General><Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
+    <AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>
+    <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address="localhost"/></Peers></Discovery>''')
+participant = DomainParticipant(number)
+qos = Qos(Policy.Reliability.Reliable(0), Policy.DataRepresentation(use_cdrv0_representation=True))
+reader = DataReader(participant, Topic(participant, "rt/questions", String), qos=qos)
+writer = DataWriter(participant, Topic(participant, "rt/answers", String), qos=qos)
+while True:
+    for message in reader.take(10):
+        writer.write(message)
+    time.sleep(0.01)
+"""
+
+
+@pytest.mark.parametrize("program", [EARLIER_VERSION, TRUE_TYPE], ids=["earlier version", "true type"])
+async def test_peers_that_announce_type_information_match_by_name(dds: World, program: str) -> None:
+    process = subprocess.Popen([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(ROOT)})
+    try:
+        node = dds.node("ours")
+        questions = node.create_publisher(String, "questions")
+        answers = node.create_subscription(String, "answers")
+        assert await questions.wait_for_subscribers(timeout_s=10)
+        assert await answers.wait_for_publishers(timeout_s=10)
+        questions.publish(String(data="across"))
+        assert (await answers.receive(timeout_s=5)).data == "across"
+    finally:
+        process.kill()
+        process.wait()
+
+
+async def test_topics_of_one_type_share_it_and_come_and_go(dds: World) -> None:
+    node = dds.node("ours")
+    publishers = [node.create_publisher(String, f"topic_{number}") for number in range(200)]
+    for publisher in publishers:
+        publisher.close()
+    publisher = node.create_publisher(String, "last")
+    subscription = node.create_subscription(String, "last")
+    publisher.publish(String(data="still here"))
+    assert (await subscription.receive(timeout_s=5)).data == "still here"
+
+
+async def test_the_end_of_a_sample_is_zeros_not_memory(world: World) -> None:
+    participant, names = world.context().participant, ("rt/odd", "pkg::msg::dds_::Odd_")
+    reader = participant.create_reader(*names, DEFAULT, b"")
+    writer = participant.create_writer(*names, DEFAULT, b"")
+    for length in range(5, 9):
+        writer.write(b"\0\1\0\0" + b"\7" * (length - 4))
+    assert [sample[0] for sample in reader.queue.items] == [
+        b"\0\1\0\0" + (b"\7" * (length - 4)).ljust(4, b"\0") for length in range(5, 9)
+    ]

@@ -1,0 +1,167 @@
+"""Worlds for tests with nodes: every test that uses `world` runs on the memory transport and again on real DDS.
+
+Real DDS stays on this machine: a fixture sets the environment so, and refuses to join a domain that is not loopback
+only or not one of ours. Async test functions run on an event loop of their own. A conftest takes from here what its
+tests need.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import itertools
+import os
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from rosidl_py_gen.generate import generate
+from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.spec.find import search_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine, Iterator
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ["std_msgs", "std_srvs", "example_interfaces", "geometry_msgs", "sensor_msgs"]
+GENERATED = tempfile.TemporaryDirectory(prefix="runtime-tests-")
+generate(search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
+sys.path.insert(0, GENERATED.name)
+
+FIRST_DOMAIN = 60
+
+
+def domain_id() -> int:
+    """A domain of this test process alone, so that parallel runs do not see each other."""
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
+    return FIRST_DOMAIN + (os.getpid() * 7 + int(worker)) % 120
+
+
+def second_domain_id() -> int:
+    """Another domain of this test process, none that `domain_id` gives."""
+    return FIRST_DOMAIN + 120 + domain_id() % 50
+
+
+@pytest.fixture(autouse=True)
+def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Force discovery onto localhost, and fail whoever joins DDS any other way."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id()))
+    for name in ("CYCLONEDDS_URI", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(sys, "argv", ["test"])
+    from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+
+    original = cyclone.CycloneTransport.open
+
+    def guarded(
+        self: cyclone.CycloneTransport, number: int, user_data: bytes, *, cyclone_xml: str
+    ) -> cyclone.CycloneParticipant:
+        assert 'address="127.0.0.1"' in cyclone_xml, f"not bound to loopback: {cyclone_xml}"
+        assert cyclone_xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {cyclone_xml}"
+        assert number in (domain_id(), second_domain_id()), f"domain {number} is not this test run's"
+        return original(self, number, user_data, cyclone_xml=cyclone_xml)
+
+    monkeypatch.setattr(cyclone.CycloneTransport, "open", guarded)
+    yield
+    Context.close_default()
+
+
+class World:
+    """Contexts and nodes that see each other, all closed at the end of the test."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+        self.transport = MemoryTransport() if kind == "memory" else None
+        self.contexts: list[Context] = []
+        self.nodes: list[Node] = []  # a node that nobody holds closes itself
+        self._numbers = itertools.count()
+
+    def context(self, *args: str) -> Context:
+        """A context of this world; `args` is a command line without program name, in words or as a whole."""
+        context = Context(transport=self.transport, args=["test", *" ".join(args).split()])
+        self.contexts.append(context)
+        return context
+
+    def node(
+        self,
+        name: str = "",
+        namespace: str = "",
+        *,
+        context: Context | None = None,
+        args: str = "",
+        **options: Any,
+    ) -> Node:
+        """A node, in a context of its own unless one is given."""
+        name = name or f"node{next(self._numbers)}"
+        node = Node(name, namespace, context=context or self.context(args), **options)
+        self.nodes.append(node)
+        return node
+
+    def pair(self) -> tuple[Node, Node]:
+        """Two nodes in two contexts."""
+        return self.node("alice"), self.node("bob")
+
+    def close(self) -> None:
+        """Close all contexts; none of their threads may survive."""
+        for context in self.contexts:
+            context.close()
+        names = [thread.name for thread in threading.enumerate() if thread.name.startswith("rosidl-py-gen")]
+        assert names == []
+
+
+@pytest.fixture(params=["memory", "dds"])
+def world(request: pytest.FixtureRequest) -> Iterator[World]:
+    """See `World`."""
+    made = World(request.param)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def memory() -> Iterator[World]:
+    """A world on the memory transport only."""
+    made = World("memory")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def dds() -> Iterator[World]:
+    """A world on DDS only."""
+    made = World("dds")
+    yield made
+    made.close()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Run async tests; 30 seconds are more than any of them needs."""
+    if not inspect.iscoroutinefunction(pyfuncitem.obj):
+        return None
+    arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+    asyncio.run(asyncio.wait_for(pyfuncitem.obj(**arguments), 30 if "soak" not in pyfuncitem.name else None))
+    return True
+
+
+def run(main: Callable[[], Coroutine[Any, Any, None]], timeout_s: float = 20) -> None:
+    """Run an async test."""
+    asyncio.run(asyncio.wait_for(main(), timeout_s))
+
+
+async def until(condition: Callable[[], bool], timeout_s: float = 5) -> None:
+    """Let the loop run until `condition` holds."""
+    deadline = asyncio.get_running_loop().time() + timeout_s
+    while not condition():
+        assert asyncio.get_running_loop().time() < deadline, "never happened"
+        await asyncio.sleep(0.001)
+
+
+async def take(stream: Any) -> Any:
+    """The next item."""
+    return await asyncio.wait_for(stream.__anext__(), 5)
