@@ -38,8 +38,7 @@ if TYPE_CHECKING:
         UnknownGoalError,
     )
     from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
-    from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, ForeignServiceError
-    from rosidl_py_gen.runtime.endpoints.introspection import IntrospectionState
+    from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, ForeignServiceError, IntrospectionState
     from rosidl_py_gen.runtime.endpoints.publisher import Publisher
     from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest, ServiceServer
     from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError, MessageInfo, Subscription
@@ -135,7 +134,6 @@ _HOMES = {
     "node.environment": ("EnvironmentSettingError",),
     "actions.states": ("ActionError", "GoalDecision", "GoalStatus", "GoalTransitionError", "UnknownGoalError"),
     "graph.state": ("EndpointType", "NodeInfo", "TopicEndpointInfo"),
-    "endpoints.introspection": ("IntrospectionState",),
     "lifecycle.node": ("LifecycleNode",),
     "lifecycle.states": ("Outcome", "State", "TransitionError"),
     "logs.file": ("LogFileError",),
@@ -190,7 +188,7 @@ _HOMES = {
         "check_compatible",
     ),
     "names.remap": ("InvalidRemapRuleError",),
-    "endpoints.header": ("CallTimeoutError", "ForeignServiceError"),
+    "endpoints.header": ("CallTimeoutError", "ForeignServiceError", "IntrospectionState"),
     "runner": ("run", "spin"),
     "time.deadline": ("WaitTimeoutError",),
     "endpoints.server": ("AlreadyRespondedError", "ServiceRequest", "ServiceServer"),

@@ -120,7 +120,7 @@ class ActionClient(Generic[ActionT_co]):
 
     def _missing(self) -> list[str]:
         """The names of what no server is connected at."""
-        services = (self._send, self._cancel, self._result)
+        services = (self._send, self._cancel, self._result.client)
         missing = [client.name for client in services if not client.service_is_available()]
         return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
 

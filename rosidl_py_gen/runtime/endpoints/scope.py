@@ -67,6 +67,8 @@ class Scope:
         self.closed = False
         self.owned: dict[int, Closable] = {}
         """Everything of this node that has to be closed with it, oldest first; emptied by `Node.close`."""
+        self.request_window = context.request_windows.of
+        """All clients of a service in one context share its window."""
         self._entity_numbers = context.entity_numbers
         self._tasks: set[asyncio.Task[Any]] = set()
 

@@ -49,6 +49,12 @@ def settle(future: asyncio.Future[T], result: T) -> None:
         future.set_result(result)
 
 
+def settle_error(future: asyncio.Future[Any], error: BaseException) -> None:
+    """`settle` with an error."""
+    if not future.done() and not future.get_loop().is_closed():
+        future.set_exception(error)
+
+
 def is_own_cancel() -> bool:
     """Whether the CancelledError at hand is meant for the current task, and not the outcome of something awaited.
 

@@ -15,6 +15,7 @@ import weakref
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.endpoints.window import RequestWindows
 from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import ContextLogs
@@ -119,6 +120,7 @@ class Context:
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
         self.entity_numbers = itertools.count(1)
+        self.request_windows = RequestWindows()
         self._closed = False
         self._closed_words = "this context is closed"
         self._had_loop = threading.Event()

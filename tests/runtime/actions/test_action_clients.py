@@ -93,7 +93,7 @@ async def test_a_second_server_changes_nothing_while_the_first_lives(world: Worl
     _, client = await pair(world, execute)
     handle = await client.send_goal(goal())
     second = world.node("second").create_action_server(Fibonacci, "fib", fibonacci)
-    await until(lambda: len(client._result._present()) == 2)
+    await until(lambda: len(client._result.client.servers()) == 2)
     await asyncio.sleep(1.2)  # the client looks at its servers twice a second
     assert not handle.is_done
     second.close()
@@ -115,7 +115,7 @@ async def test_unknown_from_another_server_is_not_the_answer(world: World) -> No
         return Fibonacci.GetResult.Response()
 
     stranger = world.node().create_service(Fibonacci.GetResult, "fib/_action/get_result", answer)
-    await until(lambda: len(client._result._reader.matched_writers()) == 2)
+    await until(lambda: len(client._result.client.servers()) == 2)
     handle = await client.send_goal(goal(), timeout_s=5)
     status, got = await handle.result(timeout_s=5)
     assert (status, list(got.sequence), len(asked)) == (S.SUCCEEDED, [5], 1)
@@ -126,7 +126,7 @@ async def test_a_server_that_stayed_is_asked_when_the_one_that_accepted_is_gone(
     server, client = await pair(world, until_canceled)
     handle = await client.send_goal(goal())
     world.node("second").create_action_server(Fibonacci, "fib", fibonacci)
-    await until(lambda: len(client._result._present()) == 2)
+    await until(lambda: len(client._result.client.servers()) == 2)
     server.close()
     with pytest.raises(UnknownGoalError, match="does not know goal"):
         await handle.result(timeout_s=10)
@@ -301,11 +301,13 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
             await until(lambda: len(server._goals.book) == 0)
 
         await some(20)
-        things = (server, server._goals, server._goals.book, server._runner, client, client._result, *scopes)
+        results = client._result
+        things = (server, server._goals, server._goals.book, server._runner, client, results, results.client, *scopes)
         before = [sizes(thing) for thing in things]
         await some(1000 if world.transport is not None else 100)
         assert [sizes(thing) for thing in things] == before
-        assert before[1]["active"] == before[2]["_goals"] == before[4]["_goals"] == before[5]["_pending"] == 0
+        assert before[1]["active"] == before[2]["_goals"] == before[4]["_goals"] == 0
+        assert before[5]["_wanted"] == before[6]["_pending"] == 0
 
     run(main, 60)
 
@@ -367,23 +369,23 @@ async def test_the_result_of_an_unfinished_goal_is_asked_for_without_a_task(worl
     _, client = await pair(world, until_canceled)
     before = len(client._scope._tasks)
     handles = [await client.send_goal(goal()) for _ in range(20)]
-    assert len(client._scope._tasks) == before and len(client._result._pending) == 20
+    assert len(client._scope._tasks) == before and client._result.pending_count == 20
     await client.cancel_all(timeout_s=5)
     assert {(await handle.result(timeout_s=5))[0] for handle in handles} == {S.CANCELED}
-    assert client._result._pending == {}
+    assert client._result.pending_count == client._result.client.pending_count == 0
 
 
 async def test_servers_that_keep_few_requests_get_the_questions_in_turn(world: World) -> None:
     """rclpy's services keep ten requests and overwrite older ones."""
 
     _, client = await pair(world, until_canceled)
-    questions = client._result
-    questions._is_available()
-    questions._burst = 3
+    questions = client._result.client
+    questions.servers()
+    questions._kept = 3
     handles = []
     for _ in range(10):
         handles.append(await client.send_goal(goal()))
-    await until(lambda: not questions._unsent)
+    await until(lambda: not questions._window._waiting)
     await client.cancel_all(timeout_s=5)
     assert {(await handle.result(timeout_s=5))[0] for handle in handles} == {S.CANCELED}
 

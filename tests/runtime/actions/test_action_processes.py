@@ -95,7 +95,7 @@ def test_a_server_that_is_killed_is_noticed(peer: subprocess.Popen[bytes]) -> No
             # The lease of a participant that says nothing any more is 10 s.
             with pytest.raises(ActionServerLostError):
                 await handle.result(timeout_s=40)
-            assert client._goals == {} and client._result._pending == {}
+            assert client._goals == {} and client._result.pending_count == 0
             node.close()
 
     run(main, 60)

@@ -568,7 +568,7 @@ async def test_a_server_that_goes_away_is_noticed(world: World) -> None:
     with pytest.raises(ActionServerLostError):
         async for _ in handle.feedback():
             pass
-    assert client._goals == {} and client._result._pending == {}
+    assert client._goals == {} and client._result.pending_count == 0
 
 
 async def test_a_server_that_comes_back_does_not_know_the_goal(world: World) -> None:
