@@ -35,6 +35,7 @@ from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
+from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
@@ -82,8 +83,7 @@ class ActionClient(Generic[ActionT_co]):
         self._type = action_type
         self._run = run
         self._closed = False
-        self._available = False
-        self._checked_version = -1
+        self._matching: Matching[None] = Matching(scope, lambda _: not self._missing())
         self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
         # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
         # know who wants the feedback. Feedback is kept until it is sorted: the queue is shared by all goals, each has
@@ -112,11 +112,7 @@ class ActionClient(Generic[ActionT_co]):
         return self._is_available()
 
     def _is_available(self) -> bool:
-        version = self._scope.graph.version
-        if not self._available or version != self._checked_version:
-            self._available = not self._missing()
-            self._checked_version = version
-        return self._available
+        return self._matching.is_complete(None)
 
     def _missing(self) -> list[str]:
         """The names of what no server is connected at."""
