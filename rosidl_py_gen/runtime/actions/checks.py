@@ -7,11 +7,14 @@ because on the wire they select every goal (protocol.md 8.4).
 from __future__ import annotations
 
 from numbers import Integral
-from typing import Any
+from typing import Any, Literal, get_args
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.time.values import Time
+
+Policy = Literal["parallel", "reject", "preempt", "queue"]
+"""Of an action server, about goals that come while another one runs."""
 
 _ID_BYTES = 16
 _ALL = "all zeros select every goal; use cancel_all() for that"
@@ -53,17 +56,16 @@ def require_stamp(stamp: Any) -> Time:
     return moment
 
 
-_POLICIES = ("parallel", "reject", "preempt", "queue")
-
-
 def require_server_options(action: str, execute: object, accept: object, on_cancel: object, policy: object) -> None:
     """Raise `TypeError` or `ValueError` for what an action server cannot be made of, before anything is."""
-    for callback, name in ((execute, "execute"), (accept, "accept"), (on_cancel, "on_cancel")):
+    for callback, name in ((execute, "execute"), (accept, "accept")):
         require_callable(callback, f"{name} of action {action}")
+    if not (isinstance(on_cancel, bool) or callable(on_cancel)):
+        raise TypeError(f"on_cancel of action {action} must be True, False or a function, got {on_cancel!r:.100}")
     if accept is not None and execute is None:
         raise TypeError(
             f"accept of action {action} needs execute too, else nobody serves the goals it accepts; without execute, "
             "iterate over the server and answer each request: async for request in server"
         )
-    if policy not in _POLICIES:
-        raise ValueError(f"policy must be one of {', '.join(_POLICIES)}, got {policy!r}")
+    if policy not in get_args(Policy):
+        raise ValueError(f"policy must be one of {', '.join(get_args(Policy))}, got {policy!r}")

@@ -20,6 +20,7 @@ from rosidl_py_gen.runtime.time.deadline import Deadline
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
+    from rosidl_py_gen.runtime.endpoints.window import RequestWindows
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import Participant
@@ -64,6 +65,7 @@ class Scope:
         bridge: Bridge,
         discovery: Discovery,
         entity_numbers: Iterator[int],
+        request_windows: RequestWindows,
         number: int,
         fully_qualified_name: str,
     ) -> None:
@@ -80,6 +82,8 @@ class Scope:
         """Everything of this node that has to be closed with it, oldest first; emptied by `close`."""
         self.has_callbacks = False
         """Whether there ever was an endpoint with a function of the user."""
+        self.request_window = request_windows.of
+        """All clients of a service in one context share its window."""
         self._entity_numbers = entity_numbers
         self._tasks: set[asyncio.Task[Any]] = set()
 

@@ -180,6 +180,11 @@ class Subscription(Generic[T]):
 
     # ---------------------------------------------------------------------------------------------------- callbacks
 
+    def deliver(self) -> None:
+        """Call back for what DDS has received already, without waiting for the loop to come round to it."""
+        self._reader.fetch()
+        self._on_data()
+
     def _on_data(self) -> None:
         """The sink of the reader; runs on the loop."""
         if self._callback is None:

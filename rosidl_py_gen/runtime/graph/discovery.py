@@ -9,11 +9,9 @@ from __future__ import annotations
 import itertools
 import logging
 import threading
-import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DecodeError
-from rosidl_py_gen.runtime.endpoints.window import RequestLine
 from rosidl_py_gen.runtime.graph import message as graph_message
 from rosidl_py_gen.runtime.graph.state import Graph, NodeEntities
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
@@ -60,7 +58,6 @@ class Discovery:
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
         self._warned: set[tuple[bytes, bytes]] = set()
         self._mismatches: list[tuple[Endpoint, Endpoint, str]] = []
-        self._lines: weakref.WeakValueDictionary[str, RequestLine] = weakref.WeakValueDictionary()
         user_data = endpoint_user_data(_TYPE_HASH)
         self._writer = participant.create_writer(DISCOVERY_TOPIC, DISCOVERY_TYPE, _WRITER_QOS, user_data)
         self._reader = participant.create_reader(
@@ -171,10 +168,6 @@ class Discovery:
         self.changes.wake()
         if self._mismatches:
             self._warn_mismatches(final=False)
-
-    def request_line(self, request_topic: str) -> RequestLine:
-        """The one line in which the requests of all our clients of a service stand."""
-        return self._lines.setdefault(request_topic, RequestLine())
 
     # ------------------------------------------------------------------------------------------------ mismatches
 

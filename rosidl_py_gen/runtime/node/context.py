@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.endpoints.scope import Scope
+from rosidl_py_gen.runtime.endpoints.window import RequestWindows
 from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
@@ -120,6 +121,7 @@ class Context:
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
         self.entity_numbers = itertools.count(1)
+        self.request_windows = RequestWindows()
         self._closed = False
         self._closed_reason = "this context is closed"
         self._had_loop = threading.Event()
@@ -152,7 +154,13 @@ class Context:
         self.require_open()
         number = self.discovery.add_node(names.name, names.namespace)
         return Scope(
-            self.participant, self.bridge, self.discovery, self.entity_numbers, number, names.fully_qualified_name
+            self.participant,
+            self.bridge,
+            self.discovery,
+            self.entity_numbers,
+            self.request_windows,
+            number,
+            names.fully_qualified_name,
         )
 
     def adopt(self, node: OpenNode) -> None:

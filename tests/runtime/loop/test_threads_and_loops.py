@@ -273,8 +273,8 @@ async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     calls = [client.call(AddTwoInts.Request(a=number), timeout_s=10) for number in range(50) for client in clients]
     answers = await asyncio.gather(*calls)
     assert [answer.sum for answer in answers] == [number for number in range(50) for _ in clients]
-    assert clients[0]._line is clients[2]._line
-    assert not clients[0]._line._line
+    assert clients[0]._window is clients[2]._window
+    assert not clients[0]._window._waiting and clients[0]._window._unanswered == 0
 
 
 def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(world: World) -> None:
