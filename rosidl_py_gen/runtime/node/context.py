@@ -1,7 +1,8 @@
 """A context: one DDS participant, its graph, and the event loop its nodes live on.
 
 Decides how arguments, environment and defaults become a participant. Nodes share the default context unless they are
-given another one; it is opened by the first node and closed with the last.
+given another one; it is opened by the first node and closed with the last. Decides what becomes of contexts when the
+process ends or is forked, too.
 """
 
 from __future__ import annotations
