@@ -225,15 +225,17 @@ class CycloneParticipant:
 
     def collect(self) -> list[Sink]:
         """See `transport.Participant`."""
-        named = self._pipe.read()
+        named, readers = self._pipe.read(), self._readers
+        if named is None:
+            named = (*self.discovery.entities, *readers)
         sinks: list[Sink] = []
-        for entity in (*self.discovery.entities, *self._readers) if named is None else named:
-            reader = self._readers.get(entity)
-            if reader is None:
-                if entity in self.discovery.entities and self.discovery.report not in sinks:
-                    sinks.append(self.discovery.report)
-            elif (reader.fetch() or reader.queue.items) and reader.sink is not None:
-                sinks.append(reader.sink)
+        for entity in named:
+            reader = readers.get(entity)
+            if reader is not None:
+                if (reader.fetch() or reader.queue.items) and reader.sink is not None:
+                    sinks.append(reader.sink)
+            elif entity in self.discovery.entities and self.discovery.report not in sinks:
+                sinks.append(self.discovery.report)
         return sinks
 
     def abandon(self) -> None:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ctypes as ct
 import os
+import struct
 import sys
 import threading
 from typing import TYPE_CHECKING
@@ -28,7 +29,7 @@ _LOOPS_CAN_WATCH = os.name == "posix"
 _SMALLEST_BYTES = 512
 """No system's pipe is smaller (PIPE_BUF of POSIX), so that less than this was not a full one."""
 _READ_BYTES = 1 << 16
-_HANDLE_BYTES = ct.sizeof(ct.c_int)
+_one = struct.Struct("i")
 
 # The C library that Python itself uses. On Windows the functions of POSIX have an underscore.
 _libc = ct.CDLL("ucrtbase" if sys.platform == "win32" else None)
@@ -89,11 +90,13 @@ class ArrivalPipe:
                 data = os.read(self._read_end, _READ_BYTES)
             except BlockingIOError:
                 return ()
+            if len(data) == _one.size:  # by far the most frequent case
+                return _one.unpack(data)
             # `ferror` takes the lock that `putw` holds, and so knows of every write that found the pipe full.
             if len(data) >= _SMALLEST_BYTES and _ferror(self.stream):
                 _clearerr(self.stream)
                 return None
-        return _handles(data)
+        return _different(data)
 
     def read_in_thread(self, notify: Callable[[], None] | None) -> None:
         """Let a thread read from now on, and call `notify` there whenever `read` has something."""
@@ -108,7 +111,7 @@ class ArrivalPipe:
 
     def _run(self) -> None:
         while data := os.read(self._read_end, _READ_BYTES):
-            self._named.update(dict.fromkeys(_handles(data)))
+            self._named.update(_different(data))
             notify = self._notify
             if notify is not None:
                 notify()
@@ -123,7 +126,5 @@ class ArrivalPipe:
         os.close(self._read_end)
 
 
-def _handles(data: bytes) -> Iterable[int]:
-    if len(data) == _HANDLE_BYTES:  # by far the most frequent case
-        return (int.from_bytes(data, sys.byteorder),)
+def _different(data: bytes) -> dict[int, None]:
     return dict.fromkeys(memoryview(data).cast("i"))
