@@ -57,6 +57,7 @@ class ActionServer(Generic[ActionT_co]):
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
+        self.action_class = action_type.cls
         self._scope = scope
         self._type = action_type
         self._policy = policy

@@ -33,7 +33,7 @@ from rosidl_py_gen.runtime.loop.callbacks import current_loop, settle, settle_er
 from rosidl_py_gen.runtime.loop.outbox import Outbox
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, entity_gid, reply_name, request_name, type_name
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.runtime.transport.policies import History
+from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
-from rosidl_py_gen.runtime.transport.qos import History, resolve_best_available
+from rosidl_py_gen.runtime.transport.matching import resolve_best_available
+from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,7 +60,7 @@ class Publisher(Generic[T]):
             EncodeError: the message does not fit its type. TypeError: it is of another type.
             ClosedError: the publisher or its node is closed, also while waiting; the message was not sent then.
         """
-        if self._closed:
+        if self._closed or self._scope.closed:
             self._scope.require_open(True, f"the publisher on {self.topic}")
         loop = self._bridge.attached
         if loop is None or loop.is_closed():  # the node was made before its loop

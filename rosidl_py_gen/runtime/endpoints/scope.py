@@ -18,9 +18,12 @@ from rosidl_py_gen.runtime.names.dds import entity_id
 from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable, Coroutine, Iterator
 
-    from rosidl_py_gen.runtime.node.context import Context
+    from rosidl_py_gen.runtime.endpoints.window import RequestWindows
+    from rosidl_py_gen.runtime.graph.discovery import Discovery
+    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.transport.interface import Participant
 
 T = TypeVar("T")
 
@@ -56,31 +59,44 @@ class Throttle:
 class Scope:
     """One node's share of a context."""
 
-    def __init__(self, context: Context, number: int, fully_qualified_name: str) -> None:
-        self.participant = context.participant
-        self.bridge = context.bridge
-        self.discovery = context.discovery
-        self.graph = context.discovery.graph
+    def __init__(
+        self,
+        participant: Participant,
+        bridge: Bridge,
+        discovery: Discovery,
+        request_windows: RequestWindows,
+        entity_numbers: Iterator[int],
+        number: int,
+        fully_qualified_name: str,
+    ) -> None:
+        """`entity_numbers` counts clients and services of the participant, `number` is the node's in `discovery`."""
+        self.participant = participant
+        self.bridge = bridge
+        self.discovery = discovery
+        self.graph = discovery.graph
         self.number = number
         self.node_name = fully_qualified_name
         self.logger = node_logger(fully_qualified_name)
         self.closed = False
         self.owned: dict[int, Closable] = {}
-        """Everything of this node that has to be closed with it, oldest first; emptied by `Node.close`."""
-        self.request_window = context.request_windows.of
+        """Everything of this node that has to be closed with it, oldest first; emptied by `close`."""
+        self.has_callbacks = False
+        """Whether there ever was an endpoint with a function of the user."""
+        self.request_window = request_windows.of
         """All clients of a service in one context share its window."""
-        self._entity_numbers = context.entity_numbers
+        self._entity_numbers = entity_numbers
         self._tasks: set[asyncio.Task[Any]] = set()
 
     # ---------------------------------------------------------------------------------------------------- entities
 
-    def own(self, endpoint: Closable) -> None:
+    def own(self, endpoint: Closable, *, has_callback: bool = False) -> None:
         """Close `endpoint` with the node; it lives until then, or until it closes itself and calls `disown`.
 
         Raises:
             ClosedError: the node was closed meanwhile, by another thread; then the endpoint is closed, too.
         """
         self.owned[id(endpoint)] = endpoint
+        self.has_callbacks = self.has_callbacks or has_callback
         if self.closed:
             self.owned.pop(id(endpoint), None)
             endpoint.close()
@@ -108,6 +124,22 @@ class Scope:
         if closed or self.closed:
             named = f"node {self.node_name}" if what == "the node" else f"{what} of node {self.node_name}"
             raise ClosedError(f"{named} is closed")
+
+    def close(self) -> None:
+        """Close everything that is owned, newest first, and withdraw the node."""
+        self.cancel_tasks()
+        # One graph message at the end, not one per endpoint; what another thread is making just now closes itself.
+        self.closed = True
+        for endpoint in reversed(list(self.owned.values())):
+            endpoint.close()
+        self.owned.clear()
+        self.discovery.remove_node(self.number)
+
+    def abandon(self, reason: str) -> None:
+        """In a forked child: look closed, and touch nothing of the transport; errors give the reason."""
+        self.closed = True
+        self.node_name += f" ({reason})"
+        self.owned.clear()
 
     # ----------------------------------------------------------------------------------------------------- waiting
 

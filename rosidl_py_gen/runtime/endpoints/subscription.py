@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.loop.user_function import UserFunction, ignore
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
-from rosidl_py_gen.runtime.transport.qos import resolve_best_available
+from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable

@@ -26,7 +26,8 @@ from rosidl_py_gen.runtime.names.dds import (
 )
 from rosidl_py_gen.runtime.names.rules import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.interface import Lost
-from rosidl_py_gen.runtime.transport.qos import DEFAULT, check_compatible
+from rosidl_py_gen.runtime.transport.matching import check_compatible
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.state import Endpoint
@@ -81,6 +82,11 @@ class Discovery:
         with self._lock:
             if self._nodes.pop(number, None) is not None:
                 self.publish()
+
+    def endpoints_of(self, number: int) -> frozenset[bytes]:
+        """GUIDs of a node's endpoints."""
+        node = self._nodes[number]
+        return node.reader_gids | node.writer_gids
 
     def change_endpoints(
         self, number: int, *, add: tuple[bytes, ...] = (), remove: tuple[bytes, ...] = (), flush: bool = False

@@ -1,4 +1,4 @@
-"""The managed node: a `Node` with the state machine of `lifecycle.py`, which decides everything else."""
+"""The managed node: a `Node` with the state machine of `machine.py`, which comes up last."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import Untyped
+    from rosidl_py_gen.runtime.node.options import NodeOptions
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -32,7 +33,8 @@ class LifecycleNode(Node):
 
     _machine: LifecycleMachine
 
-    def _open_services(self) -> None:
+    def _open(self, options: NodeOptions) -> None:
+        super()._open(options)
         self._machine = LifecycleMachine(self.scope, self._names, self)
         self.scope.own(self._machine)
 
@@ -92,7 +94,7 @@ class LifecycleNode(Node):
         self, msg_type: type[Message] | str, topic: str, qos: QoSLike = 10
     ) -> LifecyclePublisher[Any]:
         """A publisher that is silent while the node is not active; errors as `create_publisher`."""
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         publisher: LifecyclePublisher[Any] = LifecyclePublisher(
             self.scope,
             message_type(msg_type),

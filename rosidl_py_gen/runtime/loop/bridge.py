@@ -69,6 +69,7 @@ class Bridge:
         self._pump: DirectSelector | WaitingThread | None = None
         self._scheduled = False
         self._closed = False
+        self._closed_reason = "this context is closed"
         self.polite: PoliteLoop | None = None
         """The loop of plain code, which gives way to every other one."""
         self._lock = threading.RLock()
@@ -111,7 +112,7 @@ class Bridge:
         if self.attached is loop:
             return
         if self._closed:
-            raise ClosedError("this context is closed")
+            raise ClosedError(self._closed_reason)
         polite = self.polite if self.polite is not None and loop is not self.polite.loop else None
         if polite is not None and not polite.give_way():
             raise LoopMismatchError(_MISMATCH)
@@ -145,6 +146,10 @@ class Bridge:
         self._closed = True
         self._participant.set_notify(None)
         self.detach()
+
+    def abandon(self, reason: str) -> None:
+        """In a forked child: be closed without touching loop or transport; errors give the reason."""
+        self._closed, self._closed_reason, self._pump, self.attached = True, reason, None, None
 
     def on_start(self, start: Callable[[], None]) -> Callable[[], None]:
         """Call `start` now if a loop is attached, and whenever one will be; returns the function that ends this."""

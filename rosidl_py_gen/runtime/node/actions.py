@@ -33,7 +33,6 @@ class NodeActions:
     scope: Scope
     context: Context
     clock: Clock
-    _closed: bool
     _names: NodeNames
 
     @overload
@@ -98,7 +97,7 @@ class NodeActions:
         from rosidl_py_gen.runtime.actions.server import ActionServer
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
 
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         server: ActionServer[Any] = ActionServer(
             self.scope,
             self.clock,
@@ -110,7 +109,7 @@ class NodeActions:
             result_timeout_s=result_timeout_s,
             policy=policy,
         )
-        self.scope.own(server)
+        self.scope.own(server, has_callback=execute is not None)
         return server
 
     @overload
@@ -143,7 +142,7 @@ class NodeActions:
         from rosidl_py_gen.runtime.actions.client import ActionClient
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
 
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         client: ActionClient[Any] = ActionClient(
             self.scope,
             action_type(action),

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
+from rosidl_py_gen.runtime.logs.outputs import LogSettings
 from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError, RemapRule, parse_remap_rule
 from rosidl_py_gen.runtime.names.rules import normalize_namespace
 from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError, overrides_for
@@ -37,24 +38,14 @@ class RosArguments:
         program: what is left for the program, its name included, ROS arguments removed.
         remap_rules: in order; the first that matches wins.
         parameters: from ``-p`` and files, in order; later ones override earlier ones.
-        log_level: for all loggers; None leaves INFO.
-        log_levels: (logger name, level) in order.
-        log_file_name: what the name of a log file begins with; empty leaves the program's name.
-        stdout_logs, rosout_logs: the switches ``--enable-…`` and ``--disable-…``; of several the last counts.
-        external_lib_logs: the switch for log files; None when it was not given.
         warnings: sentences to log once.
     """
 
     program: tuple[str, ...] = ()
     remap_rules: tuple[RemapRule, ...] = ()
     parameters: tuple[NodeParameters, ...] = ()
-    log_level: int | None = None
-    log_levels: tuple[tuple[str, int], ...] = ()
+    logs: LogSettings = field(default_factory=LogSettings)
     enclave: str = "/"
-    log_file_name: str = ""
-    stdout_logs: bool = True
-    rosout_logs: bool = True
-    external_lib_logs: bool | None = None
     warnings: tuple[str, ...] = ()
 
     def overrides_for(self, fully_qualified_name: str) -> dict[str, ParameterValue]:
@@ -220,16 +211,14 @@ def _deprecated_remap(parser: _Parser, argument: str) -> bool:
 
 
 def _result(parser: _Parser) -> RosArguments:
-    return RosArguments(
-        tuple(parser.program),
-        tuple(parser.remap_rules),
-        tuple(parser.parameters),
+    switches = parser.switches
+    logs = LogSettings(
         parser.log_level,
         tuple(parser.log_levels),
-        parser.enclave,
         parser.log_file_name,
-        parser.switches.get("stdout-logs", True),
-        parser.switches.get("rosout-logs", True),
-        parser.switches.get("external-lib-logs"),
-        tuple(parser.warnings),
+        switches.get("stdout-logs", True),
+        switches.get("rosout-logs", True),
+        switches.get("external-lib-logs"),
     )
+    program, rules, parameters = tuple(parser.program), tuple(parser.remap_rules), tuple(parser.parameters)
+    return RosArguments(program, rules, parameters, logs, parser.enclave, tuple(parser.warnings))

@@ -11,20 +11,20 @@ import itertools
 import os
 import sys
 import threading
-import weakref
+import warnings
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.endpoints.scope import Scope
 from rosidl_py_gen.runtime.endpoints.window import RequestWindows
 from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.logs.outputs import ContextLogs
+from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
 from rosidl_py_gen.runtime.loop.portal import SyncCalls
 from rosidl_py_gen.runtime.names.dds import participant_user_data
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
-from rosidl_py_gen.runtime.node.fork import FORKED
 
 if TYPE_CHECKING:
     import asyncio
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.arguments import RosArguments
     from rosidl_py_gen.runtime.node.environment import DomainSettings
     from rosidl_py_gen.runtime.transport.interface import Transport
@@ -52,18 +53,19 @@ _TUNING = (
 """
 
 
-class AdoptedNode(Protocol):
+_FORKED = (
+    "made before this process was forked, and works in the parent process only: start processes with multiprocessing's "
+    '"spawn" method, or make nodes after the fork'
+)
+
+
+class OpenNode(Protocol):
     """What a context knows of its nodes."""
 
-    @property
-    def fully_qualified_name(self) -> str:
-        """``/ns/name``."""
+    scope: Scope
 
     def close(self) -> None:
         """May be called twice."""
-
-    def abandon(self, words: str) -> None:
-        """Be closed without touching the transport; `words` say why, for errors."""
 
 
 class Context:
@@ -101,11 +103,11 @@ class Context:
         self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
         self.arguments = list(self.ros_arguments.program)
         """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
-        self._logs = ContextLogs(self.ros_arguments, os.environ)
+        outputs.open(self.ros_arguments.logs, next(iter(self.arguments), ""), os.environ)
         try:
             self._open(settings, transport)
         except BaseException:
-            self._logs.close()
+            outputs.close()
             raise
 
     def _open(self, settings: DomainSettings, transport: Transport | None) -> None:
@@ -122,12 +124,11 @@ class Context:
         self.entity_numbers = itertools.count(1)
         self.request_windows = RequestWindows()
         self._closed = False
-        self._closed_words = "this context is closed"
+        self._closed_reason = "this context is closed"
         self._had_loop = threading.Event()
         self.bridge.on_start(self._had_loop.set)
         self._shared = False
-        self._nodes: weakref.WeakSet[AdoptedNode] = weakref.WeakSet()
-        self._node_count = 0
+        self._nodes: dict[int, OpenNode] = {}
         self._sync_calls = SyncCalls(self.bridge)
         _open_contexts.add(self)
 
@@ -150,29 +151,38 @@ class Context:
         if context is not None:
             context.close()
 
-    def adopt(self, node: AdoptedNode) -> None:
-        """Count a node in; `close` will close it."""
+    def open_scope(self, names: NodeNames) -> Scope:
+        """Announce a node and make what its endpoints share; raises `ClosedError`."""
         self.require_open()
-        self._logs.adopt(node.fully_qualified_name)
-        self._nodes.add(node)
-        self._node_count += 1
+        number = self.discovery.add_node(names.name, names.namespace)
+        return Scope(
+            self.participant,
+            self.bridge,
+            self.discovery,
+            self.request_windows,
+            self.entity_numbers,
+            number,
+            names.fully_qualified_name,
+        )
 
-    def release(self, node: AdoptedNode) -> None:
-        """Count a node out; the default context closes with its last node."""
-        self._logs.release(node.fully_qualified_name)
-        self._nodes.discard(node)
-        self._node_count -= 1
+    def adopt(self, node: OpenNode) -> None:
+        """Keep a node until it closes or `close` closes it."""
+        self._nodes[node.scope.number] = node
+
+    def release(self, node: OpenNode) -> None:
+        """Forget a closed node; the default context closes with its last node."""
+        self._nodes.pop(node.scope.number, None)
         self.close_if_unused()
 
     def close_if_unused(self) -> None:
         """Close the default context when it has no node, because the last one left or the first one failed."""
-        if self._shared and self._node_count == 0:
+        if self._shared and not self._nodes:
             self.close()
 
     def require_open(self) -> None:
         """Raise `ClosedError` when the context is closed."""
         if self._closed:
-            raise ClosedError(self._closed_words)
+            raise ClosedError(self._closed_reason)
 
     @property
     def is_closed(self) -> bool:
@@ -227,13 +237,13 @@ class Context:
             return
         self._closed = True
         _open_contexts.discard(self)
-        for node in list(self._nodes):
+        for node in list(self._nodes.values()):
             node.close()
         self.discovery.close()
         self.bridge.close()
         self.participant.close()
         self._sync_calls.close()
-        self._logs.close()
+        outputs.close()
 
     @staticmethod
     def close_all() -> None:
@@ -241,19 +251,33 @@ class Context:
         for context in list(_open_contexts):
             context.close()
 
+    @staticmethod
+    def close_forgotten() -> None:
+        """Close what is still open when the process ends, and warn about the nodes."""
+        for context in list(_open_contexts):
+            for node in context._nodes.values():
+                warnings.warn(f"node {node.scope.node_name} was never closed", ResourceWarning, stacklevel=1)
+            context.close()
+
     # ------------------------------------------------------------------------------------------------------ forking
 
     @classmethod
     def after_fork(cls) -> None:
-        """In the child: forget what belongs to the parent. No call into DDS, no lock, no join: all of them may hang."""
+        """In the child: its nodes look closed, and nothing of the transport is touched.
+
+        A child has the memory of its parent, but none of the threads that serve DDS and wait for it: a call into the
+        middleware, a join or a lock may hang for ever.
+        """
         cls._default = None
         cls._default_lock = threading.RLock()
         for context in list(_open_contexts):
             context._closed = True
-            context._closed_words = f"this context is closed: it was {FORKED}"
-            for node in list(context._nodes):
-                node.abandon(FORKED)
+            context._closed_reason = f"this context is closed: it was {_FORKED}"
+            context.bridge.abandon(context._closed_reason)
+            for node in context._nodes.values():
+                node.scope.abandon(_FORKED)
         _open_contexts.clear()
+        outputs.after_fork()
 
 
 def _dds() -> Transport:
@@ -262,8 +286,8 @@ def _dds() -> Transport:
     return CycloneTransport()
 
 
-_open_contexts: weakref.WeakSet[Context] = weakref.WeakSet()
+_open_contexts: set[Context] = set()
 
-atexit.register(Context.close_all)
+atexit.register(Context.close_forgotten)
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=Context.after_fork)

@@ -25,7 +25,8 @@ from rosidl_py_gen.runtime.transport.interface import (
     identified,
     in_fours,
 )
-from rosidl_py_gen.runtime.transport.qos import Durability, History, check_compatible
+from rosidl_py_gen.runtime.transport.matching import check_compatible
+from rosidl_py_gen.runtime.transport.qos import Durability, History
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
-import weakref
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -339,20 +337,3 @@ def test_closing_the_node_takes_everything_along(world: World) -> None:
         assert "/n" not in other.get_node_names()
 
     run(main)
-
-
-def test_a_node_that_nobody_holds_goes_at_once(world: World) -> None:
-    node = world.node("n", logger_services=True)
-    node.declare_parameters(Drive)
-    node.set_parameter("use_sim_time", True)
-    node.parameter_changes()
-    node.create_sim_time_publisher()
-    world.nodes.remove(node)
-    gone = weakref.ref(node)
-    gc.disable()
-    try:
-        with pytest.warns(ResourceWarning, match="never closed"):
-            del node
-        assert gone() is None
-    finally:
-        gc.enable()

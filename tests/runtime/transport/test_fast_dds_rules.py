@@ -7,7 +7,6 @@ The peers here are our own, told to speak as Fast DDS peers do; real ones are in
 
 from __future__ import annotations
 
-import _thread
 import asyncio
 import ctypes as ct
 import os
@@ -304,22 +303,6 @@ def test_processes_start_stop_and_fork() -> None:
     for number in range(int(os.environ.get("HOOK_ROUNDS", "10"))):
         with program(SHORT_LIFE, *(["leave"] if number % 2 else [])) as process:
             assert process.wait(60) == 0
-
-
-def test_a_node_that_is_dropped_in_a_thread_of_the_middleware_is_closed_elsewhere(dds: World) -> None:
-    context = dds.context()
-    nodes = [dds.node("dropped", context=context)]
-    dds.nodes.clear()
-    closed_by: list[str] = []
-    scope = nodes[0].scope
-    remove = scope.discovery.remove_node
-    scope.discovery.remove_node = lambda number: (closed_by.append(threading.current_thread().name), remove(number))[1]  # type: ignore[method-assign]
-    with pytest.warns(ResourceWarning, match="never closed"):
-        _thread.start_new_thread(nodes.clear, ())  # `threading` does not know it, as those of Cyclone
-        deadline = time.monotonic() + 10
-        while not closed_by and time.monotonic() < deadline:
-            time.sleep(0.01)
-    assert closed_by == ["rosidl-py-gen closer"]
 
 
 # --------------------------------------------------------------------------------------------------- what is not known

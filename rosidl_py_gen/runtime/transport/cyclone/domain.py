@@ -96,7 +96,9 @@ class Domain:
     def after_fork(cls) -> None:
         """In the child: leave what was inherited alone, and remember that it is there."""
         cls._lock = threading.Lock()
-        cls._forked = cls._forked or bool(cls._open)
+        for domain in cls._open.values():
+            cls._forked = True
+            domain._api.delete_nothing()
         cls._open.clear()
 
 
