@@ -17,8 +17,7 @@ from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.loop.callbacks import on_loop, settle
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.time.clock import ClockType
-from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
+from rosidl_py_gen.runtime.time.values import ClockType, Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType
+from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
-from rosidl_py_gen.runtime.time.values import Duration
+from rosidl_py_gen.runtime.time.values import ClockType, Duration
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,8 +1,7 @@
 """Keeps the graph up to date and tells peers about our own nodes.
 
-Decides when `ros_discovery_info` is written (after every change, several changes of one loop iteration at once), which
-byte order a participant has, and when a quality-of-service mismatch is worth a warning. The state is `state.py`, the
-bytes are `message.py`.
+Decides when `ros_discovery_info` is written (after every change, several changes of one loop iteration at once), and
+when a quality-of-service mismatch is worth a warning. The state is `state.py`, the bytes are `message.py`.
 """
 
 from __future__ import annotations
@@ -157,8 +156,6 @@ class Discovery:
             except DecodeError as err:
                 _log.warning("ignored a graph message of participant %s: %s", guid[:12].hex("."), err)
                 continue
-            if message.big_endian:
-                self._participant.mark_big_endian(guid[:12])
             self.graph.set_nodes(message.participant_guid, message.nodes)
         self._changed()
 

@@ -21,10 +21,10 @@ from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
-from rosidl_py_gen.runtime.loop.portal import SyncCalls
 from rosidl_py_gen.runtime.names.dds import participant_user_data
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
+from rosidl_py_gen.runtime.node.environment import read_environment
+from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
 
 if TYPE_CHECKING:
     import asyncio
@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.arguments import RosArguments
-    from rosidl_py_gen.runtime.node.environment import DomainSettings
-    from rosidl_py_gen.runtime.transport.interface import Transport
+    from rosidl_py_gen.runtime.transport.interface import DomainSettings, Transport
 
 T = TypeVar("T")
 
@@ -129,7 +128,6 @@ class Context:
         self.bridge.on_start(self._had_loop.set)
         self._shared = False
         self._nodes: dict[int, OpenNode] = {}
-        self._sync_calls = SyncCalls(self.bridge)
         _open_contexts.add(self)
 
     # ----------------------------------------------------------------------------------------------------- sharing
@@ -207,7 +205,7 @@ class Context:
         if self._closed:
             coroutine.close()
             self.require_open()
-        return self._sync_calls.run(coroutine)
+        return self.bridge.portal.run(coroutine)
 
     @staticmethod
     def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
@@ -242,7 +240,6 @@ class Context:
         self.discovery.close()
         self.bridge.close()
         self.participant.close()
-        self._sync_calls.close()
         outputs.close()
 
     @staticmethod

@@ -16,6 +16,7 @@ from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
+from rosidl_py_gen.runtime.loop.bridge import current_loop
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.rules import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
@@ -25,7 +26,8 @@ from rosidl_py_gen.runtime.node.options import NodeOptions
 from rosidl_py_gen.runtime.node.parameters import NodeParameters
 from rosidl_py_gen.runtime.node.rosout import RosoutPublisher
 from rosidl_py_gen.runtime.node.time import NodeTime
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.values import ClockType
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
@@ -103,7 +105,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
         except BaseException:
             shared.close_if_unused()
             raise
-        self._made_on = id(asyncio._get_running_loop())
+        self._made_on = id(current_loop())
         self.clock = Clock(ClockType.ROS_TIME)
         """ROS time; system time until simulated time is switched on."""
         shared.adopt(self)

@@ -12,16 +12,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
 from rosidl_py_gen.runtime.node.type_description import start_type_descriptions
-from rosidl_py_gen.runtime.parameters.rules import Listing
 from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterServices
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterValue,
+    ARRAY_OF,
+    TYPE_OF,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     ParameterType,
     PythonValue,
-    WrongParameterType,
+    WrongParameterTypeError,
     as_parameters,
     as_prefixes,
     parameter_value,
@@ -42,14 +44,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
 
 T = TypeVar("T")
-
-_KINDS: dict[object, ParameterType] = {
-    bool: ParameterType.BOOL,
-    int: ParameterType.INTEGER,
-    float: ParameterType.DOUBLE,
-    str: ParameterType.STRING,
-    bytes: ParameterType.BYTE_ARRAY,
-}
 
 
 class ParameterChange(NamedTuple):
@@ -90,7 +84,7 @@ class NodeParameters:
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
-            self.scope.own(ParameterServices(self.scope, self._names, self._store, events))
+            ParameterServices(self.scope, self._names, self._store)
         if options.logger_services:
             from rosidl_py_gen.runtime.node.logger_levels import start_logger_services
 
@@ -107,8 +101,7 @@ class NodeParameters:
         initial: T | None = None,
         validator: Callable[[T], str | None] | None = None,
     ) -> T:
-        """Declare the fields of a dataclass; returns a live object whose attributes follow, see
-        `parameters/classes.py`.
+        """Declare the fields of a dataclass; returns an object whose attributes follow, see `parameters/live.py`.
 
         Raises:
             ParameterClassError: an annotation cannot be a parameter, or a field has no default and nor has `initial`.
@@ -131,18 +124,16 @@ class NodeParameters:
         """Declare one parameter and return its value, which is the override's if there is one.
 
         Raises:
-            ParameterAlreadyDeclared, InvalidParameterName, InvalidParameterValue, WrongParameterType.
+            ParameterAlreadyDeclaredError, InvalidParameterNameError, InvalidParameterValueError,
+            WrongParameterTypeError.
             TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
         self.scope.require_open(False, "the node")
         value = parameter_value(default)
-        kind = getattr(descriptor, "type", ParameterType.NOT_SET)
-        if value.value == b"" and isinstance(kind, ParameterType) and kind.is_array:
-            value = parameter_value((), kind)
         return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
 
     def undeclare_parameter(self, name: str) -> None:
-        """Forget a parameter; raises `ParameterNotDeclared`, `ParameterImmutable` when it is read-only, `ClosedError`.
+        """Forget a parameter; raises `ParameterNotDeclaredError`, `ParameterImmutableError` when it is read-only.
 
         The field of a dataclass keeps showing its last value, until a parameter of that name and type is declared.
         """
@@ -168,7 +159,7 @@ class NodeParameters:
             type: ``bool``, ``int``, ``float``, ``str``, ``bytes``, or a list of one of the first four. None: any.
 
         Raises:
-            ParameterNotDeclared, WrongParameterType (names both types).
+            ParameterNotDeclaredError, WrongParameterTypeError (names both types).
         """
         value = self._store.peek(require_name(name))
         kind = None if type is None else _kind_of(type)
@@ -177,19 +168,19 @@ class NodeParameters:
         if kind is None:
             return value.value
         if kind is not value.type:
-            raise WrongParameterType(name, kind.name, value.type.name)
+            raise WrongParameterTypeError(name, kind.name, value.type.name)
         return list(value.value) if get_origin(type) is list else value.value  # type: ignore[arg-type]
 
     def get_parameters(self, names: Sequence[str]) -> list[PythonValue]:
         """Values as they are at one moment, in order; `get_parameter` is for one.
 
         Raises:
-            ParameterNotDeclared, ParameterUninitialized. TypeError: for a single text.
+            ParameterNotDeclaredError, ParameterUninitializedError. TypeError: for a single text.
         """
         return [value.value for value in self._store.get_values(require_names(names))]
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
-        """Raises `ParameterNotDeclared`."""
+        """Raises `ParameterNotDeclaredError`."""
         return self._store.describe(require_name(name))
 
     def describe(self, name: str) -> ParameterDescriptor:
@@ -203,16 +194,16 @@ class NodeParameters:
     # ----------------------------------------------------------------------------------------------------- setting
 
     def set_parameter(self, name: str, value: object) -> None:
-        """Set one; raises `InvalidParameterValue` with the reason when it is refused. From any thread."""
+        """Set one; raises `InvalidParameterValueError` with the reason when it is refused. From any thread."""
         result = self.set_parameters_atomically({name: value})
         if not result.successful:
-            raise InvalidParameterValue(result.reason)
+            raise InvalidParameterValueError(result.reason)
 
     def set_parameters(self, values: ParametersToSet) -> list[SetResult]:
         """Set one by one, from any thread; the result of each says whether and why not.
 
         Raises:
-            InvalidParameterValue: one is no parameter value; nothing is set then. TypeError: a name is no text.
+            InvalidParameterValueError: one is no parameter value; nothing is set then. TypeError: a name is no text.
             CallbackAnswerError: a callback answered something it must not. ClosedError.
         """
         return self._store.set_each(self._fitted(values))
@@ -263,10 +254,10 @@ class NodeParameters:
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
         """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
-        from rosidl_py_gen.runtime.parameters.client import event_stream
+        from rosidl_py_gen.runtime.parameters.client import ParameterEvents
 
         wanted = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))
-        return event_stream(self.scope, self._names, wanted)
+        return ParameterEvents(self.scope, self._names, wanted)
 
     def create_parameter_client(self, node: str) -> ParameterClient:
         """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""
@@ -294,13 +285,11 @@ class _Changes(Stream[ParameterChange]):
 
 
 def _kind_of(wanted: Any) -> ParameterType:
-    arguments = get_args(wanted)
-    if get_origin(wanted) in (list, tuple) and arguments:
-        scalar = _KINDS.get(arguments[0])
-        if scalar is not None and ParameterType.BOOL <= scalar <= ParameterType.STRING:
-            return ParameterType(scalar + 5)  # BOOL 1 -> BOOL_ARRAY 6 and so on
-    elif isinstance(wanted, type) and wanted in _KINDS:
-        return _KINDS[wanted]
+    kind = TYPE_OF.get(wanted) if isinstance(wanted, type) else None
+    if get_origin(wanted) in (list, tuple) and get_args(wanted):
+        kind = ARRAY_OF.get(TYPE_OF.get(get_args(wanted)[0]))
+    if kind is not None:
+        return kind
     raise TypeError(
         f"{wanted!r} is no parameter type; expected bool, int, float, str, bytes or a list such as list[int]"
     )

@@ -34,18 +34,6 @@ from rosidl_py_gen.runtime.time.values import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = [
-    "Clock",
-    "ClockChange",
-    "ClockType",
-    "ClockTypeError",
-    "Duration",
-    "JumpHandle",
-    "Time",
-    "TimeJump",
-    "TimeRangeError",
-]
-
 _log = logging.getLogger(__name__)
 _ANY_JUMP = Duration(nanoseconds=1)
 _LONGEST_PAUSE_S = 1.0

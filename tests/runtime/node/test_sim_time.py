@@ -11,8 +11,9 @@ import pytest
 from worlds import World, run, until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.parameters.values import InvalidParameterValue
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType, ClockTypeError, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
 
 
 def ros(seconds: float) -> Time:
@@ -60,7 +61,7 @@ def test_something_else_than_a_bool_is_refused(world: World, value: object) -> N
     assert not node.set_parameters({"use_sim_time": value})[0].successful
     assert node.get_parameter("use_sim_time", bool) is False
     node.undeclare_parameter("use_sim_time")
-    with pytest.raises(InvalidParameterValue, match="use_sim_time parameter set to something besides a bool"):
+    with pytest.raises(InvalidParameterValueError, match="use_sim_time parameter set to something besides a bool"):
         node.declare_parameter("use_sim_time", value)
 
 

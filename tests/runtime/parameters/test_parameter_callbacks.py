@@ -10,10 +10,11 @@ from typing import Annotated, Any
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.classes import bind_class, update_parameters
+from rosidl_py_gen.runtime.parameters.classes import bind_class
+from rosidl_py_gen.runtime.parameters.live import update_parameters
 from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, ParameterEvent, ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     parameter_value,
@@ -64,7 +65,9 @@ def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
 def test_a_callback_that_raises_refuses_a_declaration() -> None:
     world = World()
     world.store.add_on_set_callback(broken)
-    with pytest.raises(InvalidParameterValue, match="cannot be declared as 1: the on-set callback 'broken' raised Key"):
+    with pytest.raises(
+        InvalidParameterValueError, match="cannot be declared as 1: the on-set callback 'broken' raised Key"
+    ):
         world.store.declare("a", parameter_value(1))
     assert not world.store.has("a") and world.events == []
 
@@ -175,9 +178,9 @@ def test_a_validator_that_raises_refuses_its_own_field_only() -> None:
     reason = "the validator of 'v' raised ZeroDivisionError: division by zero"
     assert world.store.set_each([p("t", 2), p("v", 0), p("v", 5)]) == [OK, SetResult(False, reason), OK]
     assert world.failures == ["the validator of 'v'"] and len(world.events) == 2
-    with pytest.raises(InvalidParameterValue, match=reason):
+    with pytest.raises(InvalidParameterValueError, match=reason):
         checked.v = 0
-    with pytest.raises(InvalidParameterValue, match=reason):
+    with pytest.raises(InvalidParameterValueError, match=reason):
         update_parameters(checked, v=0, t=7)
     assert (checked.v, checked.t) == (5, 2) and world.values() == {"v": 5, "t": 2, "items": ()}
 
@@ -208,7 +211,9 @@ def test_a_class_validator_that_raises_is_named() -> None:
 
 def test_a_validator_that_raises_at_the_start_declares_nothing() -> None:
     world = World()
-    with pytest.raises(InvalidParameterValue, match=r"cannot be declared: the validator of 'c\.v' raised ZeroDivision"):
+    with pytest.raises(
+        InvalidParameterValueError, match=r"cannot be declared: the validator of 'c\.v' raised ZeroDivision"
+    ):
         bind_class(world.store, Checked, prefix="c", initial=Checked(v=0))
     assert world.values() == {} and world.events == []
 
@@ -236,7 +241,7 @@ def test_validators_cannot_set_parameters() -> None:
 
     checked = bind_class(world.store, Checked, validator=check)
     for value in (5, 6):
-        with pytest.raises(InvalidParameterValue, match="cannot be set or declared by a validator"):
+        with pytest.raises(InvalidParameterValueError, match="cannot be set or declared by a validator"):
             checked.t = value
     assert world.store.get("other").value == 1 and not world.store.has("another") and checked.t == 1
 

@@ -10,7 +10,7 @@ import pytest
 from rosidl_py_gen.runtime.parameters.classes import bind_class
 from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     ParameterType,
@@ -85,7 +85,7 @@ def test_what_a_callback_sets_must_please_the_validator() -> None:
         return world.set(speed=-1.0) if parameters[0].name == "mode" else SetResult(True)
 
     world.store.add_on_set_callback(slow_down)
-    with pytest.raises(InvalidParameterValue, match="the parameters of Drive cannot be declared: backwards"):
+    with pytest.raises(InvalidParameterValueError, match="the parameters of Drive cannot be declared: backwards"):
         bind_class(world.store, Drive, validator=lambda new: "backwards" if new.speed < 0 else None)
     assert world.store.values() == {} and world.events == [] and world.told == []
 
@@ -93,7 +93,7 @@ def test_what_a_callback_sets_must_please_the_validator() -> None:
 def test_nobody_hears_of_a_class_that_was_refused() -> None:
     world = World()
     world.store.add_on_set_callback(lambda ps: SetResult(ps[0].name != "gear", "no gear"))
-    with pytest.raises(InvalidParameterValue, match="'gear' cannot be declared as 1: no gear"):
+    with pytest.raises(InvalidParameterValueError, match="'gear' cannot be declared as 1: no gear"):
         bind_class(world.store, Drive)
     assert world.store.values() == {} and world.events == [] and world.told == []
 
@@ -111,7 +111,7 @@ def test_what_else_happened_meanwhile_is_heard_all_the_same() -> None:
         return SetResult(parameters[0].name != "gear")
 
     world.store.add_on_set_callback(refuse_gear)
-    with pytest.raises(InvalidParameterValue):
+    with pytest.raises(InvalidParameterValueError):
         bind_class(world.store, Drive)
     assert world.events == [ParameterEvent(changed=(p("other", 2),)), ParameterEvent(new=(p("on", True),))]
     assert world.told == ["other", "on"] and set(world.store.values()) == {"other", "on"}
@@ -150,7 +150,7 @@ def test_a_field_that_returns_with_its_type_is_followed_again() -> None:
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
     assert drive.speed == 5.0
-    with pytest.raises(InvalidParameterValue, match=r"undeclared parameter\(s\): \['speed'\]"):
+    with pytest.raises(InvalidParameterValueError, match=r"undeclared parameter\(s\): \['speed'\]"):
         drive.speed = 1.0
     world.store.declare("speed", parameter_value(3.0))
     assert drive.speed == 3.0
@@ -164,7 +164,7 @@ def test_a_field_cannot_return_with_another_type(dynamic: bool) -> None:
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
     text = "'speed' cannot be declared as 'y': it shows as Drive.speed, which is of type DOUBLE, not STRING"
-    with pytest.raises(InvalidParameterValue, match=text):
+    with pytest.raises(InvalidParameterValueError, match=text):
         world.store.declare("speed", parameter_value("y"), ParameterDescriptor(dynamic_typing=dynamic))
     assert drive.speed == 5.0 and not world.store.has("speed")
 
