@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.time.clock import Clock
-    from rosidl_py_gen.runtime.transport.interface import Payload
     from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
 
 _PREFIX_BYTES = 12
@@ -288,14 +287,18 @@ class Client(Generic[RequestT, ResponseT]):
         if self._kept:
             self._window.enter(partial(self._send_in_turn, question), self._kept)
         else:
-            self._outbox.send(partial(self._send, question))
+            self._send_soon(question)
         return question.sequence
+
+    def _send_soon(self, question: _Question[ResponseT]) -> None:
+        if self._outbox.waiting or not self._send(question):
+            self._outbox.send(partial(self._send, question))
 
     def _send_in_turn(self, question: _Question[ResponseT]) -> bool:
         if question.sequence not in self._pending:
             return False
         question.has_turn = True
-        self._outbox.send(partial(self._send, question))
+        self._send_soon(question)
         return True
 
     def _send(self, question: _Question[ResponseT]) -> bool:
@@ -340,29 +343,24 @@ class Client(Generic[RequestT, ResponseT]):
                 if self._throttle.passes():
                     self._scope.logger.warning(f"dropped a reply on {self.name}: {err}")
                 continue
-            if not self._is_ours(client, handle):
+            if client not in (self._writer.handle, self._reader.guid, self._writer.guid):
+                continue
+            server = self._reader.writer_guid(handle)
+            if server is not None and is_foreign(server) and not isinstance(client, bytes):
                 continue
             if self._tap is not None:
                 self._tap.received(self._gid, sequence, message_of(data, begin))
             question = (self._by_number if isinstance(client, bytes) else self._pending).get(sequence)
             if question is not None:
-                self._take_reply(question, data, begin, handle)
+                self._take_reply(question, message_of(data, begin), server)
 
-    def _is_ours(self, client: ClientId, writer_handle: int) -> bool:
-        if isinstance(client, bytes):
-            return client in (self._reader.guid, self._writer.guid)
-        if client != self._writer.handle:
-            return False
-        writer = self._reader.writer_guid(writer_handle)
-        return writer is None or not is_foreign(writer)
-
-    def _take_reply(self, question: _Question[ResponseT], data: Payload, begin: int, writer_handle: int) -> None:
+    def _take_reply(self, question: _Question[ResponseT], message: bytes, server: bytes | None) -> None:
         try:
-            response = self._type.response.decode(message_of(data, begin))
+            response = self._type.response.decode(message)
         except DecodeError as error:
             self._fail(question, error)
             return
-        if question.on_reply(response, self._reader.writer_guid(writer_handle)) is not True:
+        if question.on_reply(response, server) is not True:
             self.forget(question.sequence)
 
     # ------------------------------------------------------------------------------------------------------- state

@@ -10,7 +10,7 @@ to 100 ms (protocol.md 5.2), that of a client on Fast DDS up to 5 s.
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import (
@@ -52,24 +52,16 @@ _READER_BIT = 0x04
 """In the last byte of a GUID: it is a reader's."""
 
 
+_Asker: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
+"""Whom a response goes to: the client, the number of its request, the GUID of its request writer (None when it vanished
+before it was known) and the local handle of that writer.
+
+A plain tuple, as it is made for each request.
+"""
+
+
 class AlreadyRespondedError(RosidlError, RuntimeError):
     """The caller answered one request twice; that of a goal or a cancel also when it is over by itself."""
-
-
-class _Asker(NamedTuple):
-    """Whom a response goes to.
-
-    Attributes:
-        client: by which the client knows its replies.
-        sequence: of the request.
-        writer_guid: of the request writer; None when it vanished before it was known.
-        gid: how introspection names the client.
-    """
-
-    client: ClientId
-    sequence: int
-    writer_guid: bytes | None
-    gid: bytes
 
 
 class ServiceRequest(Generic[RequestT, ResponseT]):
@@ -183,9 +175,9 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         try:
             client, sequence, begin = header_of(data)
             message = message_of(data, begin)
-            asker = _Asker(client, sequence, writer_guid, request_gid(client, handle))
+            asker = (client, sequence, writer_guid, handle)
             if self._tap is not None:
-                self._tap.received(asker.gid, sequence, message)
+                self._tap.received(request_gid(client, handle), sequence, message)
             return ServiceRequest(self.name, self._type.request.decode(message), client, partial(self._respond, asker))
         except DecodeError as err:
             if self._throttle.passes():
@@ -204,15 +196,17 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         if self._closed:
             raise ClosedError(f"service {self.name} of node {self._scope.node_name} is closed")
         data = self._type.response.encode(response)
-        if self._clients.is_complete((asker.client, asker.writer_guid)):
-            self._outbox.send(partial(self._send, asker, data))
+        if self._clients.is_complete((asker[0], asker[2])):
+            if self._outbox.waiting or not self._send(asker, data):
+                self._outbox.send(partial(self._send, asker, data))
         else:
             self._scope.start(self._send_later(asker, data))
 
     def _send(self, asker: _Asker, data: bytes) -> bool:
-        sent = send(self._writer, data, asker.client, asker.sequence)
+        client, sequence, _, handle = asker
+        sent = send(self._writer, data, client, sequence)
         if sent and self._tap is not None:
-            self._tap.sent(asker.gid, asker.sequence, data)
+            self._tap.sent(request_gid(client, handle), sequence, data)
         return sent
 
     def _listens(self, client: ClientId, writer_guid: bytes | None) -> bool:
@@ -231,9 +225,10 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         return any(reader is not None and reader.user_data.get("clientid") == announced for reader in matched)
 
     async def _send_later(self, asker: _Asker, data: bytes) -> None:
-        patience_s = _FAST_DDS_PATIENCE_S if isinstance(asker.client, bytes) else _PATIENCE_S
+        client, _, writer_guid, _ = asker
+        patience_s = _FAST_DDS_PATIENCE_S if isinstance(client, bytes) else _PATIENCE_S
         try:
-            is_there = await self._clients.ready((asker.client, asker.writer_guid), patience_s, lambda: self._closed)
+            is_there = await self._clients.ready((client, writer_guid), patience_s, lambda: self._closed)
         except ClosedError:
             return
         if is_there:
