@@ -64,8 +64,8 @@ class Scope:
         participant: Participant,
         bridge: Bridge,
         discovery: Discovery,
-        request_windows: RequestWindows,
         entity_numbers: Iterator[int],
+        request_windows: RequestWindows,
         number: int,
         fully_qualified_name: str,
     ) -> None:

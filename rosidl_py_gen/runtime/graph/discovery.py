@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime.names.dds import (
     demangle_topic,
     endpoint_user_data,
 )
-from rosidl_py_gen.runtime.names.rules import fully_qualified_node_name
+from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.interface import Lost
 from rosidl_py_gen.runtime.transport.matching import check_compatible
 from rosidl_py_gen.runtime.transport.qos import DEFAULT

@@ -1,7 +1,7 @@
-"""Who is out there: nodes, topics, services and endpoints, as a plain object fed with discovery events.
+"""The ROS graph: nodes, topics, services and endpoints, as a plain object fed with discovery events.
 
 Decides how DDS endpoints and the `ros_discovery_info` messages combine into what ROS shows (protocol.md 6.3, 6.4). No
-I/O, no waiting: `discovery.py` feeds it, `node/node.py` asks it. `version` grows with every change.
+I/O, no waiting: `discovery.py` feeds it, `node/graph.py` asks it. `version` grows with every change.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime.names.dds import (
     demangle_type,
     parse_user_data,
 )
-from rosidl_py_gen.runtime.names.rules import fully_qualified_node_name
+from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
 
 if TYPE_CHECKING:

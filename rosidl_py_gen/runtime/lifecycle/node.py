@@ -1,4 +1,4 @@
-"""The managed node: a `Node` with the state machine of `machine.py`, which comes up last."""
+"""The managed node: a `Node` with the state machine of `machine.py`, which decides everything else."""
 
 from __future__ import annotations
 

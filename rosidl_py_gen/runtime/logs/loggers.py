@@ -19,7 +19,7 @@ import traceback
 from typing import TYPE_CHECKING, TypedDict
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.names.rules import validate_node_name
+from rosidl_py_gen.runtime.names.validation import validate_node_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -15,7 +15,7 @@ from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
 from rosidl_py_gen.runtime.logs.outputs import LogSettings
 from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError, RemapRule, parse_remap_rule
-from rosidl_py_gen.runtime.names.rules import normalize_namespace
+from rosidl_py_gen.runtime.names.validation import normalize_namespace
 from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError, overrides_for
 
 if TYPE_CHECKING:

@@ -1,7 +1,8 @@
 """A context: one DDS participant, its graph, and the event loop its nodes live on.
 
 Decides how arguments, environment and defaults become a participant. Nodes share the default context unless they are
-given another one; it is opened by the first node and closed with the last.
+given another one; it is opened by the first node and closed with the last. Decides what becomes of contexts when the
+process ends or is forked, too.
 """
 
 from __future__ import annotations
@@ -122,11 +123,10 @@ class Context:
         self.discovery = Discovery(self.participant, self.bridge)
         self.entity_numbers = itertools.count(1)
         self.request_windows = RequestWindows()
-        self._closed = False
-        self._closed_reason = "this context is closed"
+        self._closed = ""
+        """Why it is closed, for errors; empty while it is open."""
         self._had_loop = threading.Event()
         self.bridge.on_start(self._had_loop.set)
-        self._shared = False
         self._nodes: dict[int, OpenNode] = {}
         _open_contexts.add(self)
 
@@ -138,7 +138,6 @@ class Context:
         with cls._default_lock:
             if cls._default is None or cls._default.is_closed:
                 cls._default = cls()
-                cls._default._shared = True
             return cls._default
 
     @classmethod
@@ -157,8 +156,8 @@ class Context:
             self.participant,
             self.bridge,
             self.discovery,
-            self.request_windows,
             self.entity_numbers,
+            self.request_windows,
             number,
             names.fully_qualified_name,
         )
@@ -174,18 +173,18 @@ class Context:
 
     def close_if_unused(self) -> None:
         """Close the default context when it has no node, because the last one left or the first one failed."""
-        if self._shared and not self._nodes:
+        if not self._nodes and type(self)._default is self:
             self.close()
 
     def require_open(self) -> None:
         """Raise `ClosedError` when the context is closed."""
         if self._closed:
-            raise ClosedError(self._closed_reason)
+            raise ClosedError(self._closed)
 
     @property
     def is_closed(self) -> bool:
         """True after `close`."""
-        return self._closed
+        return self._closed != ""
 
     # -------------------------------------------------------------------------------------------------------- loop
 
@@ -194,10 +193,10 @@ class Context:
         """Whether an event loop was ever attached; before that no callback runs."""
         return self._had_loop.is_set()
 
-    @staticmethod
-    def attach_all() -> None:
+    @classmethod
+    def attach_all(cls) -> None:
         """Let the running loop serve every open context that no running loop serves yet."""
-        for context in sorted(_open_contexts, key=lambda context: context is not Context._default):
+        for context in sorted(_open_contexts, key=lambda context: context is not cls._default):
             context.bridge.adopt_running_loop()
 
     def run_until_complete(self, coroutine: Coroutine[Any, Any, T]) -> T:
@@ -233,7 +232,7 @@ class Context:
         """Close all nodes and leave the domain; may be called twice."""
         if self._closed:
             return
-        self._closed = True
+        self._closed = "this context is closed"
         _open_contexts.discard(self)
         for node in list(self._nodes.values()):
             node.close()
@@ -248,31 +247,32 @@ class Context:
         for context in list(_open_contexts):
             context.close()
 
-    @staticmethod
-    def close_forgotten() -> None:
+    def close_forgotten(self) -> None:
         """Close what is still open when the process ends, and warn about the nodes."""
-        for context in list(_open_contexts):
-            for node in context._nodes.values():
-                warnings.warn(f"node {node.scope.node_name} was never closed", ResourceWarning, stacklevel=1)
-            context.close()
+        for node in self._nodes.values():
+            warnings.warn(f"node {node.scope.node_name} was never closed", ResourceWarning, stacklevel=1)
+        self.close()
 
     # ------------------------------------------------------------------------------------------------------ forking
 
+    def abandon(self, reason: str) -> None:
+        """In a forked child: look closed, and touch nothing of the transport; errors give the reason."""
+        self._closed = f"this context is closed: it was {reason}"
+        self.bridge.abandon(self._closed)
+        for node in self._nodes.values():
+            node.scope.abandon(reason)
+        self.participant.abandon()
+
     @classmethod
     def after_fork(cls) -> None:
-        """In the child: its nodes look closed, and nothing of the transport is touched.
+        """In the child: everything inherited looks closed.
 
         A child has the memory of its parent, but none of the threads that serve DDS and wait for it: a call into the
         middleware, a join or a lock may hang for ever.
         """
-        cls._default = None
-        cls._default_lock = threading.RLock()
-        for context in list(_open_contexts):
-            context._closed = True
-            context._closed_reason = f"this context is closed: it was {_FORKED}"
-            context.bridge.abandon(context._closed_reason)
-            for node in context._nodes.values():
-                node.scope.abandon(_FORKED)
+        cls._default, cls._default_lock = None, threading.RLock()
+        for context in _open_contexts:
+            context.abandon(_FORKED)
         _open_contexts.clear()
         outputs.after_fork()
 
@@ -285,6 +285,12 @@ def _dds() -> Transport:
 
 _open_contexts: set[Context] = set()
 
-atexit.register(Context.close_forgotten)
+
+@atexit.register
+def _close_forgotten() -> None:
+    for context in list(_open_contexts):
+        context.close_forgotten()
+
+
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=Context.after_fork)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.names.dds import topic_name
-from rosidl_py_gen.runtime.names.rules import normalize_namespace, resolve_node_name
+from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
 from rosidl_py_gen.runtime.node.type_description import announced_hash, ask_type_description
 
 if TYPE_CHECKING:

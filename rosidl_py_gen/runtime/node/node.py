@@ -1,7 +1,7 @@
 """The node: a name, and the factory of everything that carries it.
 
 Decides names (expansion and remapping through `NodeNames`), defaults and lifetime. What endpoints do is in their own
-files, which never see the node. Nothing imports this file.
+files, which never see the node. Only lifecycle nodes, the runner and the pytest plugin import this file.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
 from rosidl_py_gen.runtime.loop.bridge import current_loop
 from rosidl_py_gen.runtime.names.remap import NodeNames
-from rosidl_py_gen.runtime.names.rules import normalize_namespace, validate_node_name
+from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph import NodeGraph

@@ -290,6 +290,9 @@ class Participant(Protocol):
     def collect(self) -> list[Sink]:
         """The sinks that have something to do, each once; the caller calls them on the loop's thread."""
 
+    def abandon(self) -> None:
+        """In a forked child: touch nothing of what was inherited, now and later."""
+
     def close(self) -> None:
         """Delete everything; may be called twice."""
 

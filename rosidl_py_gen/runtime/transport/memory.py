@@ -187,6 +187,9 @@ class MemoryParticipant:
             self._ready.clear()
             return ready
 
+    def abandon(self) -> None:
+        """See `transport.Participant`; a copy of memory harms nobody."""
+
     def close(self) -> None:
         """See `transport.Participant`."""
         with self.lock:

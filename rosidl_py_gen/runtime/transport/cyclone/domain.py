@@ -93,17 +93,13 @@ class Domain:
                 self._fast_dds.sweep()
 
     @classmethod
-    def after_fork(cls) -> None:
-        """In the child: leave what was inherited alone, and remember that it is there."""
+    def abandon(cls) -> None:
+        """In a forked child: leave what was inherited alone, and remember that it is there."""
         cls._lock = threading.Lock()
         for domain in cls._open.values():
             cls._forked = True
             domain._api.delete_nothing()
         cls._open.clear()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=Domain.after_fork)
 
 
 def _likely_cause(domain_id: int, xml: str) -> str:

@@ -236,6 +236,11 @@ class CycloneParticipant:
                 sinks.append(reader.sink)
         return sinks
 
+    def abandon(self) -> None:
+        """See `transport.Participant`."""
+        self._closed = True
+        Domain.abandon()
+
     def close(self) -> None:
         """See `transport.Participant`."""
         if self._closed:

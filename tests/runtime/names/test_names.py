@@ -14,7 +14,7 @@ from rosidl_py_gen.runtime.names.remap import (
     RemapRule,
     parse_remap_rule,
 )
-from rosidl_py_gen.runtime.names.rules import (
+from rosidl_py_gen.runtime.names.validation import (
     expand_name,
     normalize_namespace,
     resolve_node_name,
