@@ -169,7 +169,9 @@ class ActionClient(Generic[ActionT_co]):
 
     async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
         if not self._is_available():
-            request._encode()  # a goal that does not fit is refused before anybody is waited for
+            self._type.send_goal.request.encode(
+                request
+            )  # a goal that does not fit is refused before anybody is waited for
             if not await self.wait_for_server(deadline.left_s()):
                 raise ActionTimeoutError(
                     f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at "

@@ -1,8 +1,8 @@
 """Goals on an action server: the state machine as a table, and the list of all goals.
 
 Plain objects without I/O, fed with values; times are nanoseconds of the server's clock. Decides which event is
-possible when (protocol.md 8.2), who may be cancelled with which return code (8.4), who waits for a result and when a
-finished goal is forgotten (8.3). Sending answers and publishing status is `server.py`.
+possible when (protocol.md 8.2), who may be cancelled with which return code (8.4), and when a finished goal is
+forgotten (8.3). Sending answers is `server.py`'s, publishing the status `server_goal.py`'s.
 """
 
 from __future__ import annotations

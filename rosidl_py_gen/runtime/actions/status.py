@@ -4,20 +4,19 @@ The topic carries every goal a server remembers, at every transition: with objec
 results would spend milliseconds on each. A row has 28 bytes: UUID 16, 3 pad bytes, sec 4, nanosec 4, status 1; only in
 the first row the stamp is aligned without padding.
 
-Decides when a status is written: on the loop's thread behind what is being done just now, so that the response a change
-belongs to goes first. A write costs as much as the response, and nobody waits for it. Handlers that the change starts
-or wakes come later still. Each change has its message, in order. Source: protocol.md 2, 8.3.
+Decides when a status is written: after the response that a change belongs to. A write costs as much as the response,
+and nobody waits for it. Handlers that the change starts or wakes come later still. Each change has its message, in
+order. Source: protocol.md 2, 8.3.
 """
 
 from __future__ import annotations
 
-import contextlib
 import struct
-from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.types import raw_type
+from rosidl_py_gen.runtime.loop.after_answer import AfterAnswer
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 
 if TYPE_CHECKING:
@@ -78,35 +77,24 @@ def find_status(data: Payload, goal_id: bytes) -> int | None:
 
 
 class StatusTopic:
-    """One publisher, the rows it publishes, and the messages on their way."""
+    """One publisher, and the rows it publishes."""
 
     def __init__(self, scope: Scope, message_type: MessageType[Any], topic: str) -> None:
         self.rows = StatusRows()
         self._bridge = scope.bridge
         self._publisher: Publisher[bytes] = Publisher(scope, raw_type(message_type), topic, ACTION_STATUS)
-        self._waiting: deque[bytes] = deque()
+        self._after_answer = AfterAnswer(scope.bridge, self._publisher.publish_without_waiting)
+        self.flush = self._after_answer.flush
         self._closed = False
 
     def publish(self) -> None:
-        """Publish the rows as they are now; at once where no loop runs, else see above."""
-        if self._closed:
-            return
-        if self._bridge.in_loop_thread():
-            self._waiting.append(self.rows.message())
-            self._bridge.running_loop().call_soon(self.flush)
-        else:
-            self.flush()
-            self._publisher.publish_raw(self.rows.message())
-
-    def flush(self) -> None:
-        """Write what waits; without effect when nothing does."""
-        with contextlib.suppress(IndexError):  # closed from another thread, which takes them too
-            while self._waiting:
-                self._publisher.publish_without_waiting(self._waiting.popleft())
+        """Publish the rows as they are now."""
+        if not self._closed:
+            self._after_answer.add(self.rows.message())
 
     def flush_here(self) -> None:
-        """`flush`, if this is the loop's thread: what its caller publishes next comes behind."""
-        if self._waiting and self._bridge.in_loop_thread():
+        """Write what waits, if this is the loop's thread: what its caller publishes next comes behind."""
+        if self._bridge.in_loop_thread():
             self.flush()
 
     def close(self) -> None:

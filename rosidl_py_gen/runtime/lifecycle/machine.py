@@ -1,6 +1,6 @@
 """Managed nodes: callbacks, five services, the transition event, and publishers that are silent while inactive.
 
-Decides when callbacks run; states and what answers mean are `lifecycle_rule.py`'s. One transition at a time: a request
+Decides when callbacks run; states and what answers mean are `states.py`'s. One transition at a time: a request
 that comes while another is under way is refused. A transition that is cancelled is an error: it is brought to its end,
 error processing included, so that the node is never left in between. Source: protocol.md 12.2.
 """

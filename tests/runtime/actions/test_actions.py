@@ -308,6 +308,22 @@ async def test_results_are_kept_for_their_time_and_unknown_goals_are_unknown(wor
     assert (got.status, list(got.result.sequence)) == (0, []) and len(server._goals.book) == 0
 
 
+async def test_a_result_that_is_not_kept_still_reaches_those_who_wait(world: World) -> None:
+    release = asyncio.Event()
+
+    async def execute(handle: Any) -> Any:
+        await release.wait()
+        return result(5)
+
+    server, client = await pair(world, execute, result_timeout_s=0)
+    handle = await client.send_goal(goal())
+    waiting = asyncio.ensure_future(handle.result(timeout_s=5))
+    await asyncio.sleep(0.05)
+    release.set()
+    assert (await waiting)[0] is S.SUCCEEDED
+    await until(lambda: len(server._goals.book) == 0)
+
+
 async def test_results_expire_in_real_time_too(world: World) -> None:
     server, client = await pair(world, result_timeout_s=0.05)
     await (await client.send_goal(goal(1))).result()
