@@ -69,7 +69,11 @@ def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
     try:
         return function(*arguments)
     except Exception as error:
-        raise RefusedError(f"{what} raised {type(error).__name__}: {error}", what) from error
+        raise _raised(what, error) from error
+
+
+def _raised(what: str, error: Exception) -> RefusedError:
+    return RefusedError(f"{what} raised {type(error).__name__}: {error}", what)
 
 
 class SetCallbacks:
@@ -124,8 +128,12 @@ class SetCallbacks:
         """
         result = ACCEPTED
         for callback in reversed(self._functions["on-set"]):
-            what = f"the on-set callback {_name_of(callback)!r}"
-            result = _as_result(what, called(what, callback, list(parameters)))
+            try:
+                result = callback(list(parameters))
+            except Exception as error:
+                raise _raised(f"the on-set callback {_name_of(callback)!r}", error) from error
+            if type(result) is not SetResult or type(result.successful) is not bool or type(result.reason) is not str:
+                result = _as_result(callback, result)
             if not result.successful:
                 raise RefusedError(result.reason)
         return result, self._prepared(parameters) if self._functions["mirror"] else []
@@ -148,10 +156,11 @@ class SetCallbacks:
                 self._on_failure(f"the post-set callback {_name_of(callback)!r}")
 
 
-def _as_result(what: str, answer: Any) -> SetResult:
+def _as_result(callback: object, answer: Any) -> SetResult:
     """What looks like a SetResult is one: rcl_interfaces' SetParametersResult, which rclpy's callbacks return, too."""
     successful, reason = getattr(answer, "successful", None), getattr(answer, "reason", None)
     if successful is None or not isinstance(reason, str):
+        what = f"the on-set callback {_name_of(callback)!r}"
         raise _wrong_answer(what, answer, "a SetResult with a text as its reason")
     return SetResult(bool(successful), str(reason))
 
