@@ -73,6 +73,7 @@ class ActionClient(Generic[ActionT_co]):
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
+        self.action_class = action_type.cls
         self._scope = scope
         self._type = action_type
         self._run = run

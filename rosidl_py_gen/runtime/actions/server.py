@@ -37,8 +37,7 @@ from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.callbacks import on_loop
 from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.time.clock import ClockType
-from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
+from rosidl_py_gen.runtime.time.values import ClockType, Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -81,6 +80,7 @@ class ActionServer(Generic[ActionT_co]):
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
+        self.action_class = action_type.cls
         self._scope = scope
         self._clock = clock
         self._type = action_type

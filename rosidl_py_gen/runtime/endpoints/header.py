@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError, RosidlError
 from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, IDENTITY_BYTES, identity_of
-from rosidl_py_gen.runtime.transport.qos import without_best_available
+from rosidl_py_gen.runtime.transport.matching import without_best_available
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.state import Endpoint, Graph

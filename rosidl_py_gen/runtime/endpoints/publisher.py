@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import EncodeError, RosidlError
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
-from rosidl_py_gen.runtime.transport.qos import History, resolve_best_available
+from rosidl_py_gen.runtime.transport.matching import resolve_best_available
+from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope

@@ -10,6 +10,7 @@ while it runs, new messages wait in the queue as its depth allows.
 from __future__ import annotations
 
 import asyncio
+from contextvars import copy_context
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
@@ -19,7 +20,7 @@ from rosidl_py_gen.runtime.loop.user_function import UserFunction, ignore
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
-from rosidl_py_gen.runtime.transport.qos import resolve_best_available
+from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -196,7 +197,7 @@ class Subscription(Generic[T]):
             found = self._take()
             if found is None:
                 return
-            self._worker = callback.call(found[0])
+            self._worker = copy_context().run(callback.call, found[0])
             if self._worker is not None:
                 self._worker.add_done_callback(lambda _: self._on_data())
                 return

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType
-from rosidl_py_gen.runtime.time.schedule import TimerCall, TimerRule, period_to_ns
-from rosidl_py_gen.runtime.time.values import Duration
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
+from rosidl_py_gen.runtime.time.values import ClockType, Duration
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +41,7 @@ class Timer:
         self._scope = scope
         self._clock = clock
         self._callback = None if callback is None else UserFunction(scope, callback, "a timer's callback")
-        self._rule = TimerRule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
+        self._rule = Schedule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
         self._rule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
         self._closed = False
         self._handle: asyncio.Handle | None = None

@@ -1,8 +1,7 @@
 """Keeps the graph up to date and tells peers about our own nodes.
 
-Decides when `ros_discovery_info` is written (after every change, several changes of one loop iteration at once), which
-byte order a participant has, and when a quality-of-service mismatch is worth a warning. The state is `state.py`, the
-bytes are `message.py`.
+Decides when `ros_discovery_info` is written (after every change, several changes of one loop iteration at once), and
+when a quality-of-service mismatch is worth a warning. The state is `state.py`, the bytes are `message.py`.
 """
 
 from __future__ import annotations
@@ -28,7 +27,8 @@ from rosidl_py_gen.runtime.names.dds import (
 )
 from rosidl_py_gen.runtime.names.rules import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.interface import Lost
-from rosidl_py_gen.runtime.transport.qos import DEFAULT, check_compatible
+from rosidl_py_gen.runtime.transport.matching import check_compatible
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.state import Endpoint
@@ -84,6 +84,11 @@ class Discovery:
         with self._lock:
             if self._nodes.pop(number, None) is not None:
                 self.publish()
+
+    def endpoints_of(self, number: int) -> frozenset[bytes]:
+        """GUIDs of a node's endpoints."""
+        node = self._nodes[number]
+        return node.reader_gids | node.writer_gids
 
     def change_endpoints(
         self, number: int, *, add: tuple[bytes, ...] = (), remove: tuple[bytes, ...] = (), flush: bool = False
@@ -154,8 +159,6 @@ class Discovery:
             except DecodeError as err:
                 _log.warning("ignored a graph message of participant %s: %s", guid[:12].hex("."), err)
                 continue
-            if message.big_endian:
-                self._participant.mark_big_endian(guid[:12])
             self.graph.set_nodes(message.participant_guid, message.nodes)
         self._changed()
 

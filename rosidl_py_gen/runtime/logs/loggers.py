@@ -232,8 +232,3 @@ def set_logger_level(name: str, level: int | str) -> None:
 def get_logger_level(name: str) -> int:
     """The configured level, UNSET when the logger inherits."""
     return get_logger(name).level
-
-
-def effective_level(name: str) -> int:
-    """The level of the nearest configured ancestor, INFO by default."""
-    return get_logger(name).getEffectiveLevel()

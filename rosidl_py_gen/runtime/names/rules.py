@@ -161,8 +161,3 @@ def expand_name(name: str, node_name: str, namespace: str, what: str = "topic na
         full = f"/{full}" if namespace == "/" else f"{namespace}/{full}"
     validate_full_name(full, what)
     return full
-
-
-def is_hidden(full_name: str) -> bool:
-    """True when tools hide the name: some part begins with ``_`` (a convention of the command line)."""
-    return any(token.startswith("_") for token in full_name.split("/"))

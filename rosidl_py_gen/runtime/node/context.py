@@ -18,12 +18,12 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.endpoints.scope import Scope
 from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.logs.outputs import ContextLogs
+from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
-from rosidl_py_gen.runtime.loop.portal import SyncCalls
 from rosidl_py_gen.runtime.names.dds import participant_user_data
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
+from rosidl_py_gen.runtime.node.environment import read_environment
+from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
 
 if TYPE_CHECKING:
     import asyncio
@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.arguments import RosArguments
-    from rosidl_py_gen.runtime.node.environment import DomainSettings
-    from rosidl_py_gen.runtime.transport.interface import Transport
+    from rosidl_py_gen.runtime.transport.interface import DomainSettings, Transport
 
 T = TypeVar("T")
 
@@ -102,11 +101,11 @@ class Context:
         self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
         self.arguments = list(self.ros_arguments.program)
         """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
-        self._logs = ContextLogs(self.ros_arguments, os.environ)
+        outputs.open(self.ros_arguments.logs, next(iter(self.arguments), ""), os.environ)
         try:
             self._open(settings, transport)
         except BaseException:
-            self._logs.close()
+            outputs.close()
             raise
 
     def _open(self, settings: DomainSettings, transport: Transport | None) -> None:
@@ -127,7 +126,6 @@ class Context:
         self.bridge.on_start(self._had_loop.set)
         self._shared = False
         self._nodes: dict[int, OpenNode] = {}
-        self._sync_calls = SyncCalls(self.bridge)
         _open_contexts.add(self)
 
     # ----------------------------------------------------------------------------------------------------- sharing
@@ -159,12 +157,10 @@ class Context:
 
     def adopt(self, node: OpenNode) -> None:
         """Keep a node until it closes or `close` closes it."""
-        self._logs.adopt(node.scope.node_name)
         self._nodes[node.scope.number] = node
 
     def release(self, node: OpenNode) -> None:
         """Forget a closed node; the default context closes with its last node."""
-        self._logs.release(node.scope.node_name)
         self._nodes.pop(node.scope.number, None)
         self.close_if_unused()
 
@@ -201,7 +197,7 @@ class Context:
         if self._closed:
             coroutine.close()
             self.require_open()
-        return self._sync_calls.run(coroutine)
+        return self.bridge.portal.run(coroutine)
 
     @staticmethod
     def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
@@ -236,8 +232,7 @@ class Context:
         self.discovery.close()
         self.bridge.close()
         self.participant.close()
-        self._sync_calls.close()
-        self._logs.close()
+        outputs.close()
 
     @staticmethod
     def close_all() -> None:
@@ -271,6 +266,7 @@ class Context:
             for node in context._nodes.values():
                 node.scope.abandon(_FORKED)
         _open_contexts.clear()
+        outputs.after_fork()
 
 
 def _dds() -> Transport:

@@ -111,16 +111,17 @@ class NodeGraph:
 
     async def graph_changes(self) -> AsyncIterator[int]:
         """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""
-        seen = self.scope.graph.version
+        scope, graph = self.scope, self.scope.graph
+        seen = graph.version
 
         def has_changed() -> bool:
-            return self.scope.closed or self.scope.graph.version != seen
+            return scope.closed or graph.version != seen
 
-        while not self.scope.closed:
-            self.scope.bridge.running_loop()
-            await self.scope.discovery.changes.wait(has_changed)
-            if not self.scope.closed:
-                seen = self.scope.graph.version
+        while not scope.closed:
+            scope.bridge.running_loop()
+            await scope.discovery.changes.wait(has_changed)
+            if not scope.closed:
+                seen = graph.version
                 yield seen
 
     # -------------------------------------------------------------------------------------------------------- types

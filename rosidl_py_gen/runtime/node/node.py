@@ -16,6 +16,7 @@ from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
+from rosidl_py_gen.runtime.loop.bridge import current_loop
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.rules import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
@@ -24,8 +25,9 @@ from rosidl_py_gen.runtime.node.graph import NodeGraph
 from rosidl_py_gen.runtime.node.options import NodeOptions
 from rosidl_py_gen.runtime.node.parameters import NodeParameters
 from rosidl_py_gen.runtime.node.rosout import RosoutPublisher
-from rosidl_py_gen.runtime.node.timers import NodeTime
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType
+from rosidl_py_gen.runtime.node.time import NodeTime
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.values import ClockType
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
@@ -103,7 +105,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
         except BaseException:
             shared.close_if_unused()
             raise
-        self._made_on = id(asyncio._get_running_loop())
+        self._made_on = id(current_loop())
         self.clock = Clock(ClockType.ROS_TIME)
         """ROS time; system time until simulated time is switched on."""
         shared.adopt(self)
@@ -116,7 +118,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
     def _open(self, options: NodeOptions) -> None:
         """Bring up what every node has; subclasses add to it. The node is closed when this fails."""
         self.context.bridge.adopt_running_loop()
-        if options.enable_rosout and self.context.ros_arguments.rosout_logs:
+        if options.enable_rosout and self.context.ros_arguments.logs.rosout:
             self.scope.own(RosoutPublisher(self.scope))
         self._open_parameters(options)
 

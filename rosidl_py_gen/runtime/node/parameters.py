@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin, overload
 
 from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.node.time import TimeSource
-from rosidl_py_gen.runtime.node.type_description import TypeDescriptionService
+from rosidl_py_gen.runtime.node.sim_time import TimeSource
+from rosidl_py_gen.runtime.node.type_description import start_type_descriptions
 from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterServices
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.validation import Listing
@@ -61,7 +61,6 @@ class NodeParameters:
     clock: Clock
     _names: NodeNames
     _store: ParameterStore
-    _time_source: TimeSource
     _changes: list[Stream[ParameterChange]]
 
     def _open_parameters(self, options: NodeOptions) -> None:
@@ -81,17 +80,16 @@ class NodeParameters:
         self._store = ParameterStore(
             merged, allow_undeclared=options.allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
         )
-        self._time_source = TimeSource(self.scope, self._names, self._store, self.clock)
-        self.scope.own(self._time_source)
+        self.scope.own(TimeSource(self.scope, self._names, self._store, self.clock))
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
             ParameterServices(self.scope, self._names, self._store)
         if options.logger_services:
-            from rosidl_py_gen.runtime.node.logger_levels import LoggerServices
+            from rosidl_py_gen.runtime.node.logger_levels import start_logger_services
 
-            self.scope.own(LoggerServices(self.scope, self._names))
-        TypeDescriptionService.start(self.scope, self._names, self._store)
+            start_logger_services(self.scope, self._names)
+        start_type_descriptions(self.scope, self._names, self._store)
 
     # --------------------------------------------------------------------------------------------------- declaring
 

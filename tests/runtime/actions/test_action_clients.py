@@ -27,8 +27,7 @@ from rosidl_py_gen.runtime.actions.client_goal import (
 )
 from rosidl_py_gen.runtime.actions.server_goal import GoalDecision
 from rosidl_py_gen.runtime.actions.states import GoalStatus
-from rosidl_py_gen.runtime.time.clock import Time
-from rosidl_py_gen.runtime.time.values import TimeRangeError
+from rosidl_py_gen.runtime.time.values import Time, TimeRangeError
 
 S = GoalStatus
 

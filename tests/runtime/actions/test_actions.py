@@ -25,7 +25,7 @@ from rosidl_py_gen.runtime.actions.client_goal import (
 from rosidl_py_gen.runtime.actions.server_goal import GoalAlreadyAnsweredError, GoalDecision
 from rosidl_py_gen.runtime.actions.states import GoalStatus, GoalTransitionError
 from rosidl_py_gen.runtime.endpoints.client import WouldDeadlockError
-from rosidl_py_gen.runtime.time.clock import ClockType, Time
+from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 
 S = GoalStatus

@@ -16,8 +16,8 @@ import threading
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.node.environment import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObjects
 from rosidl_py_gen.runtime.transport.interface import TransportError
 
