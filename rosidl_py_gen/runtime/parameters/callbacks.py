@@ -16,16 +16,14 @@ from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     Parameter,
     ParameterError,
-    ParameterValue,
     SetResult,
     checked_parameter,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     Commit: TypeAlias = Callable[[], None]
-    Prepare: TypeAlias = Callable[[Mapping[str, ParameterValue]], Commit | None]
 
 ACCEPTED = SetResult(True)
 
@@ -86,7 +84,15 @@ class SetCallbacks:
         """True while mirrors check a set; another set would then be overtaken by the one that is checked."""
 
     def add(self, kind: str, callback: Callable[..., Any]) -> Callable[[], None]:
-        """Add a ``pre-set``, ``on-set`` or ``post-set`` callback or a ``mirror``; returns what removes it."""
+        """Add a function, and return the one that removes it. Raises `TypeError` for async functions.
+
+        Args:
+            kind: ``pre-set``: may replace the list to set. ``on-set``: may refuse it, the newest is asked first. Both
+                are called on the thread that sets, and other sets wait for them. ``post-set``: hears of successful
+                sets and declarations, and holds up nobody else. ``mirror``: checks values once all others have agreed;
+                it raises `RefusedError`, or returns the function that shows them (None when they do not concern it),
+                which is called when they are stored, before anybody else hears of them.
+        """
         if kind != "mirror":
             require_plain(callback, f"the {kind} callback")
         self._functions[kind] += (callback,)
