@@ -230,18 +230,18 @@ class NodeParameters:
         It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop. When it
         raises, the set is refused with a reason that says so, and the traceback is logged.
         """
-        return self._store.add_pre_set_callback(callback)
+        return self._store.callbacks.add("pre-set", callback)
 
     def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Callable[[], None]:
         """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
-        return self._store.add_on_set_callback(callback)
+        return self._store.callbacks.add("on-set", callback)
 
     def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Callable[[], None]:
         """Hears of each successful set and declaration, on the thread that set; what it raises is logged.
 
         Returns the function that removes it; raises `TypeError` for an async function.
         """
-        return self._store.add_post_set_callback(callback)
+        return self._store.callbacks.add("post-set", callback)
 
     # ------------------------------------------------------------------------------------------------------ events
 

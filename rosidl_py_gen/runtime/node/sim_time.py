@@ -42,7 +42,7 @@ class TimeSource:
         self._active = False
         self._subscription: Subscription[ClockMessage] | None = None
         self._closed = False
-        self._end = [store.add_on_set_callback(self._check), store.add_post_set_callback(self._after_set)]
+        self._end = [store.callbacks.add("on-set", self._check), store.callbacks.add("post-set", self._after_set)]
         if not store.has(USE_SIM_TIME):
             store.declare(USE_SIM_TIME, parameter_value(False), ParameterDescriptor(name=USE_SIM_TIME))
 

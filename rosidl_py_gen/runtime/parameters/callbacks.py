@@ -16,16 +16,14 @@ from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterValueError,
     Parameter,
     ParameterError,
-    ParameterValue,
     SetResult,
     checked_parameter,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     Commit: TypeAlias = Callable[[], None]
-    Prepare: TypeAlias = Callable[[Mapping[str, ParameterValue]], Commit | None]
 
 ACCEPTED = SetResult(True)
 
@@ -69,7 +67,11 @@ def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
     try:
         return function(*arguments)
     except Exception as error:
-        raise RefusedError(f"{what} raised {type(error).__name__}: {error}", what) from error
+        raise _raised(what, error) from error
+
+
+def _raised(what: str, error: Exception) -> RefusedError:
+    return RefusedError(f"{what} raised {type(error).__name__}: {error}", what)
 
 
 class SetCallbacks:
@@ -82,7 +84,15 @@ class SetCallbacks:
         """True while mirrors check a set; another set would then be overtaken by the one that is checked."""
 
     def add(self, kind: str, callback: Callable[..., Any]) -> Callable[[], None]:
-        """Add a ``pre-set``, ``on-set`` or ``post-set`` callback or a ``mirror``; returns what removes it."""
+        """Add a function, and return the one that removes it. Raises `TypeError` for async functions.
+
+        Args:
+            kind: ``pre-set``: may replace the list to set. ``on-set``: may refuse it, the newest is asked first. Both
+                are called on the thread that sets, and other sets wait for them. ``post-set``: hears of successful
+                sets and declarations, and holds up nobody else. ``mirror``: checks values once all others have agreed;
+                it raises `RefusedError`, or returns the function that shows them (None when they do not concern it),
+                which is called when they are stored, before anybody else hears of them.
+        """
         if kind != "mirror":
             require_plain(callback, f"the {kind} callback")
         self._functions[kind] += (callback,)
@@ -124,8 +134,12 @@ class SetCallbacks:
         """
         result = ACCEPTED
         for callback in reversed(self._functions["on-set"]):
-            what = f"the on-set callback {_name_of(callback)!r}"
-            result = _as_result(what, called(what, callback, list(parameters)))
+            try:
+                result = callback(list(parameters))
+            except Exception as error:
+                raise _raised(f"the on-set callback {_name_of(callback)!r}", error) from error
+            if type(result) is not SetResult or type(result.successful) is not bool or type(result.reason) is not str:
+                result = _as_result(callback, result)
             if not result.successful:
                 raise RefusedError(result.reason)
         return result, self._prepared(parameters) if self._functions["mirror"] else []
@@ -148,10 +162,11 @@ class SetCallbacks:
                 self._on_failure(f"the post-set callback {_name_of(callback)!r}")
 
 
-def _as_result(what: str, answer: Any) -> SetResult:
+def _as_result(callback: object, answer: Any) -> SetResult:
     """What looks like a SetResult is one: rcl_interfaces' SetParametersResult, which rclpy's callbacks return, too."""
     successful, reason = getattr(answer, "successful", None), getattr(answer, "reason", None)
     if successful is None or not isinstance(reason, str):
+        what = f"the on-set callback {_name_of(callback)!r}"
         raise _wrong_answer(what, answer, "a SetResult with a text as its reason")
     return SetResult(bool(successful), str(reason))
 

@@ -179,7 +179,7 @@ def bind_class(
             raise InvalidParameterValueError(reason) from refusal.__cause__
         assert commit is not None
         commit()
-        store.add_mirror(binding.prepare)
+        store.callbacks.add("mirror", binding.prepare)
     return cast("_T", ParameterProxy(binding))
 
 

@@ -1,7 +1,7 @@
 """From a dataclass to parameters: names, types, descriptors and conversion of each field.
 
-Decides what an annotation means; only this file reads annotations. Nested dataclasses become dotted names. The live
-object and its binding to a store are in `classes.py`.
+Decides what an annotation means; only this file reads annotations. Nested dataclasses become dotted names.
+Binding them to a store is `classes.py`'s.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ from rosidl_py_gen.runtime.parameters.values import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from rosidl_py_gen.runtime.parameters.callbacks import Commit, Prepare
+    from rosidl_py_gen.runtime.parameters.callbacks import Commit
 
 __all__ = ["CallbackAnswerError", "ParameterEvent", "ParameterStore", "SetResult"]
 
@@ -83,41 +83,12 @@ class ParameterStore:
         self.lock = threading.RLock()
         """Held while something is set or declared; may be taken to do several such things as one."""
         self._on_failure = on_failure
-        self._callbacks = SetCallbacks(on_failure)
-        self._notifier = Notifier(on_event, self._callbacks.after, on_failure)
+        self.callbacks = SetCallbacks(on_failure)
+        """Functions to call around each set."""
+        self._notifier = Notifier(on_event, self.callbacks.after, on_failure)
         self._values: dict[str, ParameterValue] = {}
         self._descriptors: dict[str, ParameterDescriptor] = {}
         self._optional: set[str] = set()
-
-    # ------------------------------------------------------------------------------------------------- callbacks
-
-    def add_pre_set_callback(self, callback: Callable[[list[Parameter]], list[Parameter]]) -> Callable[[], None]:
-        """May replace the list to set; all answers are joined. Returns the function that removes it.
-
-        It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop.
-        Raises `TypeError` for an async function.
-        """
-        return self._callbacks.add("pre-set", callback)
-
-    def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Callable[[], None]:
-        """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
-        return self._callbacks.add("on-set", callback)
-
-    def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Callable[[], None]:
-        """Hears of each successful set and declaration, the newest first, on the thread that set.
-
-        It holds up nobody else, so two threads that set may also call it at the same time. One that raises is logged.
-        Returns the function that removes it; raises `TypeError` for an async function.
-        """
-        return self._callbacks.add("post-set", callback)
-
-    def add_mirror(self, prepare: Prepare) -> Callable[[], None]:
-        """For objects that show parameters: `prepare` checks the new values once all callbacks have agreed.
-
-        It raises `RefusedError`, or returns the function that shows them (None when they do not concern it), which is
-        called when they are stored, before anybody else hears of them. Returns the function that removes it.
-        """
-        return self._callbacks.add("mirror", prepare)
 
     # ------------------------------------------------------------------------------------------------- declaring
 
@@ -182,9 +153,9 @@ class ParameterStore:
         """Consent, and what to call once the values are stored; raises `RefusedError`, for `reason` or theirs."""
         if reason:
             raise RefusedError(reason)
-        if self._callbacks.preparing:
+        if self.callbacks.preparing:
             raise RefusedError(_NESTED_REASON)
-        return self._callbacks.ask(parameters)
+        return self.callbacks.ask(parameters)
 
     def _declaration(
         self, name: str, default: ParameterValue, given: ParameterDescriptor | None
@@ -306,7 +277,7 @@ class ParameterStore:
         """
         try:
             with self.lock:
-                wanted = self._callbacks.before(list(parameters))
+                wanted = self.callbacks.before(list(parameters))
                 result, commits = self._agreed(wanted, self._reason(wanted))
                 event = self._apply(wanted)
                 for commit in commits:

@@ -48,12 +48,11 @@ class World:
         return {name: value.value for name, value in self.store.values().items()}
 
 
-@pytest.mark.parametrize("kind", ["pre_set", "on_set"])
+@pytest.mark.parametrize("kind", ["pre-set", "on-set"])
 def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
     world = World("a", "b")
-    add = {"pre_set": world.store.add_pre_set_callback, "on_set": world.store.add_on_set_callback}[kind]
-    remove = add(broken)
-    what = f"the {kind.replace('_', '-')} callback 'broken'"
+    remove = world.store.callbacks.add(kind, broken)
+    what = f"the {kind} callback 'broken'"
     refused = SetResult(False, f"{what} raised KeyError: 'gone'")
     assert world.store.set_atomically([p("a", 2)]) == refused
     assert world.store.set_each([p("a", 2), p("b", 2)]) == [refused, refused]
@@ -64,7 +63,7 @@ def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
 
 def test_a_callback_that_raises_refuses_a_declaration() -> None:
     world = World()
-    world.store.add_on_set_callback(broken)
+    world.store.callbacks.add("on-set", broken)
     with pytest.raises(
         InvalidParameterValueError, match="cannot be declared as 1: the on-set callback 'broken' raised Key"
     ):
@@ -75,9 +74,9 @@ def test_a_callback_that_raises_refuses_a_declaration() -> None:
 def test_a_post_set_callback_that_raises_changes_nothing_and_the_others_still_hear() -> None:
     world = World("a")
     heard: list[str] = []
-    world.store.add_post_set_callback(lambda ps: heard.append("old"))
-    world.store.add_post_set_callback(broken)
-    world.store.add_post_set_callback(lambda ps: heard.append("new"))
+    world.store.callbacks.add("post-set", lambda ps: heard.append("old"))
+    world.store.callbacks.add("post-set", broken)
+    world.store.callbacks.add("post-set", lambda ps: heard.append("new"))
     assert world.store.set_atomically([p("a", 2)]) == OK
     assert world.values() == {"a": 2} and heard == ["new", "old"]
     world.store.declare("b", parameter_value(1))
@@ -99,7 +98,7 @@ def test_an_event_that_cannot_be_published_changes_nothing() -> None:
 )
 def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
     world = World("a")
-    world.store.add_on_set_callback(lambda ps: answer)
+    world.store.callbacks.add("on-set", lambda ps: answer)
     with pytest.raises(CallbackAnswerError, match=r"'<lambda>' returned .*, expected a SetResult with a text"):
         world.store.set_atomically([p("a", 2)])
     with pytest.raises(TypeError):
@@ -109,10 +108,10 @@ def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
 
 def test_what_looks_like_a_result_is_one() -> None:
     world = World("a")
-    remove = world.store.add_on_set_callback(lambda ps: SimpleNamespace(successful=0, reason="as in rclpy"))  # type: ignore[arg-type,return-value]
+    remove = world.store.callbacks.add("on-set", lambda ps: SimpleNamespace(successful=0, reason="as in rclpy"))  # type: ignore[arg-type,return-value]
     assert world.store.set_atomically([p("a", 2)]) == SetResult(False, "as in rclpy")
     remove()
-    world.store.add_on_set_callback(lambda ps: SetResult(1))  # type: ignore[arg-type]
+    world.store.callbacks.add("on-set", lambda ps: SetResult(1))  # type: ignore[arg-type]
     result = world.store.set_atomically([p("a", 2)])
     assert result == OK and result.successful is True
 
@@ -120,7 +119,7 @@ def test_what_looks_like_a_result_is_one() -> None:
 @pytest.mark.parametrize("answer", [None, "text", 5, [1], {"a": 1}, p("a", 2)])
 def test_a_pre_set_callback_must_answer_parameters(answer: Any) -> None:
     world = World("a")
-    world.store.add_pre_set_callback(lambda ps: answer)
+    world.store.callbacks.add("pre-set", lambda ps: answer)
     with pytest.raises(CallbackAnswerError, match=r"returned .*, expected a list of Parameter objects"):
         world.store.set_atomically([p("a", 2)])
     assert world.values() == {"a": 1}
@@ -136,12 +135,12 @@ class Later:
 def test_only_plain_functions_can_be_callbacks(kind: str, callback: Any) -> None:
     store = ParameterStore()
     with pytest.raises(TypeError, match=f"the {kind}-set callback .*(is async, but a set cannot wait|must be a func)"):
-        getattr(store, f"add_{kind}_set_callback")(callback)
+        store.callbacks.add(f"{kind}-set", callback)
 
 
 def test_an_async_function_in_disguise_is_refused_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
     world = World("a")
-    world.store.add_on_set_callback(lambda ps: later())  # type: ignore[arg-type,return-value]
+    world.store.callbacks.add("on-set", lambda ps: later())  # type: ignore[arg-type,return-value]
     with pytest.raises(CallbackAnswerError, match="returned <coroutine"):
         world.store.set_atomically([p("a", 2)])
     assert not recwarn.list
@@ -269,7 +268,7 @@ def test_a_validator_cannot_change_what_is_stored() -> None:
 def test_failures_are_logged_with_a_traceback_by_default(caplog: pytest.LogCaptureFixture) -> None:
     store = ParameterStore()
     store.declare("a", parameter_value(1), ParameterDescriptor())
-    store.add_on_set_callback(broken)
+    store.callbacks.add("on-set", broken)
     with caplog.at_level(logging.ERROR):
         assert not store.set_atomically([p("a", 2)]).successful
     assert "the on-set callback 'broken' failed" in caplog.text and 'raise KeyError("gone")' in caplog.text

@@ -203,7 +203,7 @@ def test_the_object_is_complete_when_the_event_and_the_callbacks_come() -> None:
     world = World()
     drive = bind_class(world.store, Drive)
     seen: list[tuple[float, int]] = []
-    world.store.add_post_set_callback(lambda ps: seen.append((drive.max_speed, drive.left.pwm)))
+    world.store.callbacks.add("post-set", lambda ps: seen.append((drive.max_speed, drive.left.pwm)))
     world.events.clear()
     assert world.set(max_speed=1.0, left__pwm=1).successful
     assert seen == [(1.0, 1)]

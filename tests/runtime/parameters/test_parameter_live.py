@@ -297,7 +297,7 @@ def test_sets_from_many_threads_are_one_after_the_other() -> None:
     def count(new: list[Parameter]) -> list[Parameter]:
         return [Parameter("a", parameter_value(live.a + 1))]
 
-    store.add_pre_set_callback(count)
+    store.callbacks.add("pre-set", count)
     threads = [threading.Thread(target=lambda: [setattr(live, "a", 0) for _ in range(200)]) for _ in range(4)]
     for thread in threads:
         thread.start()
@@ -314,7 +314,7 @@ def test_readers_do_not_wait_for_a_callback_that_takes_long(store: ParameterStor
         entered.set()
         assert release.wait(5)
 
-    remove = store.add_pre_set_callback(lambda ps: slow(ps) or ps)  # type: ignore[func-returns-value]
+    remove = store.callbacks.add("pre-set", lambda ps: slow(ps) or ps)  # type: ignore[func-returns-value]
     setter = threading.Thread(target=lambda: setattr(live, "a", 1))
     setter.start()
     assert entered.wait(5)
@@ -325,7 +325,7 @@ def test_readers_do_not_wait_for_a_callback_that_takes_long(store: ParameterStor
     # After a set is stored, its post-set callbacks hold up nobody.
     entered.clear()
     release.clear()
-    end = store.add_post_set_callback(slow)
+    end = store.callbacks.add("post-set", slow)
     setter = threading.Thread(target=lambda: setattr(live, "a", 2))
     setter.start()
     assert entered.wait(5)

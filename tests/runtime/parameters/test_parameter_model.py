@@ -74,8 +74,8 @@ class StoreAgainstModel(RuleBasedStateMachine):
     def create(self, allow: bool) -> None:
         self.allow = allow
         self.store = ParameterStore(allow_undeclared=allow, on_event=self.hear)
-        self.store.add_on_set_callback(self.judge)
-        self.store.add_post_set_callback(self.note)
+        self.store.callbacks.add("on-set", self.judge)
+        self.store.callbacks.add("post-set", self.note)
 
     def judge(self, parameters: list[Parameter]) -> SetResult:
         refused = self.refusing and any(parameter.value.value == REFUSED_TEXT for parameter in parameters)

@@ -147,7 +147,7 @@ def test_declaring_out_of_range_or_against_a_callback_is_an_error_and_leaves_not
     world = World()
     with pytest.raises(InvalidParameterValueError, match=r"out of range. Min: 0, Max: 2, value: 3"):
         world.declare("a", 3, ParameterDescriptor(integer_range=IntRange(0, 2)))
-    world.store.add_on_set_callback(lambda parameters: SetResult(False, "no"))
+    world.store.callbacks.add("on-set", lambda parameters: SetResult(False, "no"))
     with pytest.raises(InvalidParameterValueError, match="cannot be declared as 3: no"):
         world.declare("a", 3)
     assert not world.store.has("a") and world.events == []
@@ -253,12 +253,12 @@ def test_callbacks_run_in_the_order_of_rclpy() -> None:
             seen.append(f"on{tag}:{world.get('a')}")
             return result
 
-        return world.store.add_on_set_callback(callback)
+        return world.store.callbacks.add("on-set", callback)
 
     on_set("1")
     on_set("2")
-    world.store.add_post_set_callback(lambda ps: seen.append(f"post1:{world.get('a')}"))
-    world.store.add_post_set_callback(lambda ps: seen.append(f"post2:{len(world.events)}"))
+    world.store.callbacks.add("post-set", lambda ps: seen.append(f"post1:{world.get('a')}"))
+    world.store.callbacks.add("post-set", lambda ps: seen.append(f"post2:{len(world.events)}"))
     assert world.set(p("a", 2)) == OK
     assert seen == ["on2:1", "on1:1", "post2:2", "post1:2"]
 
@@ -267,8 +267,8 @@ def test_the_first_refusal_ends_the_asking() -> None:
     world = World()
     world.declare("a", 1)
     asked: list[int] = []
-    world.store.add_on_set_callback(lambda ps: asked.append(1) or OK)  # type: ignore[func-returns-value]
-    remove = world.store.add_on_set_callback(lambda ps: SetResult(False, "because"))
+    world.store.callbacks.add("on-set", lambda ps: asked.append(1) or OK)  # type: ignore[func-returns-value]
+    remove = world.store.callbacks.add("on-set", lambda ps: SetResult(False, "because"))
     assert world.set(p("a", 2)) == SetResult(False, "because") and asked == [] and world.get("a") == 1
     remove()
     remove()
@@ -279,8 +279,8 @@ def test_pre_set_callbacks_replace_the_list() -> None:
     world = World()
     world.declare("a", 1)
     world.declare("b", 1)
-    first = world.store.add_pre_set_callback(lambda ps: [*ps, p("b", 7)])
-    second = world.store.add_pre_set_callback(lambda ps: [])
+    first = world.store.callbacks.add("pre-set", lambda ps: [*ps, p("b", 7)])
+    second = world.store.callbacks.add("pre-set", lambda ps: [])
     assert world.set(p("a", 2)) == OK and world.get("b") == 7
     first()
     assert world.set(p("a", 3)) == SetResult(
@@ -322,8 +322,8 @@ def test_mirrors_are_asked_last_and_commit_before_the_event() -> None:
         seen.append(("asked", world.get("a")))
         return lambda: seen.append(("stored", world.get("a"), len(world.events)))
 
-    end = world.store.add_mirror(prepare)
-    remove = world.store.add_on_set_callback(lambda ps: SetResult(False, "no"))
+    end = world.store.callbacks.add("mirror", prepare)
+    remove = world.store.callbacks.add("on-set", lambda ps: SetResult(False, "no"))
     assert not world.set(p("a", 2)).successful and seen == []
     remove()
     assert world.set(p("a", 5)) == SetResult(False, "not five") and world.get("a") == 1
