@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 class NodeOptions:
     """The keyword arguments of `Node`, without the context."""
 
-    enable_rosout: bool = True
-    overrides: Mapping[str, object] | None = None
-    allow_undeclared: bool = False
-    declare_overrides: bool = False
-    start_services: bool = True
-    logger_services: bool = False
+    enable_rosout: bool
+    overrides: Mapping[str, object] | None
+    allow_undeclared: bool
+    declare_overrides: bool
+    start_services: bool
+    logger_services: bool
