@@ -19,7 +19,7 @@ async def main() -> None:
 
         goal = await client.send_goal(Fibonacci.Goal(order=40), timeout_s=10)
         async for _ in goal.feedback():
-            await goal.cancel(timeout_s=10)  # raises CancelRejected, UnknownGoal or AlreadyTerminated
+            await goal.cancel(timeout_s=10)  # raises CancelRejectedError, UnknownGoalError or AlreadyTerminatedError
             break
         status, result = await goal.result(timeout_s=60)
         print(f"{status.name} after {len(result.sequence)} of 41 numbers", flush=True)

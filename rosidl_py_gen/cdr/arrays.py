@@ -196,8 +196,10 @@ def fixed_converter(code: str) -> Callable[[object, int], bytes]:
 
 def view_of_bools(data: bytes | bytearray | memoryview, count: int, offset: int) -> Array:
     """Bytes as bools: a view when all are 0 or 1, else a copy, because numpy must never see another bool byte."""
+    if not count:
+        return np.zeros(0, np.bool_)  # a fifth of the time of a view
     raw = np.frombuffer(data, np.uint8, count, offset)
-    if count and raw.max() > 1:
+    if raw.max() > 1:
         fixed: Array = raw != 0
         fixed.flags.writeable = raw.flags.writeable
         return fixed

@@ -1,10 +1,14 @@
-"""Packages whose modules load when a name is first used (PEP 562), so importing `sensor_msgs.msg` costs nothing."""
+"""Packages whose modules load when a name is first used (PEP 562), so importing `sensor_msgs.msg` costs nothing.
+
+The names come from a mapping, in generated packages, or from the package's own stub file, which type checkers read as
+well: `from MODULE import NAME as NAME`, one a line.
+"""
 
 from __future__ import annotations
 
 import sys
 from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -17,16 +21,27 @@ def lazy_exports(package: str, modules: Mapping[str, str]) -> tuple[Callable[[st
         package: `__name__` of the package.
         modules: exported name -> module inside the package that defines it.
     """
+    return _exports(package, {name: f"{package}.{module}" for name, module in modules.items()})
 
+
+def stub_exports(package: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
+    """`__getattr__`, `__dir__` and `__all__` of a package, from its ``__init__.pyi``."""
+    spec: Any = sys.modules[package].__spec__
+    lines = spec.loader.get_data(f"{spec.origin}i").decode().splitlines()  # out of a zip file, too
+    homes = {words[3]: words[1] for words in map(str.split, lines) if words[:1] == ["from"]}
+    return *_exports(package, homes), sorted(homes)
+
+
+def _exports(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     def get(name: str) -> object:
-        module = modules.get(name)
+        module = homes.get(name)
         if module is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(f"{package}.{module}"), name)
+        value = getattr(import_module(module), name)
         setattr(sys.modules[package], name, value)
         return value
 
     def names() -> list[str]:
-        return sorted({*vars(sys.modules[package]), *modules})
+        return sorted({*vars(sys.modules[package]), *homes})
 
     return get, names

@@ -196,6 +196,8 @@ def pack_strings(values: Any) -> bytes:
     """The elements of a string sequence or array, beginning at a multiple of 4, without padding behind the last."""
     if not isinstance(values, (list, tuple)):
         raise ValueProblem(f"expected a list of str, found {shorten(values)}")
+    if not values:
+        return b""
     parts: list[bytes] = []
     append = parts.append
     length = -1
@@ -213,6 +215,8 @@ def pack_strings(values: Any) -> bytes:
 
 def unpack_strings(data: bytes | bytearray | memoryview, pos: int, count: int) -> tuple[list[str], int]:
     """`count` strings from offset `pos` (any alignment), and the offset behind the last."""
+    if not count:
+        return [], pos
     if type(data) is memoryview:  # has no decode; such messages are small where it matters
         data = bytes(data)
     within(pos + 4 * count, data)

@@ -151,18 +151,6 @@ async def test_fast_dds_servers_are_refused_by_unknown_builds_of_cyclone(
             await client.call(AddTwoInts.Request(), timeout_s=10)
 
 
-async def test_a_big_endian_ros_node_is_read_correctly(
-    dds: Any, fastdds_peer: Path, run_peer: Callable[..., Any]
-) -> None:
-    context = dds.context()
-    with run_peer(fastdds_peer, "big", str(context.domain_id)):
-        node = dds.node("tester", context=context)
-        assert await node.wait_for_node("/bigendian", timeout_s=10)
-        subscription = node.create_subscription(String, "/big")
-        assert await subscription.receive(timeout_s=5) == String(data="from the other end")
-        assert [info.node_name for info in node.get_publishers_info_by_topic("/big")] == ["bigendian"]
-
-
 async def test_a_peer_that_is_killed_disappears_and_may_return(
     dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]
 ) -> None:

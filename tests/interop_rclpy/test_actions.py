@@ -10,7 +10,7 @@ from rclpy_peer import Peer
 from rclpy_worlds import action, fresh, plain, random_values, until
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.runtime import CancelRejected, GoalRejected, GoalStatus, ServerGoal
+from rosidl_py_gen.runtime import CancelRejectedError, GoalRejectedError, GoalStatus, ServerGoal
 
 FIBONACCI = "test_msgs/action/Fibonacci"
 NESTED = "test_msgs/action/NestedMessage"
@@ -87,7 +87,7 @@ async def test_an_error_in_our_server_aborts_their_goal(dds: Any, shared_peer: P
 
 async def test_their_server_rejects_our_goal(dds: Any, shared_peer: Peer) -> None:
     client = await client_of_theirs(dds, shared_peer, FIBONACCI, "reject")
-    with pytest.raises(GoalRejected):
+    with pytest.raises(GoalRejectedError):
         await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
 
 
@@ -126,7 +126,7 @@ async def test_their_client_cancels_a_goal_of_our_server(dds: Any, shared_peer: 
 async def test_their_server_refuses_to_cancel(dds: Any, shared_peer: Peer) -> None:
     client = await client_of_theirs(dds, shared_peer, FIBONACCI, "cancel", cancels=False)
     goal = await client.send_goal(action(shared_peer, FIBONACCI).Goal(order=1), timeout_s=WAIT_S)
-    with pytest.raises(CancelRejected):
+    with pytest.raises(CancelRejectedError):
         await goal.cancel(timeout_s=WAIT_S)
 
 

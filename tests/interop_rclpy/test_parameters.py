@@ -10,7 +10,7 @@ import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import fresh, repeated, until
 
-from rosidl_py_gen.runtime import Node, ParameterDescriptor, ParameterNotDeclared, ParameterType
+from rosidl_py_gen.runtime import Node, ParameterDescriptor, ParameterNotDeclaredError, ParameterType
 
 WAIT_S = 10
 VALUES: dict[str, Any] = {
@@ -150,7 +150,7 @@ async def test_our_client_gets_their_values_types_and_descriptions(theirs: Any) 
     assert listed(await theirs.get(names, WAIT_S)) == list(VALUES.values())
     assert await theirs.types(names, WAIT_S) == TYPES
     assert [one.type for one in await theirs.describe(names, WAIT_S)] == TYPES
-    with pytest.raises(ParameterNotDeclared):
+    with pytest.raises(ParameterNotDeclaredError):
         await theirs.get("missing", WAIT_S)
 
 

@@ -73,34 +73,6 @@ async def test_entering_a_closed_node_of_an_open_context_is_an_error(memory: Wor
         pass
 
 
-def test_the_garbage_collector_may_close_a_node_during_a_take(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    from rosidl_py_gen.runtime.transport import interface as transport
-
-    context = dds.context()
-    node = dds.node("stays", context=context)
-    subscription, publisher = node.create_subscription(String, "t"), node.create_publisher(String, "t")
-    original, closed = transport.ReceiveQueue.push, []
-
-    def collecting(self: transport.ReceiveQueue, sample: transport.Sample) -> None:
-        if self is subscription._reader.queue and not closed:
-            forgotten = Node("forgotten", context=context)
-            forgotten.create_subscription(String, "t")
-            forgotten.cycle = forgotten  # type: ignore[attr-defined]
-            del forgotten
-            with pytest.warns(ResourceWarning, match="forgotten"):
-                gc.collect()
-            closed.append(True)
-        original(self, sample)
-
-    subscription._reader._push = lambda sample: collecting(subscription._reader.queue, sample)  # type: ignore[attr-defined]
-    thread = threading.Thread(target=lambda: [publisher.publish(String(data=text)) for text in "abc"], daemon=True)
-    thread.start()
-    thread.join(10)
-    assert not thread.is_alive(), "deadlock"
-    assert closed
-    assert [String.decode(subscription._items.popleft()[0]).data for _ in range(3)] == ["a", "b", "c"]
-
-
 def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
     """What the garbage collector may cause in any line."""
     from rosidl_py_gen.runtime.transport.cyclone import endpoints as cyclone_endpoints
@@ -127,21 +99,6 @@ def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
     for subscription, topic in ((first, "/first"), (other, "/other")):
         texts = [String.decode(sample[0]).data for sample in subscription._items]
         assert texts == [f"{topic} {number} {'x' * number}" for number in range(5)]
-
-
-def test_a_node_forgotten_while_its_loop_runs_is_closed_by_the_loop(world: World) -> None:
-    context = world.context()
-
-    async def main() -> None:
-        watcher = world.node("watcher", context=context)
-        forgotten = Node("forgotten", context=context)
-        await watcher.wait_for_node("forgotten", timeout_s=5)
-        with pytest.warns(ResourceWarning, match="forgotten"):
-            del forgotten
-            gc.collect()
-        await eventually(lambda: watcher.get_node_names() == ["/watcher"])
-
-    asyncio.run(main())
 
 
 # --------------------------------------------------------------------------------------------------------- time limits
@@ -184,7 +141,10 @@ async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.
     assert not [record for record in caplog.records if "never retrieved" in record.getMessage()]
 
 
-@pytest.mark.parametrize(("timeout", "error"), [("1", TypeError), (float("nan"), ValueError), ([], TypeError)])
+@pytest.mark.parametrize(
+    ("timeout", "error"),
+    [("1", TypeError), (float("nan"), ValueError), ([], TypeError), (True, TypeError), (-1, ValueError)],
+)
 async def test_a_time_limit_that_is_none_is_refused(memory: World, timeout: Any, error: type[Exception]) -> None:
     node = memory.node("n")
     client, subscription = node.create_client(SetBool, "s"), node.create_subscription(String, "t")
@@ -197,7 +157,7 @@ async def test_a_time_limit_that_is_none_is_refused(memory: World, timeout: Any,
         publisher.wait_for_acknowledged(timeout),
         node.wait_for_node("x", timeout),
     ):
-        with pytest.raises(error, match="timeout_s must be a number of seconds"):
+        with pytest.raises(error, match="timeout_s must be"):
             await attempt
     assert client.pending_count == 0
 

@@ -1,17 +1,20 @@
 """What may be given to the public functions of actions, and what is said about everything else.
 
-Decides which special values mean something: an infinite time is "for ever", all zeros are no goal id and no stamp,
-because on the wire they select every goal (protocol.md 8.4).
+Decides which special values mean something: all zeros are no goal id and no stamp, because on the wire they select
+every goal (protocol.md 8.4).
 """
 
 from __future__ import annotations
 
-from numbers import Integral, Real
-from typing import Any
+from numbers import Integral
+from typing import Any, Literal, get_args
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.time.values import Time
+
+Policy = Literal["parallel", "reject", "preempt", "queue"]
+"""Of an action server, about goals that come while another one runs."""
 
 _ID_BYTES = 16
 _ALL = "all zeros select every goal; use cancel_all() for that"
@@ -19,16 +22,6 @@ _ALL = "all zeros select every goal; use cancel_all() for that"
 
 class ActionArgumentError(RosidlError, ValueError):
     """The caller gave an action a value it cannot work with; the message names the argument."""
-
-
-def require_seconds(name: str, value: float) -> float:
-    """0 or more seconds; infinity is allowed. Raises `TypeError`, `ActionArgumentError`."""
-    if not isinstance(value, Real) or isinstance(value, bool):
-        raise TypeError(f"{name} must be a number of seconds, got {value!r:.100}")
-    seconds = float(value)
-    if not seconds >= 0:
-        raise ActionArgumentError(f"{name} must be 0 or more seconds (math.inf means for ever), got {value!r}")
-    return seconds
 
 
 def require_depth(name: str, value: int) -> int:
@@ -63,17 +56,16 @@ def require_stamp(stamp: Any) -> Time:
     return moment
 
 
-_POLICIES = ("parallel", "reject", "preempt", "queue")
-
-
 def require_server_options(action: str, execute: object, accept: object, on_cancel: object, policy: object) -> None:
     """Raise `TypeError` or `ValueError` for what an action server cannot be made of, before anything is."""
-    for callback, name in ((execute, "execute"), (accept, "accept"), (on_cancel, "on_cancel")):
+    for callback, name in ((execute, "execute"), (accept, "accept")):
         require_callable(callback, f"{name} of action {action}")
+    if not (isinstance(on_cancel, bool) or callable(on_cancel)):
+        raise TypeError(f"on_cancel of action {action} must be True, False or a function, got {on_cancel!r:.100}")
     if accept is not None and execute is None:
         raise TypeError(
             f"accept of action {action} needs execute too, else nobody serves the goals it accepts; without execute, "
             "iterate over the server and answer each request: async for request in server"
         )
-    if policy not in _POLICIES:
-        raise ValueError(f"policy must be one of {', '.join(_POLICIES)}, got {policy!r}")
+    if policy not in get_args(Policy):
+        raise ValueError(f"policy must be one of {', '.join(get_args(Policy))}, got {policy!r}")

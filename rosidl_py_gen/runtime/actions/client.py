@@ -10,7 +10,6 @@ Source: protocol.md 8.1, 8.4, 8.5.
 
 from __future__ import annotations
 
-import asyncio
 import uuid
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -20,28 +19,28 @@ from rosidl_py_gen.runtime.actions.checks import (
     ActionArgumentError,
     require_depth,
     require_goal_id,
-    require_seconds,
     require_stamp,
 )
 from rosidl_py_gen.runtime.actions.client_goal import (
     ActionTimeoutError,
-    AlreadyTerminated,
+    AlreadyTerminatedError,
     CancelError,
-    CancelRejected,
+    CancelRejectedError,
     ClientGoal,
-    GoalRejected,
-    UnknownGoal,
+    GoalRejectedError,
 )
 from rosidl_py_gen.runtime.actions.results import ResultClient
-from rosidl_py_gen.runtime.actions.states import ZERO_ID, CancelCode, GoalStatus
-from rosidl_py_gen.runtime.actions.status_rows import find_status
+from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCode, GoalStatus, UnknownGoalError
+from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
-from rosidl_py_gen.runtime.endpoints.scope import require_timeout
+from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
-from rosidl_py_gen.runtime.time.values import Time
+from rosidl_py_gen.runtime.loop.callbacks import current_loop
+from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.time.values import Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -53,6 +52,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.values import SecNanosec
 
 T = TypeVar("T")
+
+_CANCEL_ERRORS: dict[int, tuple[type[ActionError], str]] = {
+    CancelCode.REJECTED: (CancelRejectedError, "refused to cancel"),
+    CancelCode.UNKNOWN_GOAL_ID: (UnknownGoalError, "does not know"),
+    CancelCode.GOAL_TERMINATED: (AlreadyTerminatedError, "has ended already, or is cancelling,"),
+}
 
 
 class ActionClient(Generic[ActionT_co]):
@@ -69,17 +74,17 @@ class ActionClient(Generic[ActionT_co]):
         server_lost_after_s: float,
     ) -> None:
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
-        lost_after_s = require_seconds("server_lost_after_s", server_lost_after_s)
+        lost_after_ns = limit_to_ns("server_lost_after_s", server_lost_after_s)
         self.name = names.action
         """Fully qualified name of the action."""
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
+        self.action_class = action_type.cls
         self._scope = scope
         self._type = action_type
         self._run = run
         self._closed = False
-        self._available = False
-        self._checked_version = -1
+        self._matching: Matching[None] = Matching(scope, lambda _: not self._missing())
         self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
         # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
         # know who wants the feedback. Feedback is kept until it is sorted: the queue is shared by all goals, each has
@@ -92,7 +97,7 @@ class ActionClient(Generic[ActionT_co]):
         )
         self._send: Client[Any, Any] = Client(scope, action_type.send_goal, names.send_goal, SERVICES_DEFAULT, run)
         self._cancel: Client[Any, Any] = Client(scope, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT, run)
-        self._result = ResultClient(scope, action_type.get_result, names.get_result, run, lost_after_s)
+        self._result = ResultClient(scope, action_type.get_result, names.get_result, run, lost_after_ns)
 
     # ------------------------------------------------------------------------------------------------ availability
 
@@ -108,15 +113,11 @@ class ActionClient(Generic[ActionT_co]):
         return self._is_available()
 
     def _is_available(self) -> bool:
-        version = self._scope.graph.version
-        if not self._available or version != self._checked_version:
-            self._available = not self._missing()
-            self._checked_version = version
-        return self._available
+        return self._matching.is_complete(None)
 
     def _missing(self) -> list[str]:
         """The names of what no server is connected at."""
-        services = (self._send, self._cancel, self._result)
+        services = (self._send, self._cancel, self._result.client)
         missing = [client.name for client in services if not client.service_is_available()]
         return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
 
@@ -139,26 +140,26 @@ class ActionClient(Generic[ActionT_co]):
             goal_id: 16 bytes, not all zero; None makes a random UUID.
 
         Raises:
-            GoalRejected: the server does not want it.
+            GoalRejectedError: the server does not want it.
             ActionTimeoutError: no answer in `timeout_s` seconds; a `TimeoutError`.
             EncodeError, TypeError: the goal does not fit its type.
             ActionArgumentError: no goal id, or one of a goal of this client that has not ended.
             ForeignServiceError, ClosedError: as their names say.
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
-        require_timeout(timeout_s)
+        deadline = Deadline(timeout_s)
         request = self._type.cls.SendGoal.Request()
         goal_id = uuid.uuid4().bytes if goal_id is None else require_goal_id(goal_id)
         if goal_id in self._goals:
             raise ActionArgumentError(f"goal_id {goal_id.hex()} belongs to a goal of this client that has not ended")
         request.goal_id.uuid = goal_id
         request.goal = self._type.goal.to_message(goal)
-        handle: ClientGoal[Any] = ClientGoal(self, goal_id, goal, self._feedback_depth)
+        handle: ClientGoal[Any] = ClientGoal(goal_id, goal, self._feedback_depth, self.cancel_goal, self._run_sync)
         self._goals[goal_id] = handle
         try:
-            response = await self._call_send_goal(request, timeout_s)
+            response = await self._call_send_goal(request, deadline, timeout_s)
             if not response.accepted:
-                raise GoalRejected(f"action server {self.name} rejected the goal {goal!r:.200}")
+                raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
             handle.accepted(Time.from_msg(response.stamp))
             self._ask_result(handle)
         except BaseException:
@@ -166,19 +167,18 @@ class ActionClient(Generic[ActionT_co]):
             raise
         return handle
 
-    async def _call_send_goal(self, request: Any, timeout_s: float | None) -> Any:
-        loop = self._scope.bridge.running_loop()
-        started_s = loop.time()
+    async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
         if not self._is_available():
-            request._encode()  # a goal that does not fit is refused before anybody is waited for
-            if not await self.wait_for_server(timeout_s):
+            self._type.send_goal.request.encode(
+                request
+            )  # a goal that does not fit is refused before anybody is waited for
+            if not await self.wait_for_server(deadline.left_s()):
                 raise ActionTimeoutError(
                     f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at "
                     f"{', '.join(self._missing())}"
                 )
-        left_s = None if timeout_s is None else timeout_s - (loop.time() - started_s)
         try:
-            return await self._send.call(request, left_s)
+            return await self._send.call(request, deadline.left_s())
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"goal not answered by action {self.name} in {timeout_s} s") from error
 
@@ -195,12 +195,12 @@ class ActionClient(Generic[ActionT_co]):
         `send_goal`.
         """
         coroutine: Coroutine[Any, Any, Any] = self.send_goal(goal, timeout_s, goal_id=goal_id)
-        handle: ClientGoal[ActionT_co] = self.run_sync(coroutine)
+        handle: ClientGoal[ActionT_co] = self._run_sync(coroutine)
         return handle
 
-    def run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
+    def _run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine of this client from plain code; see `send_goal_sync`."""
-        if self._scope.bridge.in_loop_thread() or asyncio._get_running_loop() is not None:
+        if self._scope.bridge.in_loop_thread() or current_loop() is not None:
             coroutine.close()
             raise WouldDeadlockError(
                 f"a waiting call on action {self.name} from inside the event loop would wait for ever; use 'await' in "
@@ -215,22 +215,19 @@ class ActionClient(Generic[ActionT_co]):
         request = self._type.cls.GetResult.Request()
         request.goal_id.uuid = handle.goal_id
 
-        def tell(response: Any) -> None:
-            self._take_feedback()
-            self._result_arrived(handle, response)
-
-        def fail(error: BaseException) -> None:
+        def on_error(error: BaseException) -> None:
             self._goals.pop(handle.goal_id, None)
             handle.failed(error)
 
-        self._result.ask(request, tell, fail)
+        self._result.ask(request, lambda response: self._on_result(handle, response), on_error)
 
-    def _result_arrived(self, handle: ClientGoal[Any], response: Any) -> None:
+    def _on_result(self, handle: ClientGoal[Any], response: Any) -> None:
+        self._feedback.deliver()  # what came before the result, and is perhaps not looked at before the next wait
         self._goals.pop(handle.goal_id, None)
         try:
             status = GoalStatus(response.status)
             if status is GoalStatus.UNKNOWN:
-                raise UnknownGoal(f"action server {self.name} does not know goal {handle.goal_id.hex()} any more")
+                raise UnknownGoalError(f"action server {self.name} does not know goal {handle.goal_id.hex()} any more")
             handle.finished(status, self._type.result.to_value(response.result))
         except Exception as error:
             handle.failed(error)
@@ -244,26 +241,19 @@ class ActionClient(Generic[ActionT_co]):
             ActionArgumentError: no goal id. Else as `ClientGoal.cancel`.
         """
         goal_id = require_goal_id(goal_id)
-        code, canceling = await self._ask_cancel(goal_id, None, timeout_s)
-        if code == CancelCode.UNKNOWN_GOAL_ID:
-            raise UnknownGoal(f"action server {self.name} does not know goal {goal_id.hex()}")
-        if code == CancelCode.GOAL_TERMINATED:
-            raise AlreadyTerminated(
-                f"goal {goal_id.hex()} of action {self.name} has ended or is being cancelled already"
-            )
-        # rclpy servers answer 0 with an empty list when they refuse.
-        if code == CancelCode.REJECTED or (code == CancelCode.NONE and goal_id not in canceling):
-            raise CancelRejected(f"action server {self.name} refused to cancel goal {goal_id.hex()}")
-        if code != CancelCode.NONE:
-            raise CancelError(f"action server {self.name} answered a cancel with the unknown code {code}")
+        what = f"goal {goal_id.hex()}"
+        if goal_id not in await self._ask_cancel(goal_id, None, what, timeout_s):
+            # rclpy servers answer 0 with an empty list when they refuse.
+            raise CancelRejectedError(f"action server {self.name} refused to cancel {what}")
 
     async def cancel_all(self, timeout_s: float | None = None) -> list[bytes]:
         """Ask to cancel every goal of the server, other clients' too; returns the ids being cancelled.
 
         Raises:
-            CancelRejected: there were goals, and the server refused for all of them. ActionTimeoutError, ClosedError.
+            CancelRejectedError: there were goals, and the server refused for all of them.
+            ActionTimeoutError, ClosedError.
         """
-        return await self._cancel_many(None, timeout_s)
+        return await self._ask_cancel(ZERO_ID, None, "any goal", timeout_s)
 
     async def cancel_before(self, stamp: Time | SecNanosec, timeout_s: float | None = None) -> list[bytes]:
         """Ask to cancel every goal accepted at `stamp` or before; returns and raises as `cancel_all`.
@@ -271,17 +261,9 @@ class ActionClient(Generic[ActionT_co]):
         Raises:
             ActionArgumentError: `stamp` is zero, which would mean all. TypeError: it is no time.
         """
-        return await self._cancel_many(require_stamp(stamp), timeout_s)
+        return await self._ask_cancel(ZERO_ID, require_stamp(stamp), "any goal", timeout_s)
 
-    async def _cancel_many(self, stamp: Time | None, timeout_s: float | None) -> list[bytes]:
-        code, canceling = await self._ask_cancel(ZERO_ID, stamp, timeout_s)
-        if code == CancelCode.REJECTED:
-            raise CancelRejected(f"action server {self.name} refused to cancel any goal")
-        if code != CancelCode.NONE:
-            raise CancelError(f"action server {self.name} answered a cancel with code {code}")
-        return canceling
-
-    async def _ask_cancel(self, goal_id: bytes, stamp: Time | None, timeout_s: float | None) -> tuple[int, list[bytes]]:
+    async def _ask_cancel(self, goal_id: bytes, stamp: Time | None, what: str, timeout_s: float | None) -> list[bytes]:
         request = CancelGoal_Request()
         request.goal_info.goal_id.uuid = goal_id  # type: ignore[assignment]  # bytes are welcome in a uint8 array
         if stamp is not None:
@@ -290,7 +272,11 @@ class ActionClient(Generic[ActionT_co]):
             response = await self._cancel.call(request, timeout_s)
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"cancel not answered by action {self.name}: {error}") from error
-        return int(response.return_code), [goal_id_of(info) for info in response.goals_canceling]
+        code = int(response.return_code)
+        if code != CancelCode.NONE:
+            kind, says = _CANCEL_ERRORS.get(code, (CancelError, f"answered with the unknown code {code} about"))
+            raise kind(f"action server {self.name} {says} {what}")
+        return [goal_id_of(info) for info in response.goals_canceling]
 
     # ------------------------------------------------------------------------------------------------------ topics
 
@@ -298,11 +284,6 @@ class ActionClient(Generic[ActionT_co]):
         handle = self._goals.get(goal_id_of(message))
         if handle is not None:
             handle.feedback_arrived(self._type.feedback.to_value(message.feedback))
-
-    def _take_feedback(self) -> None:
-        """Deliver the feedback that is here already: another reader's, perhaps not looked at before the next wait."""
-        self._feedback._reader.fetch()
-        self._feedback._on_data()
 
     def _on_status(self, data: bytes) -> None:
         for goal_id, handle in self._goals.items():

@@ -1,33 +1,30 @@
-"""One goal as the action client that sent it sees it, and what can go wrong with it."""
+"""One goal as the action client that sent it sees it, and what can go wrong with it.
+
+Decides that a status never goes back, and that a goal which cannot get a result any more ends with an error for all who
+wait: for its result and its feedback.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic
 
-from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.actions.states import GoalStatus
+from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
-from rosidl_py_gen.runtime.endpoints.scope import require_timeout
-from rosidl_py_gen.runtime.loop.latch import Latch
 from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.loop.waiters import Latch
+from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine
+    from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.types import FeedbackT, GoalT, ResultT
     from rosidl_py_gen.runtime.time.values import Time
 
-T = TypeVar("T")
-
 _STATUSES = {int(status): status for status in GoalStatus}
 
 
-class ActionError(RosidlError):
-    """An action server did not do what the caller asked for."""
-
-
-class GoalRejected(ActionError):
+class GoalRejectedError(ActionError):
     """The server does not want this goal."""
 
 
@@ -35,41 +32,35 @@ class ActionTimeoutError(ActionError, TimeoutError):
     """The server did not answer in time; the goal may go on."""
 
 
-class ActionServerLost(ActionError):
+class ActionServerLostError(ActionError):
     """The server went away before the result was in."""
 
 
 class CancelError(ActionError):
-    """A cancel request was not granted; see the subclasses."""
+    """A cancel request was not granted."""
 
 
-class CancelRejected(CancelError):
+class CancelRejectedError(CancelError):
     """The server refused to cancel."""
 
 
-class UnknownGoal(CancelError, LookupError):
-    """The server does not know the goal, or has forgotten it."""
-
-
-class AlreadyTerminated(CancelError):
+class AlreadyTerminatedError(CancelError):
     """The goal has ended, or is being cancelled already."""
-
-
-class GoalClient(Protocol):
-    """What a handle needs of its client."""
-
-    async def cancel_goal(self, goal_id: bytes, timeout_s: float | None = None) -> None:
-        """Ask to cancel one goal."""
-
-    def run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine from plain code."""
 
 
 class ClientGoal(Generic[ActionT_co]):
     """A goal that was accepted; made by `ActionClient.send_goal`. `ClientGoal[Fibonacci]` to a type checker."""
 
-    def __init__(self, client: GoalClient, goal_id: bytes, goal: object, feedback_depth: int) -> None:
-        self._client = client
+    def __init__(
+        self,
+        goal_id: bytes,
+        goal: object,
+        feedback_depth: int,
+        cancel: Callable[[bytes, float | None], Coroutine[Any, Any, None]],
+        run_sync: Callable[[Coroutine[Any, Any, Any]], Any],
+    ) -> None:
+        self._cancel = cancel
+        self._run_sync = run_sync
         self._goal: Any = goal
         self._status = GoalStatus.UNKNOWN
         self._outcome: tuple[GoalStatus, Any] | None = None
@@ -105,7 +96,7 @@ class ClientGoal(Generic[ActionT_co]):
     def feedback(self: ClientGoal[Action[Any, Any, FeedbackT]]) -> Stream[FeedbackT]:
         """Iterate over the feedback, from the first one on; ends when the result is in.
 
-        Ends with an error when there will be no result: `ActionServerLost`, `ClosedError`.
+        Ends with an error when there will be no result: `ActionServerLostError`, `ClosedError`.
         """
         return self._feedback
 
@@ -116,11 +107,10 @@ class ClientGoal(Generic[ActionT_co]):
 
         Raises:
             ActionTimeoutError: not ended in `timeout_s` seconds; the goal goes on. TypeError, ValueError: no seconds.
-            ActionServerLost: the server went away. UnknownGoal: it came back without knowing the goal.
+            ActionServerLostError: the server went away. UnknownGoalError: it came back without knowing the goal.
             ClosedError: the client was closed.
         """
-        require_timeout(timeout_s)
-        if not await self._done.wait(timeout_s):
+        if not await self._done.wait(Deadline(timeout_s).left_s()):
             raise ActionTimeoutError(
                 f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {self._status.name}"
             )
@@ -133,20 +123,21 @@ class ClientGoal(Generic[ActionT_co]):
         """Ask the server to cancel; returns when it agreed. The goal ends some time later, see `result`.
 
         Raises:
-            CancelRejected, AlreadyTerminated, UnknownGoal: the server's answer.
+            CancelRejectedError, AlreadyTerminatedError, UnknownGoalError: the server's answer.
             ActionTimeoutError: no answer in `timeout_s` seconds. ClosedError.
         """
-        await self._client.cancel_goal(self.goal_id, timeout_s)
+        await self._cancel(self.goal_id, timeout_s)
 
     def result_sync(
         self: ClientGoal[Action[Any, ResultT, Any]], timeout_s: float | None = None
     ) -> tuple[GoalStatus, ResultT]:
         """`result` for plain code; see `ActionClient.send_goal_sync`."""
-        return self._client.run_sync(self.result(timeout_s))
+        ended: tuple[GoalStatus, ResultT] = self._run_sync(self.result(timeout_s))
+        return ended
 
     def cancel_sync(self, timeout_s: float | None = None) -> None:
         """`cancel` for plain code; see `ActionClient.send_goal_sync`."""
-        self._client.run_sync(self.cancel(timeout_s))
+        self._run_sync(self.cancel(timeout_s))
 
     # ------------------------------------------------------------------------- what the client tells, on the loop
 

@@ -3,91 +3,133 @@
 Decides how the end of a handler becomes the end of its goal: what it returns is the result, an exception (its own
 CancelledError too) is ABORTED, and so is an end that says nothing. A plain function runs in a daemon thread of its own:
 any number of goals at once, and one that never returns does not keep the program alive.
+
+Decides too how long the first handler after a change among the clients waits until their feedback would arrive.
 """
 
 from __future__ import annotations
 
 import asyncio
 import inspect
-from typing import TYPE_CHECKING, Any, Protocol
+import sys
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.actions.server_goal import Finished, ServerGoal
-from rosidl_py_gen.runtime.actions.states import GoalEvent
-from rosidl_py_gen.runtime.endpoints.scope import is_async
-from rosidl_py_gen.runtime.loop.callbacks import in_thread, is_own_cancel
+from rosidl_py_gen.runtime.loop.callbacks import in_thread, is_async
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.runtime.actions.readiness import Hearing
+    from rosidl_py_gen.runtime.endpoints.publisher import Publisher
     from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.endpoints.server import ServiceServer
+
+T = TypeVar("T")
+
+_PATIENCE_S = 0.1
+_HEARTBEAT_S = 0.01
+_PREFIX_BYTES = 12
+"""The part of a GUID that all endpoints of a participant share."""
 
 
-class GoalEnder(Protocol):
-    """What ends a goal: the action server."""
+class FeedbackReadiness:
+    """Whether the clients that may send goals would receive feedback yet.
 
-    def finish(self, goal_id: bytes, event: GoalEvent, result: object | None) -> None:
-        """See `GoalServer`."""
+    A client that has just appeared may be connected with the goal service before it is with the feedback topic, and
+    what is published until then is lost. So is what a reliable DDS writer sends before a new reader has had its first
+    heartbeat, which comes a few milliseconds after they were connected (measured: the first feedback of every tenth
+    new client). So up to 100 ms are given to connections, as service replies do (protocol.md 5.2), and 10 ms to the
+    heartbeat. Goals of known clients wait for nothing.
+    """
+
+    def __init__(self, scope: Scope, goals: ServiceServer[Any, Any], feedback: Publisher[Any]) -> None:
+        self._scope = scope
+        self._goals = goals
+        self._feedback = feedback
+        self._known: list[bytes] = []
+        self._unreachable: set[bytes] = set()
+
+    def is_given(self) -> bool:
+        """Whether the clients are those of last time."""
+        return self._goals.matched_clients() == self._known
+
+    async def wait(self) -> None:
+        """Return when every client is connected, or those who are not have had their time."""
+        patience_s, poll_s = _PATIENCE_S, _HEARTBEAT_S
+        if not await self._scope.wait_until(lambda: not self._missing(), patience_s, lambda: False, poll_s=poll_s):
+            self._unreachable |= self._missing()
+        known = self._goals.matched_clients()
+        await asyncio.sleep(_HEARTBEAT_S)
+        self._known = known
+
+    def _missing(self) -> set[bytes]:
+        clients = {guid[:_PREFIX_BYTES] for guid in self._goals.matched_clients()}
+        self._unreachable &= clients
+        return clients - {guid[:_PREFIX_BYTES] for guid in self._feedback.matched_subscriptions()} - self._unreachable
 
 
 class HandlerRunner:
-    """The running handlers of one action server."""
+    """The running handlers of one action server; the `Owner` of its function."""
 
-    def __init__(
-        self, scope: Scope, server: GoalEnder, action: str, execute: Callable[..., Any], hearing: Hearing
-    ) -> None:
+    def __init__(self, scope: Scope, action: str, execute: Callable[..., Any], readiness: FeedbackReadiness) -> None:
+        self.closed = False
         self._scope = scope
-        self._server = server
         self._action = action
         self._execute = execute
-        self._hearing = hearing
         self._is_async = is_async(execute)
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._closed = False
+        self._handler = UserFunction(self, self._call, f"the handler of action {action}")
+        self._readiness = readiness
+        self._tasks: set[asyncio.Task[Any]] = set()
 
-    def start(self, goal: ServerGoal[Any]) -> None:
+    def run(self, goal: ServerGoal[Any]) -> None:
         """Run the handler on a goal that is EXECUTING or CANCELING."""
-        task = self._scope.start(self._run(goal))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self.start(self._run(goal))
 
     async def _run(self, goal: ServerGoal[Any]) -> None:
         try:
-            outcome = await self._call(goal)
-            if goal.is_active and outcome is not None and not isinstance(outcome, Finished):
-                self._server.finish(goal.goal_id, GoalEvent.SUCCEED, outcome)
-            elif goal.is_active:
-                self._scope.logger.warning(
-                    f"the handler of action {self._action} returned without ending goal {goal.goal_id.hex()}; "
-                    "aborting it"
-                )
-        except asyncio.CancelledError:
-            goal.request_cancel()  # a plain function may still run in its thread
-            if self._closed or is_own_cancel():
-                raise
-            self._scope.logger.warning(
-                f"the handler of action {self._action} was cancelled, or awaited something that was; "
-                f"goal {goal.goal_id.hex()} is aborted"
-            )
-        except Exception as error:
-            if not (self._closed and isinstance(error, ClosedError)):
-                self._scope.report_failure(f"the handler of action {self._action}")
+            await self._handler.run(goal, then=partial(self._returned, goal))
         finally:
-            if goal.is_active and not self._closed:
-                self._server.finish(goal.goal_id, GoalEvent.ABORT, None)
+            if goal.is_active and not self.closed:
+                goal.abort()
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
-        if not self._hearing.is_settled():
-            await self._hearing.settle()
+        if not self._readiness.is_given():
+            await self._readiness.wait()
         if self._is_async:
             return await self._execute(goal)
-        outcome = await in_thread(f"action handler {self._action}", self._execute, goal)
-        return await outcome if inspect.isawaitable(outcome) else outcome
+        try:
+            outcome = await in_thread(f"action handler {self._action}", self._execute, goal)
+            return await outcome if inspect.isawaitable(outcome) else outcome
+        except asyncio.CancelledError:
+            goal.request_cancel()  # the function may still run in its thread
+            raise
+
+    def _returned(self, goal: ServerGoal[Any], outcome: object) -> None:
+        if goal.is_active and outcome is not None and not isinstance(outcome, Finished):
+            goal.succeed(outcome)
+        elif goal.is_active:
+            self._scope.logger.warning(
+                f"the handler of action {self._action} returned without ending goal {goal.goal_id.hex()}; aborting it"
+            )
+
+    def start(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
+        """See `Owner`."""
+        task = self._scope.start(coroutine)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    def report_failure(self, doing: str) -> None:
+        """See `Owner`; a goal that cannot be ended because the server is closed is no failure of its handler."""
+        if not (self.closed and isinstance(sys.exc_info()[1], ClosedError)):
+            self._scope.report_failure(doing)
 
     def close(self) -> None:
         """Cancel what awaits something. A plain function goes on until it looks at `cancel_requested`."""
-        self._closed = True
+        self.closed = True
         for task in self._tasks:
             if not task.get_loop().is_closed():
                 task.cancel()

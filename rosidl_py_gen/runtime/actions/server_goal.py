@@ -1,48 +1,38 @@
-"""One goal as the handler of an action server sees it.
+"""The goals of an action server: what a handler may do with one, and when each starts, ends and is forgotten.
 
-Decides what a handler may do with it; the rules are `states.py`'s, the server does what crosses the wire. Every method
-of `ServerGoal` and `GoalRequest` may be called from any thread, except the coroutines: a plain `execute` function runs
-in a thread of its own.
+Which state may follow which is `states.py`'s; here every change of state goes to the status topic. A result is encoded
+when its goal ends, once, and kept as bytes. Every method of `ServerGoal` may be called from any thread, except the
+coroutines: a plain `execute` function runs in a thread of its own.
 """
 
 from __future__ import annotations
 
-from enum import Enum
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+import asyncio
+from collections import deque
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.actions.states import GoalEvent, GoalStatus
+from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, GoalEvent, GoalInfo, GoalStatus
+from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
-from rosidl_py_gen.runtime.loop.latch import Latch
+from rosidl_py_gen.runtime.endpoints.publisher import Publisher
+from rosidl_py_gen.runtime.loop.callbacks import on_loop, settle
+from rosidl_py_gen.runtime.loop.waiters import Waiters
+from rosidl_py_gen.runtime.time.values import ClockType, Duration, limit_to_ns
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
-    import asyncio
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from rosidl_py_gen.cdr import Action
-    from rosidl_py_gen.runtime.actions.types import FeedbackT, GoalT, ResultT
+    from rosidl_py_gen.runtime.actions.checks import Policy
+    from rosidl_py_gen.runtime.actions.states import CancelCode, CancelSelection
+    from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, FeedbackT, GoalT, ResultT
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.time.clock import Clock
 
 T = TypeVar("T")
 
-
-class GoalDecision(Enum):
-    """What an `accept` callback may answer. None means ACCEPT; of anything else counts whether it is true."""
-
-    ACCEPT = "accept and start"
-    REJECT = "reject"
-    DEFER = "accept; `goal.execute()` starts it later"
-
-
-def decision_of(answer: object) -> GoalDecision:
-    """What an `accept` callback meant."""
-    if isinstance(answer, GoalDecision):
-        return answer
-    return GoalDecision.ACCEPT if agrees(answer) else GoalDecision.REJECT
-
-
-def agrees(answer: object) -> bool:
-    """Whether a callback that was asked for permission gave it: None does, as callbacks without return say it."""
-    return answer is None or bool(answer)
+_LONGEST_SLEEP_S = 3600.0
 
 
 class Finished:
@@ -54,40 +44,17 @@ class Finished:
 FINISHED = Finished()
 
 
-class GoalServer(Protocol):
-    """What a goal needs of its server."""
-
-    def finish(self, goal_id: bytes, event: GoalEvent, result: object | None) -> None:
-        """End a goal; None stands for a default result. Raises `GoalTransitionError`, `UnknownGoalError`."""
-
-    def start(self, goal_id: bytes) -> None:
-        """Start a deferred goal, or let it stand in line."""
-
-    def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
-        """Send feedback."""
-
-    def status_of(self, goal_id: bytes) -> GoalStatus:
-        """UNKNOWN when it is forgotten."""
-
-    def admit(self, goal: ServerGoal[Any], *, start: bool) -> None:
-        """Accept a goal that waits for an answer. Raises `GoalAlreadyAnsweredError`."""
-
-    def refuse(self, goal: ServerGoal[Any]) -> None:
-        """Reject a goal that waits for an answer. Raises `GoalAlreadyAnsweredError`."""
-
-    def on_loop(self, function: Callable[[], T]) -> T:
-        """Run `function` on the loop's thread and return what it returns."""
-
-
 class ServerGoal(Generic[ActionT_co]):
     """A goal that was accepted; `ServerGoal[Fibonacci]` to a type checker."""
 
-    def __init__(self, server: GoalServer, goal_id: bytes, request: object) -> None:
-        self._server = server
+    def __init__(self, goals: ServerGoals, goal_id: bytes, request: object) -> None:
+        self._goals = goals
         self._request: Any = request
-        self._cancel = Latch()
-        self._start_known = Latch()
-        self.looked_for_cancel = False
+        self._cancel_requested = False
+        self._result: bytes | None = None
+        self._changed = Waiters()
+        self.cancel_answers: set[asyncio.Future[bool]] = set()
+        """Cancel requests that the program decides about; they are refused when the goal ends."""
         self.has_started = False
         """True since it began to execute, also after its end."""
         self.goal_id = goal_id
@@ -102,7 +69,7 @@ class ServerGoal(Generic[ActionT_co]):
     @property
     def status(self) -> GoalStatus:
         """Where the goal is now; UNKNOWN once its result has expired."""
-        return self._server.status_of(self.goal_id)
+        return self._goals.book.status(self.goal_id)
 
     @property
     def is_active(self) -> bool:
@@ -115,31 +82,42 @@ class ServerGoal(Generic[ActionT_co]):
 
         Also true when the server closes; then nothing can be told to the client any more, and it is time to return.
         """
-        self.looked_for_cancel = True
-        return self._cancel.is_set
+        return self._cancel_requested
 
     async def wait_for_cancel(self) -> None:
         """Return when `cancel_requested` becomes true."""
-        self.looked_for_cancel = True
-        await self._cancel.wait()
+        await self._changed.wait(lambda: self._cancel_requested)
 
     async def started(self) -> bool:
-        """Wait until a goal that stands in line, or was deferred, is EXECUTING.
+        """Wait until a goal that waits its turn, or was deferred, is EXECUTING.
 
         Returns:
             False when it will never be: it was cancelled before, and has ended, or the server was closed.
         """
-        await self._start_known.wait()
+        await self._changed.wait(lambda: self.has_started or self._result is not None)
         return self.has_started
 
     def request_cancel(self) -> None:
         """Set `cancel_requested`; the server does this, after the status has changed, and when it closes."""
-        self._cancel.set()
+        self._cancel_requested = True
+        self._changed.wake()
 
-    def settle_start(self, *, started: bool) -> None:
-        """Say that it starts now, or never will; the server does this."""
-        self.has_started = self.has_started or started
-        self._start_known.set()
+    def mark_started(self) -> None:
+        """It starts now; the server does this."""
+        self.has_started = True
+        self._changed.wake()
+
+    def mark_ended(self, result: bytes) -> None:
+        """It has ended, or the server closes; the server does this."""
+        self._result = result
+        self._changed.wake()
+        for answer in self.cancel_answers:
+            settle(answer, False)
+
+    async def encoded_result(self) -> bytes:
+        """What get_result answers, once the goal has ended; the server asks this."""
+        await self._changed.wait(lambda: self._result is not None)
+        return self._result or b""
 
     def publish_feedback(self: ServerGoal[Action[Any, Any, FeedbackT]], feedback: FeedbackT) -> None:
         """Tell the client how it goes; from any thread.
@@ -147,14 +125,14 @@ class ServerGoal(Generic[ActionT_co]):
         Raises:
             EncodeError, TypeError: `feedback` does not fit. ClosedError: the server is closed.
         """
-        self._server.publish_feedback(self.goal_id, feedback)
+        self._goals.publish_feedback(self.goal_id, feedback)
 
     def execute(self) -> None:
-        """Start a deferred goal; with the policies ``"queue"`` and ``"preempt"`` it may have to stand in line first.
+        """Start a deferred goal; with the policies ``"queue"`` and ``"preempt"`` it may have to wait its turn.
 
         Without effect when it has started or ended: a deferred goal that is cancelled ends as CANCELED by itself.
         """
-        self._server.on_loop(lambda: self._server.start(self.goal_id))
+        self._goals.on_loop(lambda: self._goals.start_deferred(self))
 
     def succeed(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> Finished:
         """End the goal as SUCCEEDED; None is a default result. It is sent as it is now: later changes have no effect.
@@ -178,80 +156,196 @@ class ServerGoal(Generic[ActionT_co]):
         return self._finish(GoalEvent.CANCELED, result)
 
     def _finish(self, event: GoalEvent, result: object | None) -> Finished:
-        self._server.on_loop(lambda: self._server.finish(self.goal_id, event, result))
+        self._goals.on_loop(lambda: self._goals.finish(self.goal_id, event, result))
         return FINISHED
 
     def __repr__(self) -> str:
         return f"ServerGoal({self.goal_id.hex()}, {self.status.name})"
 
 
-class GoalAlreadyAnsweredError(RosidlError, RuntimeError):
-    """The caller accepted or rejected one request twice, or its server is closed."""
+class ServerGoals:
+    """The accepted goals of one action server, with the topics that tell of them. All on the loop's thread.
 
-
-class GoalRequest(Generic[ActionT_co]):
-    """A goal that waits for `accept` or `reject`, from iterating over an action server.
-
-    One that the program drops without an answer is rejected with a warning.
+    Args:
+        run: called with each goal when it starts.
     """
 
-    def __init__(self, server: GoalServer, goal: ServerGoal[ActionT_co], let_go: Callable[[bytes], None]) -> None:
-        self._server = server
-        self._goal = goal
-        self._let_go = let_go
+    def __init__(
+        self,
+        scope: Scope,
+        clock: Clock,
+        action_type: ActionType,
+        names: ActionNames,
+        run: Callable[[ServerGoal[Any]], None],
+        *,
+        result_timeout_s: float,
+        policy: Policy,
+    ) -> None:
+        self._scope = scope
+        self._clock = clock
+        self._type = action_type
+        self._name = names.action
+        self._run = run
+        self._policy = policy
+        self._closed = False
+        self.book: GoalBook[bytes] = GoalBook(limit_to_ns("result_timeout_s", result_timeout_s))
+        self.active: dict[bytes, ServerGoal[Any]] = {}
+        """Goals that have not ended, in the order of acceptance."""
+        self._running: set[bytes] = set()
+        self._queue: deque[ServerGoal[Any]] = deque()
+        self._expiry: asyncio.TimerHandle | None = None
+        self._jumps = (
+            clock.create_jump_callback(
+                post=lambda jump: self.expire(), on_clock_change=True, min_forward=Duration(nanoseconds=1)
+            )
+            if clock.clock_type is ClockType.ROS_TIME
+            else None
+        )
+        self.feedback: Publisher[Any] = Publisher(scope, action_type.feedback_message, names.feedback, DEFAULT)
+        self._status = StatusTopic(scope, action_type.status, names.status)
 
-    def __del__(self) -> None:
-        self._let_go(self._goal.goal_id)
+    def on_loop(self, function: Callable[[], T]) -> T:
+        """Run `function` on the loop's thread; to other threads it returns when the status is published."""
+        if self._scope.bridge.in_loop_thread():
+            return function()
 
-    @property
-    def goal_id(self) -> bytes:
-        """16 bytes."""
-        return self._goal.goal_id
+        def call() -> T:
+            try:
+                return function()
+            finally:
+                self._status.flush()
 
-    @property
-    def goal(self: GoalRequest[Action[GoalT, Any, Any]]) -> GoalT:
-        """What the client asks for."""
-        return self._goal.request
+        return on_loop(self._scope.bridge, call)
 
-    def accept(self) -> ServerGoal[ActionT_co]:
-        """Accept and begin: the goal is EXECUTING, and it is up to the caller to end it.
+    # -------------------------------------------------------------------------------------------- start and end
 
-        With the policies ``"queue"`` and ``"preempt"`` it may have to stand in line, and is ACCEPTED until
-        ``await goal.started()`` returns.
+    def enter(self, goal: ServerGoal[Any], decision: GoalDecision) -> GoalInfo | None:
+        """Do with a new goal what was decided; None when it is rejected, by the policy or a closed server too."""
+        if decision is GoalDecision.REJECT or self._closed or (self._policy == "reject" and self.active):
+            return None
+        info = self.book.accept(goal.goal_id, self._clock.now_ns())
+        assert info is not None, "a known id was refused before"
+        self._status.rows.add(goal.goal_id, info.stamp_ns, GoalStatus.ACCEPTED)
+        self.active[goal.goal_id] = goal
+        if decision is GoalDecision.ACCEPT:
+            self._start_in_turn(goal)
+        else:
+            self._status.publish()
+        return info
+
+    def reject_forgotten(self, answer: asyncio.Future[GoalInfo | None]) -> None:
+        """The program let go of a request without an answer; called wherever the garbage collector runs."""
+
+        def reject() -> None:
+            if not answer.done():
+                self._scope.logger.warning(
+                    f"a goal request of action {self._name} was neither accepted nor rejected; it is rejected"
+                )
+                settle(answer, None)
+
+        self._scope.bridge.call_soon(reject)
+
+    def start_deferred(self, goal: ServerGoal[Any]) -> None:
+        """Start it in its turn; without effect when it has one already."""
+        if goal.goal_id in self.active and not goal.has_started and goal not in self._queue:
+            self._start_in_turn(goal)
+
+    def _start_in_turn(self, goal: ServerGoal[Any]) -> None:
+        if not self._running or self._policy not in ("queue", "preempt"):
+            self._start(goal)
+            return
+        if self._policy == "preempt":
+            for waiting in list(self._queue):
+                self._cancel(waiting)
+            for running in self._running:
+                if self.book.status(running).is_cancelable:
+                    self._cancel(self.active[running])
+        self._queue.append(goal)
+        self._status.publish()
+
+    def _start(self, goal: ServerGoal[Any]) -> None:
+        self._running.add(goal.goal_id)
+        self._change(goal.goal_id, GoalEvent.EXECUTE)
+        goal.mark_started()
+        self._run(goal)
+
+    def finish(self, goal_id: bytes, event: GoalEvent, result: object | None) -> None:
+        """End a goal; None stands for a default result. One that cannot be sent fails here, where its author sees it.
 
         Raises:
-            GoalAlreadyAnsweredError: also when the policy is ``"reject"`` and another goal was accepted meanwhile.
+            GoalTransitionError, UnknownGoalError, EncodeError, TypeError, ClosedError.
         """
-        self._server.on_loop(lambda: self._server.admit(self._goal, start=True))
-        return self._goal
+        self._scope.require_open(self._closed, f"action server {self._name}")
+        data = self._type.encode_result(ENDS[event], result)
+        self.book.finish(goal_id, event, data, self._clock.now_ns())
+        self._status.rows.set_status(goal_id, ENDS[event])
+        self._running.discard(goal_id)
+        self.active.pop(goal_id).mark_ended(data)
+        self._status.publish()
+        if self._queue and not self._running:
+            self._start(self._queue.popleft())
+        self.expire()
 
-    def defer(self) -> ServerGoal[ActionT_co]:
-        """Accept; the goal stays ACCEPTED until its `execute` is called."""
-        self._server.on_loop(lambda: self._server.admit(self._goal, start=False))
-        return self._goal
+    def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
+        """From any thread."""
+        self._status.flush_here()  # it became EXECUTING before
+        message = self._type.cls.FeedbackMessage()
+        message.goal_id.uuid = goal_id
+        message.feedback = self._type.feedback.to_message(feedback)
+        self.feedback.publish(message)
 
-    def reject(self) -> None:
-        """Refuse."""
-        self._server.on_loop(lambda: self._server.refuse(self._goal))
+    # ------------------------------------------------------------------------------------------------------ cancel
 
+    def cancel(
+        self, selection: CancelSelection, agreed: Collection[GoalInfo]
+    ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
+        """Cancel those of the selected goals that were agreed to; returns as `GoalBook.answer_cancel`."""
+        code, canceled = self.book.answer_cancel(selection, agreed)
+        for info in canceled:
+            self._cancel(self.active[info.goal_id])
+        return code, canceled
 
-class CancelRequest(Generic[ActionT_co]):
-    """A wish to cancel one goal, from `ActionServer.cancel_requests`."""
+    def _cancel(self, goal: ServerGoal[Any]) -> None:
+        """Let the handler of a goal end it; one that has not started ends here: nobody else would."""
+        if goal in self._queue:
+            self._queue.remove(goal)
+        self._change(goal.goal_id, GoalEvent.CANCEL_GOAL)
+        goal.request_cancel()
+        if not goal.has_started:
+            self.finish(goal.goal_id, GoalEvent.CANCELED, None)
 
-    def __init__(self, goal: ServerGoal[ActionT_co], answer: asyncio.Future[bool]) -> None:
-        self.goal = goal
-        """The goal it is about."""
-        self._answer = answer
+    def _change(self, goal_id: bytes, event: GoalEvent) -> None:
+        self._status.rows.set_status(goal_id, self.book.apply(goal_id, event))
+        self._status.publish()
 
-    def accept(self) -> None:
-        """The goal becomes CANCELING; end it with `goal.canceled`, or otherwise. One not started ends by itself."""
-        self._decide(True)
+    # ------------------------------------------------------------------------------------------------------ expiry
 
-    def reject(self) -> None:
-        """The goal goes on."""
-        self._decide(False)
+    def expire(self) -> None:
+        """Forget the goals whose results were kept long enough, and come back for the next one."""
+        if self._closed:
+            return
+        now_ns = self._clock.now_ns()
+        self._status.rows.remove(self.book.expire(now_ns))
+        # A timer that runs already is never too late: the next end to expire only moves away.
+        if self._expiry is None and not self._clock.ros_time_is_active:
+            due_ns, loop = self.book.next_expiry_ns(), self._scope.bridge.loop
+            if due_ns is not None and loop is not None:
+                left_s = min(max(0.001, (due_ns - now_ns) / 1e9), _LONGEST_SLEEP_S)
+                self._expiry = loop.call_later(left_s, self._expire_later)
 
-    def _decide(self, accepted: bool) -> None:
-        if self._answer.done():
-            raise GoalAlreadyAnsweredError("this cancel request was answered already, or its goal has ended")
-        self._answer.set_result(accepted)
+    def _expire_later(self) -> None:
+        self._expiry = None
+        self.expire()
+
+    def close(self) -> None:
+        """Ask all handlers to end, and publish no more; after the services, so that nobody is answered any more."""
+        self._closed = True
+        if self._jumps is not None:
+            self._jumps.close()
+        if self._expiry is not None:
+            self._expiry.cancel()
+        for goal in self.active.values():
+            goal.request_cancel()
+            goal.mark_ended(b"")
+        self.feedback.close()
+        self._status.close()

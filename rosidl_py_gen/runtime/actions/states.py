@@ -1,13 +1,13 @@
-"""Action goals on the server: the state machine as a table, and the book of all goals.
+"""Goals on an action server: the state machine as a table, and the list of all goals.
 
-A plain object without I/O, fed with values; times are nanoseconds of the server's clock. Decides which event is
-possible when (protocol.md 8.2), who may be cancelled with which return code (8.4), who waits for a result and when a
-finished goal is forgotten (8.3). Sending answers and publishing status is `server.py`.
+Plain objects without I/O, fed with values; times are nanoseconds of the server's clock. Decides which event is
+possible when (protocol.md 8.2), who may be cancelled with which return code (8.4), and when a finished goal is
+forgotten (8.3). Sending answers is `server.py`'s, publishing the status `server_goal.py`'s.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 from itertools import islice, takewhile
 from typing import TYPE_CHECKING, Generic, TypeVar
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
 ResultT = TypeVar("ResultT")
-TokenT = TypeVar("TokenT")
 
 ZERO_ID = bytes(16)
 GOAL_EVENT_INVALID = 2301
@@ -73,6 +72,8 @@ TRANSITIONS: dict[tuple[GoalStatus, GoalEvent], GoalStatus] = {
     (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
 }
 """Every pair that is not here is an error."""
+ENDS = {event: status for (_, event), status in TRANSITIONS.items() if status.is_terminal}
+"""The events that end a goal."""
 
 
 class GoalTransitionError(RosidlError):
@@ -86,7 +87,11 @@ class GoalTransitionError(RosidlError):
         super().__init__(f"a goal that is {status.name} cannot {event.value}; possible now: {possible}")
 
 
-class UnknownGoalError(RosidlError, LookupError):
+class ActionError(RosidlError):
+    """An action server did not do what the caller asked for."""
+
+
+class UnknownGoalError(ActionError, LookupError):
     """The caller named a goal the server does not know, or has already forgotten."""
 
 
@@ -96,6 +101,14 @@ def next_status(status: GoalStatus, event: GoalEvent) -> GoalStatus:
         return TRANSITIONS[status, event]
     except KeyError:
         raise GoalTransitionError(status, event) from None
+
+
+class GoalDecision(Enum):
+    """What an `accept` callback may answer. None means ACCEPT; of anything else counts whether it is true."""
+
+    ACCEPT = "accept and start"
+    REJECT = "reject"
+    DEFER = "accept; `goal.execute()` starts it later"
 
 
 class CancelCode(IntEnum):
@@ -128,34 +141,15 @@ class CancelSelection:
     by_id: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class CancelAnswer:
-    """The return code, and the goals that are cancelled."""
-
-    code: CancelCode
-    goals: tuple[GoalInfo, ...] = ()
-
-
-class ResultAnswer(Enum):
-    """What to do with a get_result request."""
-
-    UNKNOWN = "answer UNKNOWN at once"
-    READY = "answer the result at once"
-    WAIT = "answer when the goal ends"
-
-
 @dataclass(slots=True)
-class _Goal(Generic[ResultT, TokenT]):
+class _Goal(Generic[ResultT]):
     info: GoalInfo
     status: GoalStatus = GoalStatus.ACCEPTED
     result: ResultT | None = None
-    waiting: list[TokenT] = field(default_factory=list)
 
 
-class GoalBook(Generic[ResultT, TokenT]):
+class GoalBook(Generic[ResultT]):
     """All goals a server knows, in the order of acceptance.
-
-    A result request is stood for by a token of the caller's choice, a result is any object.
 
     Args:
         result_timeout_ns: how long a finished goal is remembered, None for ever. It counts from the end of the goal:
@@ -165,7 +159,7 @@ class GoalBook(Generic[ResultT, TokenT]):
 
     def __init__(self, result_timeout_ns: int | None) -> None:
         self.result_timeout_ns = result_timeout_ns
-        self._goals: dict[bytes, _Goal[ResultT, TokenT]] = {}
+        self._goals: dict[bytes, _Goal[ResultT]] = {}
         # Finished goals with the time of their end, oldest first: nothing looks at all goals to find what is over.
         self._ended_ns: dict[bytes, int] = {}
 
@@ -188,14 +182,6 @@ class GoalBook(Generic[ResultT, TokenT]):
         goal = self._goals.get(goal_id)
         return GoalStatus.UNKNOWN if goal is None else goal.status
 
-    def statuses(self) -> list[tuple[GoalInfo, GoalStatus]]:
-        """For GoalStatusArray: all goals, the terminal ones until they expire."""
-        return [(goal.info, goal.status) for goal in self._goals.values()]
-
-    def active(self) -> list[GoalInfo]:
-        """Goals that have not ended."""
-        return [goal.info for goal in self._goals.values() if goal.status.is_active]
-
     def apply(self, goal_id: bytes, event: GoalEvent) -> GoalStatus:
         """Let something happen that does not end the goal; raises `UnknownGoalError`, `GoalTransitionError`."""
         goal = self._find(goal_id)
@@ -204,8 +190,8 @@ class GoalBook(Generic[ResultT, TokenT]):
         goal.status = status
         return status
 
-    def finish(self, goal_id: bytes, event: GoalEvent, result: ResultT, now_ns: int) -> list[TokenT]:
-        """End a goal with its result; returns who waits for it. Raises as `apply`."""
+    def finish(self, goal_id: bytes, event: GoalEvent, result: ResultT, now_ns: int) -> None:
+        """End a goal with its result, which is any object. Raises as `apply`."""
         goal = self._find(goal_id)
         status = next_status(goal.status, event)
         assert status.is_terminal, "use apply"
@@ -214,31 +200,11 @@ class GoalBook(Generic[ResultT, TokenT]):
             # Time went back. Goals must not be kept until it has caught up.
             self._ended_ns = {known: min(ended_ns, now_ns) for known, ended_ns in self._ended_ns.items()}
         self._ended_ns[goal_id] = now_ns
-        waiting, goal.waiting = goal.waiting, []
-        return waiting
 
-    def request_result(self, goal_id: bytes) -> tuple[ResultAnswer, ResultT | None]:
-        """What to answer a get_result request; with WAIT see `wait_for_result`."""
+    def result(self, goal_id: bytes) -> ResultT | None:
+        """None for goals that have not ended, and for those not in the book."""
         goal = self._goals.get(goal_id)
-        if goal is None:
-            return ResultAnswer.UNKNOWN, None
-        if goal.status.is_terminal:
-            return ResultAnswer.READY, goal.result
-        return ResultAnswer.WAIT, None
-
-    def wait_for_result(self, goal_id: bytes, token: TokenT) -> None:
-        """Let `finish` return the token. Raises `UnknownGoalError`."""
-        self._find(goal_id).waiting.append(token)
-
-    def forget_waiting(self, goal_id: bytes, token: TokenT) -> None:
-        """The one who waits has gone."""
-        goal = self._goals.get(goal_id)
-        if goal is not None and token in goal.waiting:
-            goal.waiting.remove(token)
-
-    def waiting(self) -> list[TokenT]:
-        """Who waits for any result."""
-        return [token for goal in self._goals.values() for token in goal.waiting]
+        return None if goal is None else goal.result
 
     def select_for_cancel(self, goal_id: bytes, stamp_ns: int) -> CancelSelection:
         """Which goals a cancel request is about, by the table of protocol.md 8.4."""
@@ -257,8 +223,10 @@ class GoalBook(Generic[ResultT, TokenT]):
         ]
         return CancelSelection(CancelCode.NONE, tuple(chosen))
 
-    def answer_cancel(self, selection: CancelSelection, agreed: Collection[GoalInfo]) -> CancelAnswer:
-        """What to answer once the user has agreed to some of the selected goals, or to none.
+    def answer_cancel(
+        self, selection: CancelSelection, agreed: Collection[GoalInfo]
+    ) -> tuple[CancelCode, tuple[GoalInfo, ...]]:
+        """The return code and the goals to cancel, once the user has agreed to some of the selected ones, or to none.
 
         Goals that ended meanwhile count as if they had ended before: GOAL_TERMINATED for one named by its id, nothing
         for others. REJECTED when the user refused every one that is left: rclcpp says so, while rclpy leaves 0, with
@@ -267,8 +235,8 @@ class GoalBook(Generic[ResultT, TokenT]):
         left = [info for info in selection.goals if self.status(info.goal_id).is_cancelable]
         canceled = tuple(info for info in left if info in agreed)
         if selection.goals and not left and selection.by_id:
-            return CancelAnswer(CancelCode.GOAL_TERMINATED)
-        return CancelAnswer(CancelCode.REJECTED if left and not canceled else selection.code, canceled)
+            return CancelCode.GOAL_TERMINATED, ()
+        return CancelCode.REJECTED if left and not canceled else selection.code, canceled
 
     def expire(self, now_ns: int) -> list[bytes]:
         """Forget finished goals whose time is over; returns their ids."""
@@ -289,7 +257,7 @@ class GoalBook(Generic[ResultT, TokenT]):
         timeout_ns = self.result_timeout_ns
         return timeout_ns is not None and (timeout_ns <= 0 or now_ns - ended_ns > timeout_ns)
 
-    def _find(self, goal_id: bytes) -> _Goal[ResultT, TokenT]:
+    def _find(self, goal_id: bytes) -> _Goal[ResultT]:
         goal = self._goals.get(goal_id)
         if goal is None:
             raise UnknownGoalError(f"goal {goal_id.hex()} is not known, or its result has expired")

@@ -1,4 +1,4 @@
-"""What both ends of an action need of its type, and the five names it lives under.
+"""What both ends of an action need of its type, and the names of its services and topics.
 
 Decides how goals, results and feedback cross between the user's values and messages: with a generated class they are
 messages, with a type given as text they are dicts. Everything else inside the action files is messages.
@@ -84,11 +84,10 @@ class ActionType:
         """A get_result response; None is a default result. Raises `TypeError`, `EncodeError`."""
         message = self.result.cls() if result is None else self.result.to_message(result)
         try:
-            data: bytes = self.cls.GetResult.Response(status=int(status), result=message)._encode()
+            return self.get_result.response.encode(self.cls.GetResult.Response(status=int(status), result=message))
         except EncodeError:
             message._encode()  # says it without the names of what is around the result
             raise
-        return data
 
 
 def action_type(source: object) -> ActionType:

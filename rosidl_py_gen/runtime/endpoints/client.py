@@ -1,7 +1,8 @@
 """Service clients: send a request, find its response among all that arrive.
 
-Decides how calls are matched (own id plus sequence number, protocol.md 5.1), when a server counts as available (5.2),
-and that a pending call never outlives its caller: timeout, cancellation and `close` all remove it.
+Decides how replies are matched (own id plus sequence number, protocol.md 5.1; nothing of other clients' is copied),
+when a server counts as available (5.2), and that a question never outlives who asked it: an answer, a time limit,
+cancellation and `close` all remove it. `ask` is the core, `call` a future on top of it.
 
 A request goes to all servers of its service, in the way one kind of them understands. As soon as one of them is on Fast
 DDS it is theirs: Cyclone's have to refuse most requests of that kind as too short, ours understand them, whereas Fast
@@ -12,8 +13,7 @@ DDS would take the header of the other kind for the message. In that way request
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import threading
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
@@ -22,19 +22,24 @@ from rosidl_py_gen.runtime.endpoints.header import (
     ForeignServiceError,
     carrier_qos,
     foreign_words,
+    header_of,
     is_foreign,
+    message_of,
     send,
-    split_header,
 )
-from rosidl_py_gen.runtime.endpoints.scope import Throttle, request_numbers, require_timeout
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, type_name
+from rosidl_py_gen.runtime.endpoints.matching import Matching
+from rosidl_py_gen.runtime.endpoints.scope import Throttle, request_numbers
+from rosidl_py_gen.runtime.loop.callbacks import current_loop, settle, settle_error
+from rosidl_py_gen.runtime.loop.outbox import Outbox
+from rosidl_py_gen.runtime.names.dds import endpoint_user_data, entity_gid, reply_name, request_name, type_name
+from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.runtime.endpoints.header import ClientId
-    from rosidl_py_gen.runtime.endpoints.introspection import IntrospectionState
+    from rosidl_py_gen.runtime.endpoints.header import ClientId, IntrospectionState, Tap
+    from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.time.clock import Clock
@@ -42,8 +47,8 @@ if TYPE_CHECKING:
 
 _PREFIX_BYTES = 12
 """The part of a GUID that all endpoints of a participant share."""
-_FORGOTTEN_CALLS = 64
-"""So many numbers of calls that were given up are kept before they are cleared away."""
+_PAUSE_S = 0.1
+"""See `RequestWindow`."""
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
@@ -51,6 +56,26 @@ ResponseT = TypeVar("ResponseT")
 
 class WouldDeadlockError(RosidlError, RuntimeError):
     """The caller would wait, on the event loop's own thread, for something only that loop can bring."""
+
+
+class _Question(Generic[ResponseT]):
+    """A request under way."""
+
+    __slots__ = ("encoded", "has_turn", "number", "on_error", "on_reply", "sequence")
+
+    def __init__(
+        self,
+        encoded: bytes,
+        on_reply: Callable[[ResponseT, bytes | None], object],
+        on_error: Callable[[Exception], object],
+    ) -> None:
+        self.encoded = encoded
+        self.on_reply = on_reply
+        self.on_error = on_error
+        self.sequence = next(request_numbers)
+        self.number = 0
+        """The middleware's, when it went to a server on Fast DDS."""
+        self.has_turn = False
 
 
 class Client(Generic[RequestT, ResponseT]):
@@ -63,28 +88,31 @@ class Client(Generic[RequestT, ResponseT]):
         name: str,
         qos: QoSProfile,
         run: Callable[[Coroutine[Any, Any, ResponseT]], ResponseT],
+        *,
+        pause_s: float = _PAUSE_S,
     ) -> None:
+        """`pause_s` is that of the `RequestWindow`."""
         self._scope = scope
         self._run = run
         self._closed = False
-        self._introspection: object | None = None
         self.name = name
         """Fully qualified service name, after expansion and remapping."""
         self.service_type = service_type.ros_name
         """``pkg/srv/Name``."""
         carrier = carrier_qos(qos)
         self._type = service_type
-        self._pending: dict[int, asyncio.Future[ResponseT]] = {}
-        self._checked_version = -1
-        self._burst = 0
-        self._throttle = Throttle()
-        self._available = False
-        self._serves_fast_dds = False
-        self._sending = threading.Lock()
+        self._pending: dict[int, _Question[ResponseT]] = {}
+        self._by_number: dict[int, _Question[ResponseT]] = {}
+        """Those that went to servers on Fast DDS, by the middleware's numbers."""
         self._sent = 0
-        self._sent_as: dict[int, int] = {}
-        """Our numbers of requests to Fast DDS servers, by the middleware's."""
+        self._matching: Matching[None] = Matching(scope, lambda _: self._find_server())
+        self._serves_fast_dds = False
+        self._kept = 0
+        self._throttle = Throttle()
+        self._events: ServiceEvents | None = None
+        self._tap: Tap | None = None
         client_id = scope.new_entity_id()
+        self._gid = entity_gid(client_id)
         prefix = not qos.avoid_ros_namespace_conventions
         self._request_topic, self._reply_topic = request_name(name, prefix=prefix), reply_name(name, prefix=prefix)
         # The reader first: a server may answer as soon as the writer is known (protocol.md 5.2).
@@ -100,7 +128,10 @@ class Client(Generic[RequestT, ResponseT]):
             carrier,
             endpoint_user_data(service_type.request.type_hash, client_id=client_id),
         )
-        self._line = scope.discovery.request_line(self._request_topic)
+        self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
+        """By which replies may call us."""
+        self._window = scope.request_window(self._request_topic, pause_s)
+        self._outbox = Outbox(scope.bridge, None, scope.report_failure)
         scope.add(self._reader.guid, self._writer.guid)
         self._reader.set_sink(self._on_replies)
 
@@ -128,13 +159,17 @@ class Client(Generic[RequestT, ResponseT]):
         """
         return await self._scope.wait_until(self._is_available, timeout_s, lambda: self._closed)
 
+    def servers(self) -> set[bytes]:
+        """The reply writers of all servers; empty when none can be talked to."""
+        try:
+            return set(self._reader.matched_writers()) if self._is_available() else set()
+        except ForeignServiceError:
+            return set()
+
     def _is_available(self) -> bool:
-        version = self._scope.graph.version
-        refused = self._serves_fast_dds and self._scope.participant.fast_dds_refusal is not None
-        if not self._available or refused or version != self._checked_version:
-            self._available = self._find_server()
-            self._checked_version = version
-        return self._available
+        if self._serves_fast_dds and self._scope.participant.fast_dds_refusal is not None:
+            self._matching.forget()
+        return self._matching.is_complete(None)
 
     def _find_server(self) -> bool:
         """Source: protocol.md 5.2; servers of Fast DDS have no ids, but both endpoints in one participant."""
@@ -154,7 +189,7 @@ class Client(Generic[RequestT, ResponseT]):
             if servers and all(is_foreign(server.info.guid) for server in servers):
                 raise ForeignServiceError(foreign_words(graph, servers[0], self.name, "the server", refusal))
         self._serves_fast_dds = bool(foreign) and refusal is None
-        self._burst = self._kept_by_servers()
+        self._kept = self._kept_by_servers()
         return is_served or self._serves_fast_dds
 
     def _kept_by_servers(self) -> int:
@@ -179,31 +214,23 @@ class Client(Generic[RequestT, ResponseT]):
         scope = self._scope
         if self._closed or scope.closed:
             scope.require_open(True, f"the client of {self.name}")
-        require_timeout(timeout_s)
+        deadline = Deadline(timeout_s)
         loop = scope.bridge.running_loop()
         encoded = self._type.request.encode(request)
-        started = loop.time()
-        if not self._is_available() and not await self.wait_for_service(timeout_s):
+        if not self._is_available() and not await self.wait_for_service(deadline.left_s()):
             raise CallTimeoutError(f"no server of {self.name} ({self.service_type}) appeared in {timeout_s} s")
-        sequence = next(request_numbers)
         future: asyncio.Future[ResponseT] = loop.create_future()
-        self._pending[sequence] = future
-        timer, in_burst = None, False
-        if timeout_s is not None:
-            left = max(0.0, started + timeout_s - loop.time())
-            timer = loop.call_later(left, self._expire, sequence, timeout_s)
+        sequence = self._put(encoded, lambda response, _: settle(future, response), partial(settle_error, future))
+        left_s, timer = deadline.left_s(), None
+        if left_s is not None:
+            words = f"no response from {self.name} ({self.service_type}) in {timeout_s} s"
+            timer = loop.call_later(left_s, settle_error, future, CallTimeoutError(words))
         try:
-            if self._burst:
-                in_burst = await self._line.take_turn(future, self._burst)
-            while not future.done() and not self._send(encoded, sequence):
-                await asyncio.sleep(0.001)  # the server is far behind; calls wait their turn
             return await future
         finally:
-            self._pending.pop(sequence, None)
+            self.forget(sequence)
             if timer is not None:
                 timer.cancel()
-            if in_burst:
-                self._line.over()
 
     def call_sync(self, request: RequestT, timeout_s: float | None = None) -> ResponseT:
         """`call` for plain code: from a script without event loop, or from another thread than the loop's.
@@ -213,43 +240,99 @@ class Client(Generic[RequestT, ResponseT]):
                 callback in a thread (`asyncio.to_thread`). Otherwise like `call`.
         """
         bridge = self._scope.bridge
-        if bridge.in_loop_thread() or asyncio._get_running_loop() is not None:
+        if bridge.in_loop_thread() or current_loop() is not None:
             raise WouldDeadlockError(
                 f"call_sync on {self.name} from inside the event loop would wait for ever; use "
                 "'await client.call(...)' in an async function, or call it from another thread"
             )
         return self._run(self.call(request, timeout_s))
 
-    def _send(self, encoded: bytes, sequence: int) -> bool:
+    def ask(
+        self,
+        request: RequestT,
+        on_reply: Callable[[ResponseT, bytes | None], object],
+        on_error: Callable[[Exception], object],
+    ) -> int:
+        """Send a request to the servers that are connected now; one of the functions is called, on the loop's thread.
+
+        Args:
+            on_reply: gets a response, and the GUID of the reply writer it came from. It answers True to hear what other
+                servers say, too.
+            on_error: gets `DecodeError`, `TransportError`, or `ClosedError` of `close`; nothing comes after that.
+
+        Returns:
+            The number for `forget`.
+
+        Raises:
+            EncodeError: the request does not fit its type. ClosedError.
+        """
+        self._scope.require_open(self._closed, f"the client of {self.name}")
+        self._scope.bridge.running_loop()
+        return self._put(self._type.request.encode(request), on_reply, on_error)
+
+    def forget(self, sequence: int) -> None:
+        """Nobody waits for this question any more; without effect when it is over already."""
+        question = self._pending.pop(sequence, None)
+        if question is not None:
+            self._by_number.pop(question.number, None)
+            if question.has_turn:
+                self._window.leave()
+
+    def _put(
+        self,
+        encoded: bytes,
+        on_reply: Callable[[ResponseT, bytes | None], object],
+        on_error: Callable[[Exception], object],
+    ) -> int:
+        question = _Question(encoded, on_reply, on_error)
+        self._pending[question.sequence] = question
+        if self._kept:
+            self._window.enter(partial(self._send_in_turn, question), self._kept)
+        else:
+            self._send_soon(question)
+        return question.sequence
+
+    def _send_soon(self, question: _Question[ResponseT]) -> None:
+        if self._outbox.waiting or not self._send(question):
+            self._outbox.send(partial(self._send, question))
+
+    def _send_in_turn(self, question: _Question[ResponseT]) -> bool:
+        if question.sequence not in self._pending:
+            return False
+        question.has_turn = True
+        self._send_soon(question)
+        return True
+
+    def _send(self, question: _Question[ResponseT]) -> bool:
         """Write a request; False when the servers are so far behind that it has to wait."""
-        with self._sending:
-            number = self._sent + 1
-            client: ClientId = self._writer.handle
-            shown = sequence
-            if self._serves_fast_dds:
-                client, shown = self._reader.guid, number
-                self._note_number(number, sequence)
-            try:
-                sent = send(self._writer, encoded, client, shown)
-            except RosidlError:
-                raise
-            except BaseException:
-                self._sent = number  # it was written; what interrupted us came behind
-                raise
-            self._sent += sent
+        if question.sequence not in self._pending:
+            return True
+        number = self._sent + 1
+        client: ClientId = self._writer.handle
+        shown = question.sequence
+        if self._serves_fast_dds:
+            client, shown = self._reader.guid, number
+        try:
+            sent = send(self._writer, question.encoded, client, shown)
+        except RosidlError as error:
+            self._fail(question, error)
+            return True
+        except BaseException:
+            self._sent = number  # it was written; what interrupted us came behind
+            self.forget(question.sequence)
+            raise
+        if sent:
+            self._sent = number
+            if isinstance(client, bytes):
+                question.number = number
+                self._by_number[number] = question
+        if sent and self._tap is not None:
+            self._tap.sent(self._gid, shown, question.encoded)
         return sent
 
-    def _note_number(self, number: int, sequence: int) -> None:
-        if len(self._sent_as) > 2 * len(self._pending) + _FORGOTTEN_CALLS:
-            self._sent_as = {sent: known for sent, known in self._sent_as.items() if known in self._pending}
-        self._sent_as[number] = sequence
-
-    def _expire(self, sequence: int, timeout_s: float) -> None:
-        future = self._pending.pop(sequence, None)
-        if future is not None and not future.done():
-            future.set_exception(
-                CallTimeoutError(f"no response from {self.name} ({self.service_type}) in {timeout_s} s")
-            )
+    def _fail(self, question: _Question[ResponseT], error: Exception) -> None:
+        self.forget(question.sequence)
+        question.on_error(error)
 
     def _on_replies(self) -> None:
         """The sink of the reply reader. All clients of a service see all replies."""
@@ -257,33 +340,30 @@ class Client(Generic[RequestT, ResponseT]):
         while items:
             data, _, handle, _ = items.popleft()
             try:
-                client, sequence, message = split_header(data)
+                client, sequence, begin = header_of(data)
             except DecodeError as err:
                 if self._throttle.passes():
                     self._scope.logger.warning(f"dropped a reply on {self.name}: {err}")
                 continue
-            own = self._own_number(client, sequence, handle)
-            if own is None:
+            if client not in self._names:
                 continue
-            sequence = own
-            future = self._pending.pop(sequence, None)
-            if future is None or future.done():
+            server = self._reader.writer_guid(handle)
+            if server is not None and is_foreign(server) and not isinstance(client, bytes):
                 continue
-            try:
-                future.set_result(self._type.response.decode(message))
-            except DecodeError as err:
-                future.set_exception(err)
-            except RuntimeError:
-                continue  # the loop it was awaited on is closed
+            if self._tap is not None:
+                self._tap.received(self._gid, sequence, message_of(data, begin))
+            question = (self._by_number if isinstance(client, bytes) else self._pending).get(sequence)
+            if question is not None:
+                self._take_reply(question, message_of(data, begin), server)
 
-    def _own_number(self, client: ClientId, sequence: int, writer_handle: int) -> int | None:
-        """Which of our requests a reply is for; None when it is for another client."""
-        if isinstance(client, bytes):
-            return self._sent_as.get(sequence) if client in (self._reader.guid, self._writer.guid) else None
-        if client != self._writer.handle:
-            return None
-        writer = self._reader.writer_guid(writer_handle)
-        return None if writer is not None and is_foreign(writer) else sequence
+    def _take_reply(self, question: _Question[ResponseT], message: bytes, server: bytes | None) -> None:
+        try:
+            response = self._type.response.decode(message)
+        except DecodeError as error:
+            self._fail(question, error)
+            return
+        if question.on_reply(response, server) is not True:
+            self.forget(question.sequence)
 
     # ------------------------------------------------------------------------------------------------------- state
 
@@ -295,9 +375,11 @@ class Client(Generic[RequestT, ResponseT]):
             qos: counts when introspection goes from OFF to something else.
         """
         self._scope.require_open(self._closed, f"the client of {self.name}")
-        from rosidl_py_gen.runtime.endpoints.introspection import introspect
+        if self._events is None:
+            from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
 
-        introspect(self, clock, state, qos)
+            self._events = ServiceEvents(self._scope, self._type, self.name, is_client=True)
+        self._tap = self._events if self._events.configure(clock, qos, state) else None
 
     @property
     def pending_count(self) -> int:
@@ -310,11 +392,9 @@ class Client(Generic[RequestT, ResponseT]):
             return
         self._closed = True
         self._scope.disown(self)
-        for future in self._pending.values():
-            with contextlib.suppress(RuntimeError):  # the loop it was awaited on is closed
-                if not future.done():
-                    future.set_exception(ClosedError(f"the client of {self.name} was closed during the call"))
-        self._pending.clear()
+        for question in list(self._pending.values()):
+            self._fail(question, ClosedError(f"the client of {self.name} was closed during the call"))
+        self._outbox.close()
         self._scope.remove(self._reader.guid, self._writer.guid)
         self._writer.close()
         self._reader.close()

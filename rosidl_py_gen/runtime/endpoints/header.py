@@ -1,4 +1,4 @@
-"""What both ends of a service share: whose a request or reply is, on the wire, and who cannot be talked to.
+"""What both ends of a service share: whose a request or reply is, on the wire, who cannot be talked to, who listens.
 
 Two kinds of peers know that differently. Cyclone's put a header of 16 bytes between the 4 encapsulation bytes and the
 message: a number of the client and one of the request. Fast DDS has it beside the message, and the transport gives and
@@ -11,11 +11,12 @@ Source: protocol.md 5.1 to 5.4, fastdds.md 4 and 5.
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, TypeAlias
+from enum import IntEnum
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError, RosidlError
 from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, IDENTITY_BYTES, identity_of
-from rosidl_py_gen.runtime.transport.qos import without_best_available
+from rosidl_py_gen.runtime.transport.matching import without_best_available
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.state import Endpoint, Graph
@@ -29,6 +30,27 @@ HEADER_BYTES = 16
 _LITTLE = struct.Struct("<Qq")
 _BIG = struct.Struct(">Qq")
 _MASK = 2**64 - 1
+_FILL = (b"", b"\0\0\0", b"\0\0", b"\0")
+_LARGE_BYTES = 1024
+"""From here on a view costs less than one more copy."""
+
+
+class IntrospectionState(IntEnum):
+    """How much is published of what passes a client or server."""
+
+    OFF = 0
+    METADATA = 1
+    CONTENTS = 2
+
+
+class Tap(Protocol):
+    """Who is told of what passes a client or server, if anybody is; see `introspection.py`."""
+
+    def sent(self, client_gid: bytes, sequence: int, message: bytes) -> None:
+        """The endpoint has written."""
+
+    def received(self, client_gid: bytes, sequence: int, message: bytes) -> None:
+        """Something has come for the endpoint."""
 
 
 class ForeignServiceError(RosidlError):
@@ -48,33 +70,41 @@ def carrier_qos(qos: QoSProfile) -> QoSProfile:
     return without_best_available(qos).keep_all()
 
 
-def add_header(message: bytes, guid: int, sequence: int) -> bytes:
-    """Put the header into an encoded message, which is little-endian."""
-    return b"".join((message[:4], _LITTLE.pack(guid & _MASK, sequence), message[4:]))
+def with_header(message: Payload, client: int, sequence: int) -> bytes:
+    """Put the header into an encoded message, which is little-endian; filled up as DDS wants it, in the same copy."""
+    rest = message[4:] if len(message) < _LARGE_BYTES else memoryview(message)[4:]
+    return b"".join((message[:4], _LITTLE.pack(client & _MASK, sequence), rest, _FILL[len(message) & 3]))
 
 
-def split_header(data: Payload) -> tuple[ClientId, int, bytes]:
-    """Client, number of the request and the plain message; raises `DecodeError` when the bytes are too few."""
+def header_of(data: Payload) -> tuple[ClientId, int, int]:
+    """Client, number of the request, and where the message begins; raises `DecodeError` when the bytes are too few."""
     identity = identity_of(data)
     if identity is not None:
-        return *identity, b"".join((data[:2], b"\0\0", data[4 + IDENTITY_BYTES :]))
+        return *identity, 4 + IDENTITY_BYTES
     if len(data) < 4 + HEADER_BYTES:
         raise DecodeError("service header", len(data), f"expected at least {4 + HEADER_BYTES} bytes, found {len(data)}")
-    order = _LITTLE if data[1] & 1 else _BIG
-    guid, sequence = order.unpack_from(data, 4)
-    return guid, sequence, b"".join((data[:4], data[4 + HEADER_BYTES :]))
+    client, sequence = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, 4)
+    return client, sequence, 4 + HEADER_BYTES
 
 
-def message_begin(data: Payload) -> int:
-    """Where the message begins in a request or reply that has a header or an identity."""
-    return 4 + (HEADER_BYTES if identity_of(data) is None else IDENTITY_BYTES)
+def message_of(data: Payload, begin: int) -> bytes:
+    """The plain message, copied."""
+    rest = data[begin:] if len(data) < _LARGE_BYTES else memoryview(data)[begin:]
+    return b"".join((data[:2], b"\0\0", rest))
 
 
 def send(writer: Writer, message: bytes, client: ClientId, sequence: int) -> bool:
     """Write a request or reply for that client, in the way of its kind; see `Writer.write`."""
     if isinstance(client, bytes):
         return writer.write(message, (client, sequence))
-    return writer.write(add_header(message, client, sequence))
+    return writer.write(with_header(message, client, sequence))
+
+
+def request_gid(client: ClientId, handle: int) -> bytes:
+    """How a server names whom a request came from: of a client on Cyclone its number and its writer's handle here."""
+    if isinstance(client, bytes):
+        return client
+    return (client & _MASK).to_bytes(8, "little") + (handle & _MASK).to_bytes(8, "little")
 
 
 def is_foreign(guid: bytes) -> bool:

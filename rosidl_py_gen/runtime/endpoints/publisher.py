@@ -1,32 +1,31 @@
 """Publishers: encode, write, and never make the event loop wait.
 
 Decides what happens when a reliable reader is so slow that DDS wants the writer to wait: on the event loop's thread the
-sample goes into a backlog that a helper thread sends, in order; on any other thread `publish` itself waits, without the
-GIL. A keep-last backlog drops its oldest sample and counts it, a keep-all backlog grows.
+sample goes into an outbox, whose depth is that of the publisher; on any other thread `publish` itself waits, without
+the GIL.
 """
 
 from __future__ import annotations
 
-import logging
-import threading
 import time
-from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from rosidl_py_gen.errors import EncodeError, RosidlError
+from rosidl_py_gen.errors import EncodeError
+from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
-from rosidl_py_gen.runtime.transport.qos import History, resolve_best_available
+from rosidl_py_gen.runtime.transport.matching import resolve_best_available
+from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import MessageType
     from rosidl_py_gen.runtime.transport.interface import Writer
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 T = TypeVar("T")
-
-_log = logging.getLogger(__name__)
-_RETRY_S = 0.001
 
 
 class Publisher(Generic[T]):
@@ -51,7 +50,7 @@ class Publisher(Generic[T]):
         )
         self._write = self._writer.write
         keep_all = self.qos.history is History.KEEP_ALL
-        self._backlog = _Backlog(self._writer, None if keep_all else max(1, self.qos.depth))
+        self._outbox = Outbox(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
         scope.add(self._writer.guid)
 
     def publish(self, message: T) -> None:
@@ -61,14 +60,14 @@ class Publisher(Generic[T]):
             EncodeError: the message does not fit its type. TypeError: it is of another type.
             ClosedError: the publisher or its node is closed, also while waiting; the message was not sent then.
         """
-        if self._closed:
+        if self._closed or self._scope.closed:
             self._scope.require_open(True, f"the publisher on {self.topic}")
         loop = self._bridge.attached
         if loop is None or loop.is_closed():  # the node was made before its loop
             self._bridge.adopt_running_loop()
         data = self._encode(message)
-        if self._backlog.items or not self._write(data):
-            self._send_later(data)
+        if self._outbox.waiting or not self._write(data):
+            self._send_later(partial(self._write, data))
 
     def publish_raw(self, data: bytes) -> None:
         """Send a message that is serialized already, 4-byte encapsulation header included.
@@ -84,27 +83,31 @@ class Publisher(Generic[T]):
             found = bytes(data[:4]).hex(" ")
             reason = f"expected the header 00 01 xx xx (XCDR1, little endian) and at least one byte, found {found!r}"
             raise EncodeError(self.message_type, f"{reason} in {len(data)} bytes")
-        if self._backlog.items or not self._write(data):
-            self._send_later(bytes(data))
+        if self._outbox.waiting or not self._write(data):
+            self._send_later(partial(self._write, bytes(data)))
 
     def publish_without_waiting(self, message: T) -> None:
         """`publish` that returns at once on every thread; for logging, which must not hold up its caller."""
         data = self._encode(message)
-        if not self._closed and (self._backlog.items or not self._write(data)):
-            self._backlog.add(data)
+        if not self._closed:
+            self._outbox.send(partial(self._write, data))
 
-    def _send_later(self, data: bytes) -> None:
-        if self._scope.bridge.in_loop_thread():
-            self._backlog.add(data)
+    def _send_later(self, write: Callable[[], bool]) -> None:
+        if self._bridge.in_loop_thread():
+            self._outbox.send(write)
             return
-        while self._backlog.items or not self._write(data):
-            time.sleep(_RETRY_S)
+        while not (self._outbox.flush() and write()):
+            time.sleep(RETRY_S)
             self._scope.require_open(self._closed, f"the publisher on {self.topic}")
 
     @property
     def subscription_count(self) -> int:
         """How many subscriptions receive what is published, bare DDS readers included; 0 when it is closed."""
         return 0 if self._closed else len(self._writer.matched_readers())
+
+    def matched_subscriptions(self) -> list[bytes]:
+        """The GUIDs of the readers that receive what is published."""
+        return self._writer.matched_readers()
 
     @property
     def has_subscriptions(self) -> bool:
@@ -113,8 +116,8 @@ class Publisher(Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """Messages that were overtaken in the backlog (keep-last only) and never sent."""
-        return self._backlog.dropped
+        """Messages that were overtaken while they waited (keep-last only) and never sent."""
+        return self._outbox.dropped
 
     @property
     def gid(self) -> bytes:
@@ -128,7 +131,7 @@ class Publisher(Generic[T]):
     async def wait_for_acknowledged(self, timeout_s: float | None = None) -> bool:
         """Wait until every reliable subscription confirmed all that was published; False when the time passed."""
         return await self._scope.wait_until(
-            lambda: not self._backlog.items and self._writer.all_acknowledged(),
+            lambda: self._outbox.flush() and self._writer.all_acknowledged(),
             timeout_s,
             lambda: self._closed,
             poll_s=0.002,
@@ -143,61 +146,11 @@ class Publisher(Generic[T]):
         self._writer.assert_liveliness()
 
     def close(self) -> None:
-        """Stop publishing; may be called twice. A backlog that was not sent yet is dropped."""
+        """Stop publishing; may be called twice. What waits to be sent is dropped."""
         if self._closed:
             return
         self._closed = True
         self._scope.disown(self)
-        self._backlog.close()
+        self._outbox.close()
         self._scope.remove(self._writer.guid)
         self._writer.close()
-
-
-class _Backlog:
-    """Samples that DDS did not accept at once, and the thread that keeps trying; the thread lives while there are
-    any.
-    """
-
-    def __init__(self, writer: Writer, depth: int | None) -> None:
-        self._writer = writer
-        self._lock = threading.Lock()
-        self._thread: threading.Thread | None = None
-        self._closed = False
-        self.items: deque[bytes] = deque(maxlen=depth)
-        self.dropped = 0
-
-    def add(self, data: bytes) -> None:
-        """Send `data` after everything that is waiting already."""
-        with self._lock:
-            if len(self.items) == self.items.maxlen:
-                self.dropped += 1
-            self.items.append(data)
-            if self._thread is None and not self._closed:
-                self._thread = threading.Thread(target=self._run, name="rosidl-py-gen backlog", daemon=True)
-                self._thread.start()
-
-    def _run(self) -> None:
-        while True:
-            with self._lock:
-                # Written under the lock, so that a keep-last overflow cannot take the sample being sent. DDS does not
-                # block here (max_blocking_time is 0).
-                try:
-                    while self.items and not self._closed and self._writer.write(self.items[0]):
-                        self.items.popleft()
-                except RosidlError:
-                    _log.exception("a message that had to wait could not be sent; it is dropped")
-                    self.items.popleft()
-                    self.dropped += 1
-                if not self.items or self._closed:
-                    self._thread = None
-                    return
-            time.sleep(_RETRY_S)
-
-    def close(self) -> None:
-        """Forget what is waiting; returns when the thread has ended."""
-        with self._lock:
-            self._closed = True
-            self.items.clear()
-            thread = self._thread
-        if thread is not None:
-            thread.join()

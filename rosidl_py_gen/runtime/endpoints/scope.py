@@ -7,42 +7,31 @@ cycle. Decides how to wait for the graph, how callbacks are run and how their fa
 from __future__ import annotations
 
 import asyncio
-import inspect
 import itertools
-import math
 import time
-from numbers import Real
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import start_task
 from rosidl_py_gen.runtime.names.dds import entity_id
+from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable, Coroutine, Iterator
 
-    from rosidl_py_gen.runtime.node.context import Context
+    from rosidl_py_gen.runtime.endpoints.window import RequestWindows
+    from rosidl_py_gen.runtime.graph.discovery import Discovery
+    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.transport.interface import Participant
+
+T = TypeVar("T")
 
 _GRAPH_POLL_S = 0.05
 """Matching inside DDS may follow the discovery event by some moments, and nothing announces that."""
 
 request_numbers = itertools.count(1)
 """Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
-
-
-class WaitTimeoutError(RosidlError, TimeoutError):
-    """What the caller waited for did not happen in `timeout_s` seconds."""
-
-
-def require_timeout(timeout_s: object) -> None:
-    """Raise `TypeError` or `ValueError` for what is no number of seconds; None means for ever."""
-    if timeout_s is None:
-        return
-    if not isinstance(timeout_s, Real):
-        raise TypeError(f"timeout_s must be a number of seconds or None, got {timeout_s!r:.100}")
-    if math.isnan(timeout_s):
-        raise ValueError("timeout_s must be a number of seconds or None, got NaN")
 
 
 class Closable(Protocol):
@@ -70,29 +59,44 @@ class Throttle:
 class Scope:
     """One node's share of a context."""
 
-    def __init__(self, context: Context, number: int, fully_qualified_name: str) -> None:
-        self.participant = context.participant
-        self.bridge = context.bridge
-        self.discovery = context.discovery
-        self.graph = context.discovery.graph
+    def __init__(
+        self,
+        participant: Participant,
+        bridge: Bridge,
+        discovery: Discovery,
+        entity_numbers: Iterator[int],
+        request_windows: RequestWindows,
+        number: int,
+        fully_qualified_name: str,
+    ) -> None:
+        """`entity_numbers` counts clients and services of the participant, `number` is the node's in `discovery`."""
+        self.participant = participant
+        self.bridge = bridge
+        self.discovery = discovery
+        self.graph = discovery.graph
         self.number = number
         self.node_name = fully_qualified_name
         self.logger = node_logger(fully_qualified_name)
         self.closed = False
         self.owned: dict[int, Closable] = {}
-        """Everything of this node that has to be closed with it, oldest first; emptied by `Node.close`."""
-        self._entity_numbers = context.entity_numbers
+        """Everything of this node that has to be closed with it, oldest first; emptied by `close`."""
+        self.has_callbacks = False
+        """Whether there ever was an endpoint with a function of the user."""
+        self.request_window = request_windows.of
+        """All clients of a service in one context share its window."""
+        self._entity_numbers = entity_numbers
         self._tasks: set[asyncio.Task[Any]] = set()
 
     # ---------------------------------------------------------------------------------------------------- entities
 
-    def own(self, endpoint: Closable) -> None:
+    def own(self, endpoint: Closable, *, has_callback: bool = False) -> None:
         """Close `endpoint` with the node; it lives until then, or until it closes itself and calls `disown`.
 
         Raises:
             ClosedError: the node was closed meanwhile, by another thread; then the endpoint is closed, too.
         """
         self.owned[id(endpoint)] = endpoint
+        self.has_callbacks = self.has_callbacks or has_callback
         if self.closed:
             self.owned.pop(id(endpoint), None)
             endpoint.close()
@@ -121,6 +125,22 @@ class Scope:
             named = f"node {self.node_name}" if what == "the node" else f"{what} of node {self.node_name}"
             raise ClosedError(f"{named} is closed")
 
+    def close(self) -> None:
+        """Close everything that is owned, newest first, and withdraw the node."""
+        self.cancel_tasks()
+        # One graph message at the end, not one per endpoint; what another thread is making just now closes itself.
+        self.closed = True
+        for endpoint in reversed(list(self.owned.values())):
+            endpoint.close()
+        self.owned.clear()
+        self.discovery.remove_node(self.number)
+
+    def abandon(self, reason: str) -> None:
+        """In a forked child: look closed, and touch nothing of the transport; errors give the reason."""
+        self.closed = True
+        self.node_name += f" ({reason})"
+        self.owned.clear()
+
     # ----------------------------------------------------------------------------------------------------- waiting
 
     async def wait_until(
@@ -137,25 +157,23 @@ class Scope:
             False when the time passed.
 
         Raises:
-            ClosedError: whoever waits is closed, or was meanwhile. TypeError, ValueError: see `require_timeout`.
+            ClosedError: whoever waits is closed, or was meanwhile. TypeError, ValueError: see `Deadline`.
         """
-        require_timeout(timeout_s)
-        self.require_open(is_closed(), "what was waited for")
-        loop = self.bridge.running_loop()
-        deadline = None if timeout_s is None else loop.time() + timeout_s
-        while not condition():
-            left = poll_s if deadline is None else min(poll_s, deadline - loop.time())
-            if left <= 0:
-                return False
-            change = self.discovery.next_change()
-            await asyncio.wait((change,), timeout=left)
-            change.cancel()
+        deadline = Deadline(timeout_s)
+        self.bridge.running_loop()
+
+        def is_over() -> bool:
             self.require_open(is_closed(), "what was waited for")
+            return condition()
+
+        while not await self.discovery.changes.wait(is_over, deadline.left_s(poll_s)):
+            if deadline.is_over():
+                return False
         return True
 
     # --------------------------------------------------------------------------------------------------- callbacks
 
-    def start(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+    def start(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
         """Run a coroutine as a task that is kept alive, and cancelled when the node closes."""
         task = start_task(self.bridge.running_loop(), coroutine)
         self._tasks.add(task)
@@ -175,9 +193,3 @@ class Scope:
         for task in self._tasks - {current}:
             if not task.get_loop().is_closed():
                 task.cancel()
-
-
-def is_async(function: object) -> bool:
-    """Whether calling it gives a coroutine: async functions, and objects whose `__call__` is one."""
-    called = getattr(type(function), "__call__", None)  # noqa: B004 - the method itself, not whether there is one
-    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)

@@ -9,23 +9,33 @@ to 100 ms (protocol.md 5.2), that of a client on Fast DDS up to 5 s.
 
 from __future__ import annotations
 
-import asyncio
-import inspect
-from collections import deque
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from functools import partial
+from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.header import carrier_qos, foreign_words, is_foreign, send, split_header
-from rosidl_py_gen.runtime.endpoints.scope import Throttle, is_async
-from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel, require_callable, settle
+from rosidl_py_gen.runtime.endpoints.header import (
+    carrier_qos,
+    foreign_words,
+    header_of,
+    is_foreign,
+    message_of,
+    request_gid,
+    send,
+)
+from rosidl_py_gen.runtime.endpoints.matching import Matching
+from rosidl_py_gen.runtime.endpoints.scope import Throttle
+from rosidl_py_gen.runtime.loop.callbacks import require_callable
+from rosidl_py_gen.runtime.loop.outbox import Outbox
+from rosidl_py_gen.runtime.loop.stream import Stream
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, type_name
 from rosidl_py_gen.runtime.transport.interface import identity_of
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-    from rosidl_py_gen.runtime.endpoints.header import ClientId
-    from rosidl_py_gen.runtime.endpoints.introspection import IntrospectionState
+    from rosidl_py_gen.runtime.endpoints.header import ClientId, IntrospectionState, Tap
+    from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.time.clock import Clock
@@ -35,7 +45,6 @@ if TYPE_CHECKING:
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
-_PAUSE_S = 0.01
 _PATIENCE_S = 0.1
 _FAST_DDS_PATIENCE_S = 5.0
 """Endpoints of a Fast DDS participant are known up to 1.2 s after it knows ours and calls (fastdds.md 7)."""
@@ -43,29 +52,31 @@ _READER_BIT = 0x04
 """In the last byte of a GUID: it is a reader's."""
 
 
+_Asker: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
+"""Whom a response goes to: the client, the number of its request, the GUID of its request writer (None when it vanished
+before it was known) and the local handle of that writer.
+
+A plain tuple, as it is made for each request.
+"""
+
+
 class AlreadyRespondedError(RosidlError, RuntimeError):
-    """The caller answered one request twice."""
+    """The caller answered one request twice; that of a goal or a cancel also when it is over by itself."""
 
 
 class ServiceRequest(Generic[RequestT, ResponseT]):
     """One request; answer it from any task of the loop, any time later. Unanswered ones are simply forgotten."""
 
-    __slots__ = ("_responded", "_sequence", "_server", "_writer_guid", "client_id", "message")
+    __slots__ = ("_respond", "_responded", "_service", "client_id", "message")
 
     def __init__(
-        self,
-        server: ServiceServer[RequestT, ResponseT],
-        message: RequestT,
-        client_id: ClientId,
-        sequence: int,
-        writer_guid: bytes | None,
+        self, service: str, message: RequestT, client_id: ClientId, respond: Callable[[ResponseT], None]
     ) -> None:
-        self._server = server
+        self._service = service
         self.message = message
         self.client_id = client_id
         """By which the client knows its replies: the number of one on Cyclone DDS, the GUID of one on Fast DDS."""
-        self._sequence = sequence
-        self._writer_guid = writer_guid
+        self._respond = respond
         self._responded = False
 
     def respond(self, response: ResponseT) -> None:
@@ -76,8 +87,8 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
             AlreadyRespondedError, ClosedError: as their names say.
         """
         if self._responded:
-            raise AlreadyRespondedError(f"this request to {self._server.name} was answered already")
-        self._server._respond(self, response)
+            raise AlreadyRespondedError(f"this request to {self._service} was answered already")
+        self._respond(response)
         self._responded = True
 
 
@@ -95,7 +106,8 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         require_callable(handler, f"the handler of service {name}", "; QoS is given as qos=...")
         self._scope = scope
         self._closed = False
-        self._introspection: object | None = None
+        self._events: ServiceEvents | None = None
+        self._tap: Tap | None = None
         self.name = name
         """Fully qualified service name, after expansion and remapping."""
         self.service_type = service_type.ros_name
@@ -103,13 +115,9 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         carrier = carrier_qos(qos)
         self._type = service_type
         self._throttle = Throttle()
-        self._handler = handler
-        self._async_handler = handler is not None and is_async(handler)
-        self._requests: deque[ServiceRequest[RequestT, ResponseT]] = deque()
-        self._waiters: list[asyncio.Future[None]] = []
-        self._connected: set[bytes] = set()
-        """Clients whose reply readers are connected, as of that version of the graph."""
-        self._connected_at = -1
+        self._handler = None if handler is None else UserFunction(scope, handler, f"the handler of service {name}")
+        self._requests: Stream[ServiceRequest[RequestT, ResponseT]] = Stream()
+        self._clients: Matching[tuple[ClientId, bytes | None]] = Matching(scope, lambda who: self._listens(*who))
         service_id = scope.new_entity_id()
         prefix = not qos.avoid_ros_namespace_conventions
         self._request_topic, self._reply_topic = request_name(name, prefix=prefix), reply_name(name, prefix=prefix)
@@ -125,6 +133,7 @@ class ServiceServer(Generic[RequestT, ResponseT]):
             carrier,
             endpoint_user_data(service_type.request.type_hash, service_id=service_id),
         )
+        self._outbox = Outbox(scope.bridge, None, scope.report_failure)
         scope.add(self._reader.guid, self._writer.guid)
         self._reader.set_sink(self._on_requests)
 
@@ -136,17 +145,10 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         return self
 
     async def __anext__(self) -> ServiceRequest[RequestT, ResponseT]:
-        while not self._closed:
-            if self._requests:
-                return self._requests.popleft()
-            waiter = self._scope.bridge.running_loop().create_future()
-            self._waiters.append(waiter)
-            try:
-                await waiter
-            finally:
-                if waiter in self._waiters:
-                    self._waiters.remove(waiter)
-        raise StopAsyncIteration
+        if self._closed:
+            raise StopAsyncIteration
+        self._scope.bridge.running_loop()
+        return await anext(self._requests)
 
     def _on_requests(self) -> None:
         """The sink of the request reader."""
@@ -156,13 +158,9 @@ class ServiceServer(Generic[RequestT, ResponseT]):
             if request is None:
                 continue
             if self._handler is None:
-                self._requests.append(request)
-            elif self._async_handler:
-                self._scope.start(self._await_handler(self._handler, request))
+                self._requests.push(request)
             else:
-                self._call_handler(self._handler, request)
-        if self._requests:
-            self._wake()
+                self._handler.call(request.message, then=partial(self._answer, request))
 
     def _read(self, sample: Sample) -> ServiceRequest[RequestT, ResponseT] | None:
         data, _, handle, _ = sample
@@ -175,8 +173,12 @@ class ServiceServer(Generic[RequestT, ResponseT]):
                 self._scope.logger.error(f"refused a request: {words}")
             return None
         try:
-            client_id, sequence, message = split_header(data)
-            return ServiceRequest(self, self._type.request.decode(message), client_id, sequence, writer_guid)
+            client, sequence, begin = header_of(data)
+            message = message_of(data, begin)
+            asker = (client, sequence, writer_guid, handle)
+            if self._tap is not None:
+                self._tap.received(request_gid(client, handle), sequence, message)
+            return ServiceRequest(self.name, self._type.request.decode(message), client, partial(self._respond, asker))
         except DecodeError as err:
             if self._throttle.passes():
                 self._scope.logger.warning(
@@ -184,87 +186,61 @@ class ServiceServer(Generic[RequestT, ResponseT]):
                 )
             return None
 
-    def _call_handler(
-        self,
-        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]],
-        request: ServiceRequest[RequestT, ResponseT],
-    ) -> None:
-        try:
-            response = handler(request.message)
-            if inspect.iscoroutine(response):  # of a lambda, for example
-                task = self._scope.start(self._await_handler(lambda _: response, request))
-                task.add_done_callback(lambda _: response.close())  # one that was cancelled has not begun it
-            else:
-                request.respond(response)  # type: ignore[arg-type]  # not awaitable
-        except (Exception, asyncio.CancelledError):  # of a future that was cancelled
-            self._scope.report_failure(f"the handler of service {self.name}")
-
-    async def _await_handler(
-        self, handler: Callable[[RequestT], Any], request: ServiceRequest[RequestT, ResponseT]
-    ) -> None:
-        # Called in here, so that a task that is cancelled before it begins leaves no coroutine behind.
-        try:
-            response: ResponseT = await handler(request.message)
-            if not self._closed:
-                request.respond(response)
-        except asyncio.CancelledError:
-            if self._closed or is_own_cancel():
-                raise
-            self._scope.report_failure(f"the handler of service {self.name}")
-        except Exception:
-            self._scope.report_failure(f"the handler of service {self.name}")
+    def _answer(self, request: ServiceRequest[RequestT, ResponseT], response: ResponseT) -> None:
+        if not self._closed:
+            request.respond(response)
 
     # --------------------------------------------------------------------------------------------------- responses
 
-    def _respond(self, request: ServiceRequest[RequestT, ResponseT], response: ResponseT) -> None:
+    def _respond(self, asker: _Asker, response: ResponseT) -> None:
         if self._closed:
             raise ClosedError(f"service {self.name} of node {self._scope.node_name} is closed")
         data = self._type.response.encode(response)
-        if self._reply_reader_is_missing(request) or not self._send(request, data):
-            self._scope.start(self._send_later(request, data))
+        if self._clients.is_complete((asker[0], asker[2])):
+            if self._outbox.waiting or not self._send(asker, data):
+                self._outbox.send(partial(self._send, asker, data))
+        else:
+            self._scope.start(self._send_later(asker, data))
 
-    def _send(self, request: ServiceRequest[RequestT, ResponseT], data: bytes) -> bool:
-        return send(self._writer, data, request.client_id, request._sequence)
+    def _send(self, asker: _Asker, data: bytes) -> bool:
+        client, sequence, _, handle = asker
+        sent = send(self._writer, data, client, sequence)
+        if sent and self._tap is not None:
+            self._tap.sent(request_gid(client, handle), sequence, data)
+        return sent
 
-    def _reply_reader_is_missing(self, request: ServiceRequest[RequestT, ResponseT]) -> bool:
-        """Whether the client said which reader it listens with, and that one is not connected yet."""
-        graph, client_id = self._scope.graph, request.client_id
-        key = client_id if isinstance(client_id, bytes) else request._writer_guid
-        if key is None or (key in self._connected and graph.version == self._connected_at):
-            return False
-        if not self._listens(client_id, key):
-            return True
-        if graph.version != self._connected_at:
-            self._connected, self._connected_at = set(), graph.version
-        self._connected.add(key)
-        return False
+    def _listens(self, client: ClientId, writer_guid: bytes | None) -> bool:
+        """Whether a client's reply reader is connected, or it does not say which one that is.
 
-    def _listens(self, client_id: ClientId, key: bytes) -> bool:
-        """Source: protocol.md 5.2 and 5.3."""
-        if isinstance(client_id, bytes):
-            return not client_id[15] & _READER_BIT or client_id in self._writer.matched_readers()
+        Source: protocol.md 5.2 and 5.3.
+        """
+        if isinstance(client, bytes):
+            return not client[15] & _READER_BIT or client in self._writer.matched_readers()
         endpoints = self._scope.graph.endpoints
-        client = endpoints.get(key)
-        announced = client.user_data.get("clientid") if client is not None else None
+        known = None if writer_guid is None else endpoints.get(writer_guid)
+        announced = None if known is None else known.user_data.get("clientid")
         if announced is None:
             return True
         matched = (endpoints.get(guid) for guid in self._writer.matched_readers())
         return any(reader is not None and reader.user_data.get("clientid") == announced for reader in matched)
 
-    async def _send_later(self, request: ServiceRequest[RequestT, ResponseT], data: bytes) -> None:
-        patience_s = _FAST_DDS_PATIENCE_S if isinstance(request.client_id, bytes) else _PATIENCE_S
-        if not await self._scope.wait_until(
-            lambda: self._closed or not self._reply_reader_is_missing(request),
-            patience_s,
-            lambda: False,
-            poll_s=_PAUSE_S,
-        ):
-            self._scope.logger.warning(f"a response of {self.name} was lost: its client's reader never appeared")
+    async def _send_later(self, asker: _Asker, data: bytes) -> None:
+        client, _, writer_guid, _ = asker
+        patience_s = _FAST_DDS_PATIENCE_S if isinstance(client, bytes) else _PATIENCE_S
+        try:
+            is_there = await self._clients.ready((client, writer_guid), patience_s, lambda: self._closed)
+        except ClosedError:
             return
-        while not self._closed and not self._send(request, data):
-            await asyncio.sleep(0.001)
+        if is_there:
+            self._outbox.send(partial(self._send, asker, data))
+        else:
+            self._scope.logger.warning(f"a response of {self.name} was lost: its client's reader never appeared")
 
     # ------------------------------------------------------------------------------------------------------- state
+
+    def matched_clients(self) -> list[bytes]:
+        """The GUIDs of the writers whose requests arrive."""
+        return self._reader.matched_writers()
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
         """Publish what passes on ``<service>/_service_event`` from now on; see `introspection.py`.
@@ -274,14 +250,11 @@ class ServiceServer(Generic[RequestT, ResponseT]):
             qos: counts when introspection goes from OFF to something else.
         """
         self._scope.require_open(self._closed, f"service {self.name}")
-        from rosidl_py_gen.runtime.endpoints.introspection import introspect
+        if self._events is None:
+            from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
 
-        introspect(self, clock, state, qos)
-
-    def _wake(self) -> None:
-        waiters, self._waiters = self._waiters, []
-        for waiter in waiters:
-            settle(waiter, None)
+            self._events = ServiceEvents(self._scope, self._type, self.name, is_client=False)
+        self._tap = self._events if self._events.configure(clock, qos, state) else None
 
     def close(self) -> None:
         """Stop serving; an iterator ends, running handlers are not interrupted but cannot answer. May be called
@@ -291,8 +264,8 @@ class ServiceServer(Generic[RequestT, ResponseT]):
             return
         self._closed = True
         self._scope.disown(self)
-        self._requests.clear()
-        self._wake()
+        self._requests.close()
+        self._outbox.close()
         self._scope.remove(self._reader.guid, self._writer.guid)
         self._reader.close()
         self._writer.close()

@@ -10,14 +10,17 @@ while it runs, new messages wait in the queue as its depth allows.
 from __future__ import annotations
 
 import asyncio
-import inspect
+from contextvars import copy_context
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.scope import Throttle, WaitTimeoutError, is_async, require_timeout
-from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel, require_callable, settle
+from rosidl_py_gen.runtime.endpoints.scope import Throttle
+from rosidl_py_gen.runtime.loop.callbacks import require_callable
+from rosidl_py_gen.runtime.loop.user_function import UserFunction, ignore
+from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
-from rosidl_py_gen.runtime.transport.qos import resolve_best_available
+from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
+from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -28,9 +31,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 T = TypeVar("T")
-
-_FORGOTTEN = 8
-"""Waiters whose task was cancelled stay listed until the next message; more than these are cleared earlier."""
 
 
 class MessageInfo(NamedTuple):
@@ -74,10 +74,9 @@ class Subscription(Generic[T]):
         self.undecodable = 0
         """How many samples did not decode."""
         self._decode: Callable[[Payload], T] = message_type.decode
-        self._callback = callback
-        self._async_callback = callback is not None and is_async(callback)
+        self._callback = None if callback is None else UserFunction(scope, callback, f"the callback of {topic}")
         self._worker: asyncio.Task[None] | None = None
-        self._waiters: list[asyncio.Future[None]] = []
+        self._waiters = Waiters()
         self._latest: T | None = None
         self._throttle = Throttle()
         dds_topic = topic_name(topic, prefix=not qos.avoid_ros_namespace_conventions)
@@ -103,14 +102,10 @@ class Subscription(Generic[T]):
         return self
 
     async def __anext__(self) -> T:
-        items = self._items
         while not self._closed:
-            while items:
-                data = items.popleft()[0]
-                try:
-                    return self._decode(data)
-                except DecodeError as err:
-                    self._count_undecodable(err)
+            found = self._take()
+            if found is not None:
+                return found[0]
             await self._arrival()
         raise StopAsyncIteration
 
@@ -121,17 +116,6 @@ class Subscription(Generic[T]):
             WaitTimeoutError: none came in `timeout_s` seconds; a `TimeoutError`.
             ClosedError: the subscription was closed, also while waiting.
         """
-        if timeout_s is None and self._callback is None:
-            # The common case, without the cost of a second coroutine.
-            items = self._items
-            while not self._closed:
-                while items:
-                    data = items.popleft()[0]
-                    try:
-                        return self._decode(data)
-                    except DecodeError as err:
-                        self._count_undecodable(err)
-                await self._arrival()
         return (await self._next_good(timeout_s))[0]
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
@@ -142,34 +126,25 @@ class Subscription(Generic[T]):
 
     async def _next_good(self, timeout_s: float | None) -> tuple[T, Sample]:
         self._require_no_callback()
-        require_timeout(timeout_s)
+        deadline = Deadline(timeout_s)
         self._scope.require_open(self._closed, f"the subscription on {self.topic}")
-        timeout: asyncio.TimerHandle | None = None
-        expired = False
-        if timeout_s is not None and not self._items:
+        while not self._closed:
+            found = self._take()
+            if found is not None:
+                return found
+            if not await self._arrival(deadline.left_s()):
+                raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s")
+        raise ClosedError(f"the subscription on {self.topic} of node {self._scope.node_name} is closed")
 
-            def expire() -> None:
-                nonlocal expired
-                expired = True
-                self._wake()
-
-            timeout = self._scope.bridge.running_loop().call_later(max(0.0, timeout_s), expire)
-        try:
-            while True:
-                if self._closed:
-                    raise ClosedError(f"the subscription on {self.topic} of node {self._scope.node_name} is closed")
-                while self._items:
-                    sample = self._items.popleft()
-                    try:
-                        return self._decode(sample[0]), sample
-                    except DecodeError as err:
-                        self._count_undecodable(err)
-                if expired:
-                    raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s")
-                await self._arrival()
-        finally:
-            if timeout is not None:
-                timeout.cancel()
+    def _take(self) -> tuple[T, Sample] | None:
+        """The oldest message that decodes; None when there is none."""
+        while self._items and not self._closed:
+            sample = self._items.popleft()
+            try:
+                return self._decode(sample[0]), sample
+            except DecodeError as err:
+                self._count_undecodable(err)
+        return None
 
     def latest(self) -> T | None:
         """The newest message so far, without waiting; older ones that were waiting are skipped. None before the
@@ -191,22 +166,13 @@ class Subscription(Generic[T]):
             self._items.clear()
         return self._latest
 
-    def _arrival(self) -> asyncio.Future[None]:
-        """A future that is done when there may be something in the queue, or the subscription is closed."""
-        waiter = self._scope.bridge.running_loop().create_future()
-        # The loop may have been attached just now, with data lying in DDS since before.
-        if self._items or self._closed:
-            waiter.set_result(None)
-        else:
-            if len(self._waiters) > _FORGOTTEN:
-                self._waiters = [waiting for waiting in self._waiters if not waiting.done()]
-            self._waiters.append(waiter)
-        return waiter
+    def _arrival(self, timeout_s: float | None = None) -> Awaitable[bool]:
+        """Wait until there is something in the queue, or the subscription is closed; False when the time passed."""
+        self._scope.bridge.running_loop()
+        return self._waiters.wait(self._has_news, timeout_s)
 
-    def _wake(self) -> None:
-        waiters, self._waiters = self._waiters, []
-        for waiter in waiters:
-            settle(waiter, None)
+    def _has_news(self) -> bool:
+        return bool(self._items) or self._closed
 
     def _require_no_callback(self) -> None:
         if self._callback is not None:
@@ -214,58 +180,38 @@ class Subscription(Generic[T]):
 
     # ---------------------------------------------------------------------------------------------------- callbacks
 
+    def deliver(self) -> None:
+        """Call back for what DDS has received already, without waiting for the loop to come round to it."""
+        self._reader.fetch()
+        self._on_data()
+
     def _on_data(self) -> None:
         """The sink of the reader; runs on the loop."""
         if self._callback is None:
-            if self._waiters:
-                self._wake()
-        elif not self._async_callback:
-            self._call_back(self._callback)
-        elif self._worker is None or self._worker.done():
+            self._waiters.wake()
+        elif self._worker is not None and not self._worker.done():
+            return  # it looks again when it is done
+        elif self._callback.is_async:
             self._worker = self._scope.start(self._await_back(self._callback))
+        else:
+            self._call_back(self._callback)
 
-    def _call_back(self, callback: Callable[[T], object]) -> None:
-        items, decode = self._items, self._decode
+    def _call_back(self, callback: UserFunction) -> None:
         # Only what is here now: a callback that publishes on its own topic must not keep the loop for itself.
-        for _ in range(len(items)):
-            if self._closed or not items:
+        for _ in range(len(self._items)):
+            found = self._take()
+            if found is None:
                 return
-            try:
-                message = decode(items.popleft()[0])
-            except DecodeError as err:
-                self._count_undecodable(err)
-                continue
-            try:
-                answer = callback(message)
-                if answer is not None and inspect.iscoroutine(answer):  # of a lambda, for example
-                    self._async_callback = True
-                    self._worker = self._scope.start(self._await_back(callback, answer))
-                    return
-            except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
-                self._scope.report_failure(f"the callback of {self.topic}")
-        if items and not self._closed:
-            loop = self._scope.bridge.loop
-            if loop is not None:
-                loop.call_soon(self._on_data)
+            self._worker = copy_context().run(callback.call, found[0])
+            if self._worker is not None:
+                self._worker.add_done_callback(lambda _: self._on_data())
+                return
+        if self._items and not self._closed:
+            self._scope.bridge.call_soon(self._on_data)
 
-    async def _await_back(self, callback: Callable[[T], object], started: Awaitable[object] | None = None) -> None:
-        while (started is not None or self._items) and not self._closed:
-            try:
-                if started is None:
-                    started = callback(self._decode(self._items.popleft()[0]))  # type: ignore[assignment]  # is_async
-                await started  # type: ignore[misc]
-            except DecodeError as err:
-                if started is None:
-                    self._count_undecodable(err)
-                else:
-                    self._scope.report_failure(f"the callback of {self.topic}")
-            except asyncio.CancelledError:
-                if self._closed or is_own_cancel():
-                    raise
-                self._scope.report_failure(f"the callback of {self.topic}")
-            except Exception:
-                self._scope.report_failure(f"the callback of {self.topic}")
-            started = None
+    async def _await_back(self, callback: UserFunction) -> None:
+        while (found := self._take()) is not None:
+            await callback.run(found[0], then=ignore)
 
     def _count_undecodable(self, error: DecodeError) -> None:
         self.undecodable += 1
@@ -303,13 +249,4 @@ class Subscription(Generic[T]):
         self._scope.disown(self)
         self._scope.remove(self._reader.guid)
         self._reader.close()
-        bridge = self._scope.bridge
-        if bridge.is_running and not bridge.in_loop_thread():
-            bridge.call_soon(self._end)
-        else:
-            self._end()
-
-    def _end(self) -> None:
-        """What `close` has to do on the loop."""
-        self._items.clear()
-        self._wake()
+        self._waiters.wake()

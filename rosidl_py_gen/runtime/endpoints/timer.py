@@ -9,20 +9,19 @@ loop is handed over to it.
 from __future__ import annotations
 
 import asyncio
-import inspect
 import threading
 import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.endpoints.scope import is_async
-from rosidl_py_gen.runtime.loop.callbacks import is_own_cancel
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType
-from rosidl_py_gen.runtime.time.schedule import TimerCall, TimerRule, period_to_ns
-from rosidl_py_gen.runtime.time.values import Duration
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
+from rosidl_py_gen.runtime.loop.waiters import Waiters
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
+from rosidl_py_gen.runtime.time.values import ClockType, Duration
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import Callable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.time.clock import TimeJump
@@ -41,14 +40,15 @@ class Timer:
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
         self._scope = scope
         self._clock = clock
-        self._callback = callback
-        self._async_callback = callback is not None and is_async(callback)
-        self._rule = TimerRule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
+        self._callback = None if callback is None else UserFunction(scope, callback, "a timer's callback")
+        self._rule = Schedule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
         self._rule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
         self._closed = False
         self._handle: asyncio.Handle | None = None
         self._worker: asyncio.Task[None] | None = None
-        self._waiters: list[asyncio.Future[Duration]] = []
+        self._waiters = Waiters()
+        self._tick: list[Duration] = []
+        """Where whoever waits finds the next tick."""
         self.missed = 0
         """How many periods passed without a call and were skipped."""
         self.call_count = 0
@@ -77,17 +77,15 @@ class Timer:
             ClosedError: the timer was closed, also while waiting.
         """
         self._require_usable()
-        loop = self._scope.bridge.running_loop()
+        self._scope.bridge.running_loop()
         if self._rule.is_ready(self._clock.now_ns()):
             return self._call()
-        waiter: asyncio.Future[Duration] = loop.create_future()
-        self._waiters.append(waiter)
         self._arm()
-        try:
-            return await waiter
-        finally:
-            if waiter in self._waiters:
-                self._waiters.remove(waiter)
+        tick = self._tick
+        await self._waiters.wait(lambda: tick or self._closed)
+        if not tick:
+            self._scope.require_open(self._closed, "a timer")
+        return tick[0]
 
     def __aiter__(self) -> Timer:
         return self
@@ -129,7 +127,7 @@ class Timer:
             self._handle.cancel()
             self._handle = None
         loop = self._scope.bridge.loop
-        if self._closed or loop is None or (self._callback is None and not self._waiters):
+        if self._closed or loop is None:
             return
         left_ns = self._rule.time_until_ns(self._clock.now_ns())
         if left_ns is None:
@@ -145,45 +143,17 @@ class Timer:
             self._arm()  # woken a little early, or reset meanwhile
             return
         if self._callback is None:
-            self._give_tick()
-        elif not self._async_callback:
-            self._call()
-            self._call_back(self._callback)
+            if not self._waiters:
+                return  # it stays due
+            self._tick.append(self._call())
+            self._tick = []
+            self._waiters.wake()
         elif self._worker is None or self._worker.done():
             self._call()
-            self._worker = self._scope.start(self._await_callback(self._callback))
+            self._worker = self._callback.call()
         else:
             self.missed += 1 + self._advance().missed
         self._arm()
-
-    def _give_tick(self) -> None:
-        waiters = [waiter for waiter in self._waiters if not waiter.done()]
-        self._waiters = []
-        if waiters:
-            since_last = self._call()
-            for waiter in waiters:
-                waiter.set_result(since_last)
-
-    def _call_back(self, callback: Callable[[], object]) -> None:
-        try:
-            answer = callback()
-            if answer is not None and inspect.iscoroutine(answer):  # of a lambda, for example
-                self._async_callback = True
-                self._worker = self._scope.start(self._await_callback(callback, answer))
-        except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
-            self._scope.report_failure("a timer's callback")
-
-    async def _await_callback(self, callback: Callable[[], object], started: Awaitable[object] | None = None) -> None:
-        try:
-            if started is None:
-                started = callback()  # type: ignore[assignment]  # is_async said so
-            await started  # type: ignore[misc]
-        except asyncio.CancelledError:
-            if self._closed or is_own_cancel():
-                raise
-            self._scope.report_failure("a timer's callback")
-        except Exception:
-            self._scope.report_failure("a timer's callback")
 
     def _before_jump(self, jump: TimeJump) -> None:
         if jump.source_changed:
@@ -264,10 +234,7 @@ class Timer:
         if self._handle is not None:
             self._handle.cancel()
             self._handle = None
-        waiters, self._waiters = self._waiters, []
-        for waiter in waiters:
-            if not waiter.done():
-                waiter.set_exception(ClosedError("the timer was closed"))
+        self._waiters.wake()
 
 
 def _forward(this: weakref.ref[Timer], method: str, jump: TimeJump) -> None:

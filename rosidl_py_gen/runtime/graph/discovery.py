@@ -1,24 +1,20 @@
 """Keeps the graph up to date and tells peers about our own nodes.
 
-Decides when `ros_discovery_info` is written (after every change, several changes of one loop iteration at once), which
-byte order a participant has, and when a quality-of-service mismatch is worth a warning. The state is `state.py`, the
-bytes are `message.py`.
+Decides when `ros_discovery_info` is written (after every change, several changes of one loop iteration at once), and
+when a quality-of-service mismatch is worth a warning. The state is `state.py`, the bytes are `message.py`.
 """
 
 from __future__ import annotations
 
 import itertools
-import logging
 import threading
-import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DecodeError
-from rosidl_py_gen.runtime.endpoints.window import RequestLine
 from rosidl_py_gen.runtime.graph import message as graph_message
 from rosidl_py_gen.runtime.graph.state import Graph, NodeEntities
-from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
-from rosidl_py_gen.runtime.loop.callbacks import settle
+from rosidl_py_gen.runtime.logs.loggers import get_logger, internal_logger, logger_name
+from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import (
     DISCOVERY_TOPIC,
     DISCOVERY_TYPE,
@@ -26,18 +22,15 @@ from rosidl_py_gen.runtime.names.dds import (
     demangle_topic,
     endpoint_user_data,
 )
-from rosidl_py_gen.runtime.names.rules import fully_qualified_node_name
+from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.interface import Lost
-from rosidl_py_gen.runtime.transport.qos import DEFAULT, check_compatible
+from rosidl_py_gen.runtime.transport.matching import check_compatible
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
-    import asyncio
-
     from rosidl_py_gen.runtime.graph.state import Endpoint
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant
-
-_log = logging.getLogger(__name__)
 
 _TYPE_HASH = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
@@ -55,13 +48,13 @@ class Discovery:
         self.graph = Graph()
         self._nodes: dict[int, NodeEntities] = {}
         self._node_numbers = itertools.count(1)
-        self._waiting: list[asyncio.Future[None]] = []
+        self.changes = Waiters()
+        """Who waits for the graph to change."""
         self._dirty = False
         self._lock = threading.RLock()
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
         self._warned: set[tuple[bytes, bytes]] = set()
         self._mismatches: list[tuple[Endpoint, Endpoint, str]] = []
-        self._lines: weakref.WeakValueDictionary[str, RequestLine] = weakref.WeakValueDictionary()
         user_data = endpoint_user_data(_TYPE_HASH)
         self._writer = participant.create_writer(DISCOVERY_TOPIC, DISCOVERY_TYPE, _WRITER_QOS, user_data)
         self._reader = participant.create_reader(
@@ -85,6 +78,11 @@ class Discovery:
         with self._lock:
             if self._nodes.pop(number, None) is not None:
                 self.publish()
+
+    def endpoints_of(self, number: int) -> frozenset[bytes]:
+        """GUIDs of a node's endpoints."""
+        node = self._nodes[number]
+        return node.reader_gids | node.writer_gids
 
     def change_endpoints(
         self, number: int, *, add: tuple[bytes, ...] = (), remove: tuple[bytes, ...] = (), flush: bool = False
@@ -153,10 +151,8 @@ class Discovery:
             try:
                 message = graph_message.decode(data, guid[:12])
             except DecodeError as err:
-                _log.warning("ignored a graph message of participant %s: %s", guid[:12].hex("."), err)
+                internal_logger().warning(f"ignored a graph message of participant {guid[:12].hex('.')}: {err}")
                 continue
-            if message.big_endian:
-                self._participant.mark_big_endian(guid[:12])
             self.graph.set_nodes(message.participant_guid, message.nodes)
         self._changed()
 
@@ -166,22 +162,9 @@ class Discovery:
         if self._bridge.is_running and not self._bridge.in_loop_thread():
             self._bridge.call_soon(self._changed)
             return
-        waiting, self._waiting = self._waiting, []
-        for future in waiting:
-            settle(future, None)
+        self.changes.wake()
         if self._mismatches:
             self._warn_mismatches(final=False)
-
-    def next_change(self) -> asyncio.Future[None]:
-        """A future of the running loop that is done at the next change of the graph."""
-        future = self._bridge.running_loop().create_future()
-        self._waiting = [waiting for waiting in self._waiting if not waiting.done()]
-        self._waiting.append(future)
-        return future
-
-    def request_line(self, request_topic: str) -> RequestLine:
-        """The one line in which the requests of all our clients of a service stand."""
-        return self._lines.setdefault(request_topic, RequestLine())
 
     # ------------------------------------------------------------------------------------------------ mismatches
 

@@ -1,9 +1,8 @@
-"""The `ros_discovery_info` message in all its shapes: 16- and 24-byte GIDs, both byte orders.
+"""The `ros_discovery_info` message in both its shapes: with 16- and 24-byte GIDs.
 
 Written by hand instead of generated because one type name stands for two layouts: Humble's GIDs have 24 bytes, later
-ones 16 (protocol.md 6.2), and because it is the one message whose content tells a participant's byte order: it begins
-with the GUID of its sender, and only one reading of the rest consumes it exactly. We write the 16-byte little-endian
-shape.
+ones 16 (protocol.md 6.2). It begins with the GUID of its sender, and only one reading of the rest consumes it exactly.
+We write the 16-byte shape. Nobody sends big-endian ones.
 """
 
 from __future__ import annotations
@@ -30,7 +29,6 @@ class GraphMessage(NamedTuple):
 
     participant_guid: bytes
     nodes: list[NodeEntities]
-    big_endian: bool
 
 
 def encode(participant_guid: bytes, nodes: Iterable[NodeEntities]) -> bytes:
@@ -67,26 +65,20 @@ def _put_gids(out: bytearray, gids: frozenset[bytes]) -> None:
 def decode(data: Payload, sender_prefix: bytes) -> GraphMessage:
     """Read the message of the participant whose GUID begins with `sender_prefix` (12 bytes).
 
-    The reading that fits is taken: header's byte order first, 16-byte GIDs first.
+    The reading that fits is taken, 16-byte GIDs first.
 
     Raises:
         DecodeError: no reading fits.
     """
     raw = bytes(data)
-    if len(raw) < 4:
-        raise DecodeError(_NAME, len(raw), "expected a 4-byte header")
-    by_header = "<" if raw[1] & 1 else ">"
-    first_error: DecodeError | None = None
-    for order in (by_header, "<" if by_header == ">" else ">"):
-        for gid_bytes in (16, 24):
-            try:
-                nodes = _Reading(raw, order, gid_bytes, sender_prefix).message()
-            except DecodeError as err:
-                first_error = first_error or err
-            else:
-                return GraphMessage(raw[4:20], nodes, order == ">")
-    assert first_error is not None
-    raise first_error
+    try:
+        nodes = _Reading(raw, 16, sender_prefix).message()
+    except DecodeError as error:
+        try:
+            nodes = _Reading(raw, 24, sender_prefix).message()
+        except DecodeError:
+            raise error from None
+    return GraphMessage(raw[4:20], nodes)
 
 
 @dataclass(slots=True)
@@ -94,7 +86,6 @@ class _Reading:
     """One attempt to read the bytes in one shape; `position` counts from the start, header included."""
 
     data: bytes
-    order: str
     gid_bytes: int
     sender_prefix: bytes
     position: int = 4
@@ -123,7 +114,7 @@ class _Reading:
 
     def _count(self, field: str) -> int:
         self.position += -self.position % 4
-        (count,) = struct.unpack(f"{self.order}I", self._take(4))
+        (count,) = struct.unpack("<I", self._take(4))
         if count > _MAX_ITEMS:
             raise DecodeError(f"{_NAME}.{field}", self.position - 4, f"{count} elements cannot be right")
         return int(count)

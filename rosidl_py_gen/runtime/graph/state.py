@@ -1,7 +1,7 @@
-"""Who is out there: nodes, topics, services and endpoints, as a plain object fed with discovery events.
+"""The ROS graph: nodes, topics, services and endpoints, as a plain object fed with discovery events.
 
 Decides how DDS endpoints and the `ros_discovery_info` messages combine into what ROS shows (protocol.md 6.3, 6.4). No
-I/O, no waiting: `discovery.py` feeds it, `node/node.py` asks it. `version` grows with every change.
+I/O, no waiting: `discovery.py` feeds it, `node/graph.py` asks it. `version` grows with every change.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.names.dds import (
-    DISCOVERY_TOPIC,
     demangle_service,
     demangle_service_type,
     demangle_topic,
     demangle_type,
     parse_user_data,
 )
-from rosidl_py_gen.runtime.names.rules import fully_qualified_node_name
+from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
 
 if TYPE_CHECKING:
@@ -210,10 +209,6 @@ class Graph:
             return _names_and_types(self._service_pairs(mine))
         return _names_and_types(self._topic_pairs(mine, True))
 
-    def has_node(self, name: str, namespace: str) -> bool:
-        """Whether such a node is known."""
-        return any((node.name, node.namespace) == (name, namespace) for node in self.nodes())
-
     def announced_hashes(self, name: str, namespace: str, type_name: str) -> dict[str, set[str]]:
         """DDS topics by the hash that a node's endpoints of a type announce for it; "" for those that announce none."""
         found: defaultdict[str, set[str]] = defaultdict(set)
@@ -255,8 +250,3 @@ def _names_and_types(pairs: Iterable[tuple[str, str]]) -> NamesAndTypes:
     for name, type_name in pairs:
         found[name].add(type_name)
     return [(name, sorted(types)) for name, types in sorted(found.items())]
-
-
-def is_discovery_topic(endpoint: Endpoint) -> bool:
-    """Whether it is one of ROS's own graph endpoints, which belong to no node."""
-    return endpoint.info.topic == DISCOVERY_TOPIC

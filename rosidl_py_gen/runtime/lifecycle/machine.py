@@ -1,6 +1,6 @@
 """Managed nodes: callbacks, five services, the transition event, and publishers that are silent while inactive.
 
-Decides when callbacks run; states and what answers mean is `states.py`'s. One transition at a time: a request
+Decides when callbacks run; states and what answers mean are `states.py`'s. One transition at a time: a request
 that comes while another is under way is refused. A transition that is cancelled is an error: it is brought to its end,
 error processing included, so that the node is never left in between. Source: protocol.md 12.2.
 """
@@ -8,11 +8,8 @@ error processing included, so that the node is never left in between. Source: pr
 from __future__ import annotations
 
 import asyncio
-import inspect
-import weakref
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.msgs.lifecycle_msgs import msg
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     ChangeState,
@@ -27,7 +24,7 @@ from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
 )
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
-from rosidl_py_gen.runtime.endpoints.types import MessageType, Untyped, message_type, service_type
+from rosidl_py_gen.runtime.endpoints.types import MessageType, message_type, service_type
 from rosidl_py_gen.runtime.lifecycle.states import (
     TRANSITIONS,
     Outcome,
@@ -39,17 +36,17 @@ from rosidl_py_gen.runtime.lifecycle.states import (
     outcome_of,
     requested,
 )
-from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT, as_profile
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
+from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
-    from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 T = TypeVar("T")
-MessageT = TypeVar("MessageT", bound=Message)
 
 _CALLBACKS = {
     State.CONFIGURING: "on_configure",
@@ -97,13 +94,13 @@ class LifecyclePublisher(Publisher[T]):
 
 
 class LifecycleMachine:
-    """State, services and event of one managed node; `callback_of` finds its ``on_...`` methods by name."""
+    """State, services and event of one managed node, whose ``on_...`` methods it calls."""
 
-    def __init__(self, scope: Scope, names: NodeNames, callback_of: Callable[[str], Callable[..., Any]]) -> None:
+    def __init__(self, scope: Scope, names: NodeNames, node: object) -> None:
         self.state = State.UNCONFIGURED
         self._scope = scope
         self._closed = False
-        self._callback_of = callback_of
+        self._node = node
         self._event: Publisher[msg.TransitionEvent] = Publisher(
             scope, message_type(msg.TransitionEvent), names.resolve_topic("~/transition_event"), DEFAULT
         )
@@ -114,7 +111,7 @@ class LifecycleMachine:
             ("get_available_transitions", GetAvailableTransitions, lambda r: _transitions(available(self.state))),
             ("get_transition_graph", GetAvailableTransitions, lambda r: _transitions(TRANSITIONS)),
         ]
-        self.endpoints: list[ServiceServer[Any, Any]] = [
+        self._services: list[ServiceServer[Any, Any]] = [
             ServiceServer(scope, service_type(cls), names.resolve_service(f"~/{name}"), handler, SERVICES_DEFAULT)
             for name, cls, handler in table
         ]
@@ -150,22 +147,13 @@ class LifecycleMachine:
     async def _run(self, came_from: State) -> tuple[Outcome, bool]:
         """What the callback of the present state says, and whether the caller was cancelled meanwhile."""
         name = _CALLBACKS[self.state]
-        cancelled = False
         if self._closed:  # by the callback before
-            return Outcome.ERROR, cancelled
-        try:
-            answer = self._callback_of(name)(came_from)
-            if inspect.isawaitable(answer):
-                # In a task of its own: what cancels the caller can so be told from what cancels the callback.
-                task = asyncio.ensure_future(answer)
-                cancelled = await _finish(task)
-                answer = task.result()
-            return outcome_of(answer), cancelled
-        except asyncio.CancelledError:
-            self._scope.logger.warning(f"{name} of a lifecycle node was cancelled; that counts as an error")
-        except Exception:
-            self._scope.report_failure(f"{name} of a lifecycle node")
-        return Outcome.ERROR, cancelled
+            return Outcome.ERROR, False
+        callback = UserFunction(self._scope, getattr(self._node, name), f"{name} of a lifecycle node")
+        outcomes = [Outcome.ERROR]  # stays the only one when the callback fails, or is cancelled
+        task = callback.call(came_from, then=lambda answer: outcomes.append(outcome_of(answer)))
+        cancelled = task is not None and await _finish(task)
+        return outcomes[-1], cancelled
 
     def _enter(self, row: Transition) -> None:
         self.state = row.goal
@@ -186,7 +174,7 @@ class LifecycleMachine:
     def close(self) -> None:
         """May be called twice."""
         self._closed = True
-        for service in self.endpoints:
+        for service in self._services:
             service.close()
         self._event.close()
 
@@ -218,106 +206,3 @@ def _transitions(rows: Iterable[Transition]) -> GetAvailableTransitions_Response
             for row in rows
         ]
     )
-
-
-class NodeLifecycle:
-    """Lifecycle methods of `LifecycleNode`, which has to call `_open_lifecycle` in its constructor.
-
-    Each ``on_...`` may be plain or async, gets the state the node comes from, and answers an `Outcome`. None and what
-    Python takes for true mean SUCCESS, anything else (False, 0, an empty text) means FAILURE, an exception ERROR;
-    the numbers TRANSITION_CALLBACK_... mean what they say. Without an `on_error` of its own a failed node is finalized.
-
-    A transition that is cancelled ends as an error: `on_error` runs, the state follows from its answer, and then the
-    caller gets its CancelledError. A callback that holds back the cancellation and answers is taken at its word.
-    """
-
-    scope: Scope
-    _closed: bool
-    _names: NodeNames
-    _machine: LifecycleMachine
-
-    def _open_lifecycle(self) -> None:
-        self._machine = LifecycleMachine(self.scope, self._names, _weak_lookup(self))
-        self.scope.own(self._machine)
-
-    def on_configure(self, state: State) -> Any:
-        """Get ready; the node becomes inactive."""
-
-    def on_cleanup(self, state: State) -> Any:
-        """Undo `on_configure`."""
-
-    def on_activate(self, state: State) -> Any:
-        """Begin to work."""
-
-    def on_deactivate(self, state: State) -> Any:
-        """Stop working."""
-
-    def on_shutdown(self, state: State) -> Any:
-        """Release everything; there is no way back."""
-
-    def on_error(self, state: State) -> Any:
-        """Recover to unconfigured (SUCCESS), or give up."""
-        return Outcome.FAILURE
-
-    @property
-    def state(self) -> State:
-        """The present state."""
-        return self._machine.state
-
-    async def configure(self) -> Outcome:
-        """Raises `TransitionError` unless unconfigured."""
-        return await self._machine.change(label="configure")
-
-    async def cleanup(self) -> Outcome:
-        """Raises `TransitionError` unless inactive."""
-        return await self._machine.change(label="cleanup")
-
-    async def activate(self) -> Outcome:
-        """Raises `TransitionError` unless inactive."""
-        return await self._machine.change(label="activate")
-
-    async def deactivate(self) -> Outcome:
-        """Raises `TransitionError` unless active."""
-        return await self._machine.change(label="deactivate")
-
-    async def shutdown(self) -> Outcome:
-        """Raises `TransitionError` when finalized already, or in between."""
-        return await self._machine.change(label="shutdown")
-
-    @overload
-    def create_lifecycle_publisher(
-        self, msg_type: type[MessageT], topic: str, qos: QoSLike = 10
-    ) -> LifecyclePublisher[MessageT]: ...
-    @overload
-    def create_lifecycle_publisher(
-        self, msg_type: str, topic: str, qos: QoSLike = 10
-    ) -> LifecyclePublisher[Untyped]: ...
-    def create_lifecycle_publisher(
-        self, msg_type: type[Message] | str, topic: str, qos: QoSLike = 10
-    ) -> LifecyclePublisher[Any]:
-        """A publisher that is silent while the node is not active; errors as `create_publisher`."""
-        self.scope.require_open(self._closed, "the node")
-        machine = self._machine
-        publisher: LifecyclePublisher[Any] = LifecyclePublisher(
-            self.scope,
-            message_type(msg_type),
-            self._names.resolve_topic(topic),
-            as_profile(qos),
-            lambda: machine.state is State.ACTIVE,
-        )
-        self.scope.own(publisher)
-        return publisher
-
-
-def _weak_lookup(node: object) -> Callable[[str], Callable[..., Any]]:
-    """Finds the node's callbacks without keeping the node alive (its scope owns the machine)."""
-    this = weakref.ref(node)
-
-    def lookup(name: str) -> Callable[..., Any]:
-        found = getattr(this(), name, None)
-        if found is None:
-            raise TransitionError("the node is gone")
-        callback: Callable[..., Any] = found
-        return callback
-
-    return lookup

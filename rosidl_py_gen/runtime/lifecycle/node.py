@@ -1,53 +1,106 @@
-"""The managed node: a `Node` with the state machine of `machine.py`.
-
-Decides nothing but the order in which the two come up.
-"""
+"""The managed node: a `Node` with the state machine of `machine.py`, which decides everything else."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from rosidl_py_gen.runtime.lifecycle.machine import NodeLifecycle
+from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.runtime.endpoints.types import message_type
+from rosidl_py_gen.runtime.lifecycle.machine import LifecycleMachine, LifecyclePublisher
+from rosidl_py_gen.runtime.lifecycle.states import Outcome, State
 from rosidl_py_gen.runtime.node.node import Node
+from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from rosidl_py_gen.runtime.endpoints.types import Untyped
+    from rosidl_py_gen.runtime.node.options import NodeOptions
+    from rosidl_py_gen.runtime.transport.qos import QoSLike
 
-    from rosidl_py_gen.runtime.node.context import Context
+MessageT = TypeVar("MessageT", bound=Message)
 
 
-class LifecycleNode(NodeLifecycle, Node):
-    """A node that others configure, activate and shut down (protocol.md 12.2).
+class LifecycleNode(Node):
+    """A node that others configure, activate and shut down (protocol.md 12.2). Arguments are those of `Node`.
 
-    Override `on_configure`, `on_activate` and so on; create endpoints in `on_configure`. Arguments are those of `Node`.
+    Override `on_configure`, `on_activate` and so on; create endpoints in `on_configure`. Each ``on_...`` may be plain
+    or async, gets the state the node comes from, and answers an `Outcome`. None and what Python takes for true mean
+    SUCCESS, anything else (False, 0, an empty text) means FAILURE, an exception ERROR; the numbers
+    TRANSITION_CALLBACK_... mean what they say. Without an `on_error` of its own a failed node is finalized.
+
+    A transition that is cancelled ends as an error: `on_error` runs, the state follows from its answer, and then the
+    caller gets its CancelledError. A callback that holds back the cancellation and answers is taken at its word.
     """
 
-    def __init__(
-        self,
-        name: str,
-        namespace: str = "",
-        *,
-        context: Context | None = None,
-        enable_rosout: bool = True,
-        overrides: Mapping[str, object] | None = None,
-        allow_undeclared: bool = False,
-        declare_overrides: bool = False,
-        start_services: bool = True,
-        logger_services: bool = False,
-    ) -> None:
-        super().__init__(
-            name,
-            namespace,
-            context=context,
-            enable_rosout=enable_rosout,
-            overrides=overrides,
-            allow_undeclared=allow_undeclared,
-            declare_overrides=declare_overrides,
-            start_services=start_services,
-            logger_services=logger_services,
+    _machine: LifecycleMachine
+
+    def _open(self, options: NodeOptions) -> None:
+        super()._open(options)
+        self._machine = LifecycleMachine(self.scope, self._names, self)
+        self.scope.own(self._machine)
+
+    def on_configure(self, state: State) -> Any:
+        """Get ready; the node becomes inactive."""
+
+    def on_cleanup(self, state: State) -> Any:
+        """Undo `on_configure`."""
+
+    def on_activate(self, state: State) -> Any:
+        """Begin to work."""
+
+    def on_deactivate(self, state: State) -> Any:
+        """Stop working."""
+
+    def on_shutdown(self, state: State) -> Any:
+        """Release everything; there is no way back."""
+
+    def on_error(self, state: State) -> Any:
+        """Recover to unconfigured (SUCCESS), or give up."""
+        return Outcome.FAILURE
+
+    @property
+    def state(self) -> State:
+        """The present state."""
+        return self._machine.state
+
+    async def configure(self) -> Outcome:
+        """Raises `TransitionError` unless unconfigured."""
+        return await self._machine.change(label="configure")
+
+    async def cleanup(self) -> Outcome:
+        """Raises `TransitionError` unless inactive."""
+        return await self._machine.change(label="cleanup")
+
+    async def activate(self) -> Outcome:
+        """Raises `TransitionError` unless inactive."""
+        return await self._machine.change(label="activate")
+
+    async def deactivate(self) -> Outcome:
+        """Raises `TransitionError` unless active."""
+        return await self._machine.change(label="deactivate")
+
+    async def shutdown(self) -> Outcome:
+        """Raises `TransitionError` when finalized already, or in between."""
+        return await self._machine.change(label="shutdown")
+
+    @overload
+    def create_lifecycle_publisher(
+        self, msg_type: type[MessageT], topic: str, qos: QoSLike = 10
+    ) -> LifecyclePublisher[MessageT]: ...
+    @overload
+    def create_lifecycle_publisher(
+        self, msg_type: str, topic: str, qos: QoSLike = 10
+    ) -> LifecyclePublisher[Untyped]: ...
+    def create_lifecycle_publisher(
+        self, msg_type: type[Message] | str, topic: str, qos: QoSLike = 10
+    ) -> LifecyclePublisher[Any]:
+        """A publisher that is silent while the node is not active; errors as `create_publisher`."""
+        self.scope.require_open(False, "the node")
+        publisher: LifecyclePublisher[Any] = LifecyclePublisher(
+            self.scope,
+            message_type(msg_type),
+            self._names.resolve_topic(topic),
+            as_profile(qos),
+            lambda: self.state is State.ACTIVE,
         )
-        try:
-            self._open_lifecycle()
-        except BaseException:
-            self.close()
-            raise
+        self.scope.own(publisher)
+        return publisher

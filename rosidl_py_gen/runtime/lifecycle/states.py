@@ -1,4 +1,4 @@
-"""The state machine of lifecycle nodes, as a table fed with values.
+"""The states of lifecycle nodes and the transitions between them, as a table.
 
 Decides which transition a request means and which state follows (protocol.md 12.2). Running callbacks and serving the
 five services is `machine.py`.
@@ -81,10 +81,7 @@ def _rows() -> tuple[Transition, ...]:
 
 
 TRANSITIONS = _rows()
-PRIMARY_STATES = (State.UNCONFIGURED, State.INACTIVE, State.ACTIVE, State.FINALIZED)
 _OUTCOMES = frozenset(outcome.value for outcome in Outcome)
-
-
 _CALLBACK_RETURNS = {97: Outcome.SUCCESS, 98: Outcome.FAILURE, 99: Outcome.ERROR}
 """TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which are what rclpy's callbacks return."""
 

@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.logs.loggers import DEBUG, ERROR, FATAL, LEVEL_NAMES,
 from rosidl_py_gen.runtime.logs.rosout import message_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
 DEFAULT_FORMAT = "[{severity}] [{time}] [{name}]: {message}"
 _TOKEN = re.compile(r"\{([a-z_]+)\}")
@@ -92,8 +92,11 @@ class ConsoleHandler(logging.Handler):
 _handler = ConsoleHandler()
 
 
-def install_console(settings: ConsoleSettings, is_printed: Callable[[logging.LogRecord], bool] | None = None) -> None:
-    """Print every ROS record that `is_printed` lets pass; a later call only changes the settings."""
+def install_console(settings: ConsoleSettings, *, prints: bool = True) -> None:
+    """Print every ROS record, or none; a later call changes that."""
     _handler.settings = settings
-    _handler.filters = [is_printed] if is_printed is not None else []
-    get_root_logger().addHandler(_handler)
+    root = get_root_logger()
+    if prints:
+        root.addHandler(_handler)
+    else:
+        root.removeHandler(_handler)

@@ -1,11 +1,9 @@
-"""Log files: whether one is written, what it is called, and its lines.
+"""Log files: folder, name and lines.
 
-Decides that a file is written only when somebody asks for one: with ``--log-file-name``, ``--enable-external-lib-logs``
-or ``ROS_LOG_DIR``. ROS writes one for every process; a script that uses this package need not leave files behind.
-``--disable-external-lib-logs`` wins. Name, folder and lines are those of rcl_logging_spdlog, except that the name
-begins with the program's name where ROS says ``python3``, and that lines are written at once.
+They are those of rcl_logging_spdlog, except that the name begins with the program's name where ROS says ``python3``,
+and that lines are written at once. Whether there is a file is decided by `logs/outputs.py`. May import this room only.
 
-Source: protocol.md 10.4, 10.6.
+Source: protocol.md 10.6.
 """
 
 from __future__ import annotations
@@ -21,18 +19,9 @@ from rosidl_py_gen.runtime.logs.console import DEFAULT_FORMAT, format_record
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from rosidl_py_gen.runtime.node.arguments import RosArguments
-
 
 class LogFileError(RosidlError, OSError):
     """A log file was asked for and cannot be written; the text says where and why."""
-
-
-def log_file_is_wanted(arguments: RosArguments, environ: Mapping[str, str]) -> bool:
-    """Whether the command line or the environment asks for a file."""
-    if arguments.external_lib_logs is False:
-        return False
-    return bool(arguments.external_lib_logs or arguments.log_file_name or environ.get("ROS_LOG_DIR"))
 
 
 def log_folder(environ: Mapping[str, str]) -> Path:

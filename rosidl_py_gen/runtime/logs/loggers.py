@@ -19,7 +19,7 @@ import traceback
 from typing import TYPE_CHECKING, TypedDict
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.names.rules import validate_node_name
+from rosidl_py_gen.runtime.names.validation import validate_node_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -214,6 +214,11 @@ def get_logger(name: str) -> RosLogger:
     return logger
 
 
+def internal_logger() -> RosLogger:
+    """Where the runtime reports what belongs to no node; below the ROS root, so levels and outputs count for it."""
+    return get_logger("rosidl_py_gen")
+
+
 def node_logger(fully_qualified_node_name: str) -> RosLogger:
     """The logger of a node; raises `InvalidNameError` when the last part is no node name."""
     validate_node_name(fully_qualified_node_name.rpartition("/")[2])
@@ -232,8 +237,3 @@ def set_logger_level(name: str, level: int | str) -> None:
 def get_logger_level(name: str) -> int:
     """The configured level, UNSET when the logger inherits."""
     return get_logger(name).level
-
-
-def effective_level(name: str) -> int:
-    """The level of the nearest configured ancestor, INFO by default."""
-    return get_logger(name).getEffectiveLevel()

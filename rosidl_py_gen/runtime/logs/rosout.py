@@ -1,7 +1,7 @@
 """From a log record to the fields of rcl_interfaces/Log, and to the node that publishes it.
 
-Decides what the message says, and that each record is published once, by the node it belongs to (`owners.py`).
-Records that belong to no node are not published. Source: protocol.md 9.7.
+Decides what the message says, and that each record is published once, by the node it belongs to. Records that belong to
+no node are not published. Publishing is `node/rosout.py`. Source: protocol.md 9.7.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger, ros_level
-from rosidl_py_gen.runtime.logs.owners import LogOwners
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import TypeAlias
+
+    Publish: TypeAlias = "Callable[[LogFields], None]"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,23 +58,44 @@ def log_fields(record: logging.LogRecord) -> LogFields:
 
 
 class RosoutRouter(logging.Handler):
-    """A handler for the root of the ROS loggers that hands each record to the node it belongs to."""
+    """A handler for the root of the ROS loggers that hands each record to the node it belongs to.
+
+    That is the node registered for the record's logger or for its nearest ancestor. So a child logger counts as its
+    parent's node, and a node `a.b` is never taken for a node `a`.
+    """
 
     def __init__(self) -> None:
         super().__init__()
-        self._publishers: LogOwners[Callable[[LogFields], None]] = LogOwners()
+        self._publishers: dict[str, list[Publish]] = {}
         self._busy = threading.local()
 
-    def register(self, logger_name: str, publish: Callable[[LogFields], None]) -> Callable[[], None]:
+    def register(self, logger_name: str, publish: Publish) -> Callable[[], None]:
         """Publish the records of this logger and its descendants; returns the function that ends it.
 
         When two nodes have one name the older one publishes, so that nothing appears twice.
         """
-        return self._publishers.add(logger_name, publish)
+        self._publishers.setdefault(logger_name, []).append(publish)
+
+        def remove() -> None:
+            found = self._publishers.get(logger_name, [])
+            if publish in found:
+                found.remove(publish)
+            if not found:
+                self._publishers.pop(logger_name, None)
+
+        return remove
+
+    def _publisher_of(self, logger_name: str) -> Publish | None:
+        while logger_name:
+            found = self._publishers.get(logger_name)
+            if found:
+                return found[0]
+            logger_name = logger_name.rpartition(".")[0]
+        return None
 
     def emit(self, record: logging.LogRecord) -> None:
         """Publish one record; what publishing itself logs is not published again."""
-        publish = self._publishers.find(record.name)
+        publish = self._publisher_of(record.name)
         if publish is None or getattr(self._busy, "now", False):
             return
         self._busy.now = True

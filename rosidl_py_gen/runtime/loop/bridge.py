@@ -1,17 +1,10 @@
 """The one crossing from the transport to asyncio.
 
-Decides which thread waits, and how what arrived gets onto the event loop, batched: one wake-up for all that is ready.
+Decides which event loop serves a context, and how what arrived gets onto it: the loop watches the transport's file
+descriptor with `add_reader`, or, where there is none or the loop cannot watch it, the transport calls `_notified` from
+any thread. Both end in `dispatch`, batched: one wake-up for all that is ready.
 
-direct  The loop's own thread waits for data, inside `select`, while it has nothing else to do. Used when the loop has a
-        selector to wrap (the default on Linux and macOS) and this is the only context on it.
-thread  One thread per context waits, and calls the loop. Used on all other loops (uvloop, Windows' proactor).
-none    Nobody waits: the writer notifies the loop. For transports that need no waiting (memory).
-
-Direct mode exists for latency: a round trip of two processes took 1.1-1.25 times that of a bare WaitSet loop, thread
-mode 1.8-2.2 times, because each message wakes two threads and moves the GIL. Its price is one helper thread that waits
-for the loop's file descriptors while the loop waits for DDS; nothing runs there but a poll.
-
-The mode follows from the loop; environment or users do not choose. Sinks are called one after the other; one that
+Only public functions of asyncio are used, so that any loop will do. Sinks are called one after the other; one that
 raises is logged and the others still run.
 """
 
@@ -19,13 +12,15 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import contextvars
 import itertools
 import logging
+import os
 import threading
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.runtime.loop.wakeup import DirectSelector, WaitingThread
+from rosidl_py_gen.runtime.loop.portal import Portal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,22 +36,16 @@ _MISMATCH = (
 )
 
 
+def current_loop() -> asyncio.AbstractEventLoop | None:
+    """The loop that runs in this thread, if one does."""
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None
+
+
 class LoopMismatchError(RosidlError, RuntimeError):
     """The caller used one context from two running event loops."""
-
-
-class PoliteLoop(Protocol):
-    """A loop that ends for others; see `portal.py`."""
-
-    @property
-    def loop(self) -> asyncio.AbstractEventLoop | None:
-        """None before it is needed."""
-
-    def give_way(self) -> bool:
-        """Begin nothing new until `go_on`, and return when what is under way has ended; False when it does not."""
-
-    def go_on(self) -> None:
-        """The other loop is attached, or was not."""
 
 
 class Bridge:
@@ -66,14 +55,16 @@ class Bridge:
         self._participant = participant
         self.attached: asyncio.AbstractEventLoop | None = None
         """The newest loop, closed or not; a plain attribute, because every publish looks at it."""
-        self._pump: DirectSelector | WaitingThread | None = None
+        self.portal = Portal(self)
+        """Runs coroutines for plain code."""
+        self._watched: int | None = None
+        """A duplicate of the participant's descriptor, so that either of us may close first."""
+        self._context: contextvars.Context | None = None
         self._scheduled = False
         self._closed = False
-        self.polite: PoliteLoop | None = None
-        """The loop of plain code, which gives way to every other one."""
+        self._closed_reason = "this context is closed"
         self._lock = threading.RLock()
         self._starts: dict[int, Callable[[], None]] = {}
-        participant.set_notify(self._notified)
 
     @property
     def loop(self) -> asyncio.AbstractEventLoop | None:
@@ -95,56 +86,82 @@ class Bridge:
 
     def adopt_running_loop(self) -> None:
         """Attach the loop this thread runs, if it runs one and no other one is in charge."""
-        loop = asyncio._get_running_loop()
+        loop = current_loop()
         if loop is None or self._closed or loop is self.attached:
             return
-        if not self.is_running or (self.polite is not None and self.attached is self.polite.loop):
+        if not self.is_running or self.attached is self.portal.loop:
             self.attach(loop)
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Deliver on `loop` from now on; call it on the loop's thread.
+        """Deliver on `loop` from now on; call it on the loop's thread, or while the loop does not run.
 
         Raises:
             LoopMismatchError: another loop is attached and still running.
-            ClosedError: the bridge is closed; a closed participant would wake the loop for ever.
+            ClosedError: the bridge is closed.
         """
         if self.attached is loop:
             return
         if self._closed:
-            raise ClosedError("this context is closed")
-        polite = self.polite if self.polite is not None and loop is not self.polite.loop else None
-        if polite is not None and not polite.give_way():
-            raise LoopMismatchError(_MISMATCH)
-        try:
-            if self.is_running:
+            raise ClosedError(self._closed_reason)
+        if loop is self.portal.loop:
+            self._change_to(loop)
+            return
+        with self.portal.drained() as drained:
+            if not drained or self.is_running:
                 raise LoopMismatchError(_MISMATCH)
             self._change_to(loop)
-        finally:
-            if polite is not None:
-                polite.go_on()
 
     def _change_to(self, loop: asyncio.AbstractEventLoop) -> None:
         self.detach()
         self.attached = loop
-        if self._participant.must_wait:
-            wrapped = DirectSelector.wrap(loop, self._participant, self.dispatch)
-            self._pump = wrapped or WaitingThread(self._participant, self._notified)
+        self._context = contextvars.copy_context()
+        if not self._watch(loop):
+            self._participant.set_notify(self._notified)
         for start in list(self._starts.values()):
             start()
-        self._notified()
+
+    def _watch(self, loop: asyncio.AbstractEventLoop) -> bool:
+        """Let the loop wait for the participant's descriptor; False where that cannot be."""
+        descriptor = self._participant.fileno()
+        if descriptor is None:
+            return False
+        watched = os.dup(descriptor)
+        try:
+            loop.add_reader(watched, self.dispatch)
+        except NotImplementedError:  # Windows' proactor
+            os.close(watched)
+            return False
+        self._watched = watched
+        return True
 
     def detach(self) -> None:
         """Stop delivering; data stays where it is until another loop comes."""
-        pump, self._pump, self.attached = self._pump, None, None
+        loop, watched = self.attached, self._watched
+        self.attached = self._watched = None
+        self._participant.set_notify(None)
         self._scheduled = False  # what the old loop was asked to do, it may never come to
-        if pump is not None:
-            pump.close()
+        if watched is None or loop is None:
+            return
+
+        def unwatch() -> None:
+            loop.remove_reader(watched)
+            os.close(watched)
+
+        if loop.is_running() and loop is not current_loop():
+            with contextlib.suppress(RuntimeError):  # closed in the meantime
+                loop.call_soon_threadsafe(unwatch)
+                return
+        unwatch()
 
     def close(self) -> None:
         """Stop for good."""
         self._closed = True
-        self._participant.set_notify(None)
+        self.portal.close()
         self.detach()
+
+    def abandon(self, reason: str) -> None:
+        """In a forked child: be closed without touching loop or transport; errors give the reason."""
+        self._closed, self._closed_reason, self._watched, self.attached = True, reason, None, None
 
     def on_start(self, start: Callable[[], None]) -> Callable[[], None]:
         """Call `start` now if a loop is attached, and whenever one will be; returns the function that ends this."""
@@ -160,7 +177,7 @@ class Bridge:
         loop = self.loop
         if loop is not None:
             with contextlib.suppress(RuntimeError):  # closed in the meantime
-                if asyncio._get_running_loop() is loop:
+                if current_loop() is loop:
                     loop.call_soon(function)
                 else:
                     loop.call_soon_threadsafe(function)
@@ -175,26 +192,20 @@ class Bridge:
         """Whether the caller runs on the attached loop's thread, while that loop runs."""
         # Not a matter of thread numbers: a loop may be run by one thread after the other.
         loop = self.attached
-        return loop is not None and asyncio._get_running_loop() is loop
+        return loop is not None and current_loop() is loop
 
     def _notified(self) -> None:
         """Something is ready to be collected; called from any thread."""
         loop = self.attached
         if loop is None or loop.is_closed():
             return
-        here = asyncio._get_running_loop() is loop
-        if not here and isinstance(self._pump, DirectSelector):
-            self._participant.wake()  # every wait is followed by a dispatch
-            return
         with self._lock:
             if self._scheduled:
                 return
             self._scheduled = True
+        schedule = loop.call_soon if current_loop() is loop else loop.call_soon_threadsafe
         try:
-            if here:
-                loop.call_soon(self._run_scheduled)
-            else:
-                loop.call_soon_threadsafe(self._run_scheduled)
+            schedule(self._run_scheduled, context=self._context)
         except RuntimeError:  # the loop was closed in the meantime
             self._scheduled = False
 
@@ -208,5 +219,5 @@ class Bridge:
         for sink in self._participant.collect():
             try:
                 sink()
-            except (Exception, asyncio.CancelledError):  # the latter would end the loop that waits in here
+            except (Exception, asyncio.CancelledError):  # the latter would end the loop
                 _log.exception("an internal receive function failed; other endpoints are not affected")

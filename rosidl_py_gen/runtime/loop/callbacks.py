@@ -1,4 +1,4 @@
-"""Helpers around functions that users hand in: plain or async, on which thread, and what their code mentions."""
+"""Helpers around functions that users hand in: plain or async, and on which thread."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ import asyncio
 import concurrent.futures
 import contextlib
 import contextvars
-import functools
 import inspect
 import threading
-from types import CodeType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -23,13 +21,6 @@ _LOOP_ENDED_S = 0.2
 """How often a thread that waits for the loop looks whether there still is one."""
 
 _TASKS_KNOW = hasattr(asyncio.Task, "cancelling")
-_CANCEL_NAMES = frozenset({"cancel_requested", "wait_for_cancel"})
-
-
-async def result_of(callback: Callable[..., Any], *arguments: object) -> Any:
-    """What a plain or async callback answers."""
-    answer = callback(*arguments)
-    return await answer if inspect.isawaitable(answer) else answer
 
 
 def require_callable(callback: object, what: str, hint: str = "") -> None:
@@ -38,10 +29,30 @@ def require_callable(callback: object, what: str, hint: str = "") -> None:
         raise TypeError(f"{what} must be a function, got {callback!r:.100}{hint}")
 
 
+def is_async(function: object) -> bool:
+    """Whether calling it gives a coroutine: async functions, and objects whose `__call__` is one."""
+    called = getattr(type(function), "__call__", None)  # noqa: B004 - the method itself, not whether there is one
+    return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)
+
+
+def current_loop() -> asyncio.AbstractEventLoop | None:
+    """The loop that this thread runs just now."""
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None
+
+
 def settle(future: asyncio.Future[T], result: T) -> None:
     """Let whoever waits go on, on the future's loop; nothing happens when nobody can any more."""
     if not future.done() and not future.get_loop().is_closed():
         future.set_result(result)
+
+
+def settle_error(future: asyncio.Future[Any], error: BaseException) -> None:
+    """`settle` with an error."""
+    if not future.done() and not future.get_loop().is_closed():
+        future.set_exception(error)
 
 
 def is_own_cancel() -> bool:
@@ -127,19 +138,3 @@ def on_loop(bridge: Bridge, function: Callable[[], T]) -> T:
         if not loop.is_running() and done.cancel():
             return function()
     return done.result()
-
-
-def mentions_cancel(handler: Callable[..., Any]) -> bool:
-    """Whether the handler's own code reads `cancel_requested`; functions it calls are not looked into."""
-    while isinstance(handler, functools.partial):
-        handler = handler.func
-    function: Any = inspect.unwrap(handler)
-    if not inspect.isroutine(function):
-        function = type(function).__call__
-    code = getattr(function, "__code__", None)
-    return isinstance(code, CodeType) and _reads(code)
-
-
-def _reads(code: CodeType) -> bool:
-    inner = (item for item in code.co_consts if isinstance(item, CodeType))
-    return not _CANCEL_NAMES.isdisjoint(code.co_names) or any(_reads(item) for item in inner)

@@ -1,10 +1,9 @@
-"""Waiting calls from plain code: who runs the event loop while several threads wait.
+"""Waiting calls from plain code: a thread that runs a private event loop while such calls are under way.
 
 Decides between two cases. Somebody else's loop runs (in another thread): the coroutine goes there; should that loop
-stop, the call ends with an error. None runs: a private loop does, in one of the waiting threads; when that thread has
-its result while others still wait, one of them takes over, so that nobody waits longer than needed and no thread of
-ours is left behind. The private loop gives way: a real one that starts waits for the calls under way, later ones go
-there, and a real one that was only paused gets the context back.
+stop, the call ends with an error. None runs: the private loop does, in a thread that ends with the last call. A real
+loop that starts meanwhile waits until the calls under way have ended; later ones wait for it and then go there. A real
+one that was only paused gets the context back.
 """
 
 from __future__ import annotations
@@ -14,14 +13,12 @@ import concurrent.futures
 import contextlib
 import threading
 import time
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine
-
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from collections.abc import Coroutine, Iterator
 
 T = TypeVar("T")
 
@@ -32,19 +29,30 @@ _PAUSE_S = 0.3
 """A loop that does not run for so long has stopped; a program may run one loop several times."""
 
 
-class SyncCalls:
-    """The private loop of one context."""
+class Host(Protocol):
+    """What is attached to one loop after the other: a `Bridge`."""
 
-    def __init__(self, bridge: Bridge) -> None:
-        self._bridge = bridge
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop | None:
+        """The loop in charge."""
+
+    def attach(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Put `loop` in charge. Raises `ClosedError`."""
+
+
+class Portal:
+    """The private loop of one context and its thread."""
+
+    def __init__(self, host: Host) -> None:
+        self._host = host
         self.loop: asyncio.AbstractEventLoop | None = None
-        """See `bridge.PoliteLoop`."""
-        self._turn = threading.Condition()
-        self._driving = False
-        self._under_way = 0
+        """The private loop; None before it is needed."""
+        self._thread: threading.Thread | None = None
+        self._changed = threading.Condition()
+        self._calls = 0
+        self._attaching = 0
         self._paused: asyncio.AbstractEventLoop | None = None
-        self._claims = 0
-        bridge.polite = self
+        self._closed = False
 
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine to its end; not to be called where an event loop runs.
@@ -52,101 +60,94 @@ class SyncCalls:
         Raises:
             ClosedError: the loop that had to run it ended.
         """
-        with self._turn:
-            self._turn.wait_for(lambda: self._claims == 0)
-            before = self._bridge.loop
-            if before is not None and before is not self.loop and before.is_running():
-                own = None
-            else:
-                own = self.loop
-                if own is None or own.is_closed():
-                    own = self.loop = asyncio.new_event_loop()
-                if self._under_way == 0:
-                    self._paused = before if before is not own else None
-                self._under_way += 1
+        with self._changed:
+            self._changed.wait_for(lambda: self._attaching == 0)
+            loop = self._host.loop
+            served = loop is not None and loop is not self.loop and loop.is_running()
+            own = None if served else self._enter(loop)
         if own is None:
-            assert before is not None
-            return _wait(asyncio.run_coroutine_threadsafe(coroutine, before), before)
+            assert loop is not None
+            return _wait(asyncio.run_coroutine_threadsafe(coroutine, loop), loop)
+        future = asyncio.run_coroutine_threadsafe(coroutine, own)
         try:
-            return self._run_here(coroutine, own)
+            return future.result()
         finally:
-            with self._turn:
-                self._under_way -= 1
-                if self._under_way == 0:
-                    self._give_back()
-                self._turn.notify_all()
-
-    def _give_back(self) -> None:
-        """Attach the loop that was attached before: when it runs again, nothing there would notice that it lost us."""
-        paused, self._paused = self._paused, None
-        if paused is not None and not paused.is_closed():
-            with contextlib.suppress(ClosedError):  # the context was closed meanwhile
-                self._bridge.attach(paused)
-
-    def give_way(self) -> bool:
-        """See `bridge.PoliteLoop`."""
-        with self._turn:
-            self._claims += 1
-            if self._turn.wait_for(lambda: self._under_way == 0, _PATIENCE_S):
-                return True
-            self._claims -= 1
-            return False
-
-    def go_on(self) -> None:
-        """See `bridge.PoliteLoop`."""
-        with self._turn:
-            self._claims -= 1
-            self._turn.notify_all()
-
-    def _run_here(self, coroutine: Coroutine[Any, Any, T], loop: asyncio.AbstractEventLoop) -> T:
-        future = asyncio.run_coroutine_threadsafe(coroutine, loop)
-        future.add_done_callback(self._tell)
-        try:
-            while self._take_over(future):
-                self._drive(loop, future)
-        except BaseException:
             future.cancel()
-            raise
-        return future.result()
+            self._leave(own)
 
-    def _take_over(self, future: concurrent.futures.Future[T]) -> bool:
-        """Wait until the result is in (False), or until nobody runs the loop and we have to (True)."""
-        with self._turn:
-            self._turn.wait_for(lambda: future.done() or not self._driving)
-            if future.done():
-                return False
-            self._driving = True
-            return True
+    def _enter(self, before: asyncio.AbstractEventLoop | None) -> asyncio.AbstractEventLoop:
+        if self.loop is None:
+            self.loop = asyncio.new_event_loop()
+        self._calls += 1
+        if self._calls == 1:
+            self._paused = before if before is not self.loop else None
+            self._thread = _start(self._serve, self.loop)
+        return self.loop
 
-    def _drive(self, loop: asyncio.AbstractEventLoop, future: concurrent.futures.Future[T]) -> None:
-        async def until_done() -> None:
-            self._bridge.running_loop()
-            done = asyncio.Event()
-            future.add_done_callback(lambda _: loop.call_soon_threadsafe(done.set))
-            await done.wait()
+    def _serve(self, loop: asyncio.AbstractEventLoop) -> None:
+        def attach() -> None:
+            with contextlib.suppress(ClosedError):  # the calls will say so
+                self._host.attach(loop)
 
-        try:
-            loop.run_until_complete(until_done())
-        finally:
-            with self._turn:
-                self._driving = False
-                self._turn.notify_all()
+        loop.call_soon(attach)
+        loop.run_forever()
 
-    def _tell(self, _: concurrent.futures.Future[Any]) -> None:
-        with self._turn:
-            self._turn.notify_all()
+    def _leave(self, loop: asyncio.AbstractEventLoop) -> None:
+        with self._changed:
+            self._calls -= 1
+            if self._calls == 0:
+                assert self._thread is not None
+                loop.call_soon_threadsafe(loop.stop)
+                self._thread.join()
+                self._thread = None
+                # When the paused loop runs again, nothing there would notice that it lost the context.
+                paused, self._paused = self._paused, None
+                if paused is not None and not paused.is_closed():
+                    with contextlib.suppress(ClosedError):
+                        self._host.attach(paused)
+                if self._closed:
+                    self._end()
+            self._changed.notify_all()
+
+    @contextlib.contextmanager
+    def drained(self) -> Iterator[bool]:
+        """While a real loop is attached: no call is under way and none begins. False when calls do not end in time."""
+        with self._changed:
+            self._attaching += 1
+            try:
+                yield self._changed.wait_for(lambda: self._calls == 0, _PATIENCE_S)
+            finally:
+                self._attaching -= 1
+                self._changed.notify_all()
 
     def close(self) -> None:
-        """End what still runs on the loop and close it, unless a thread is in it."""
-        loop = self.loop
-        if loop is None or loop.is_closed() or loop.is_running() or asyncio._get_running_loop() is not None:
-            return
-        tasks = asyncio.all_tasks(loop)
-        for task in tasks:
-            task.cancel()
-        if tasks:
-            loop.run_until_complete(asyncio.wait(tasks))
-        loop.close()
+        """Wait for the calls under way, which end because everything they wait for is closed; then end the loop."""
+        self._closed = True
+        if threading.current_thread() is self._thread:
+            return  # the last call does it
+        with self._changed:
+            if self._changed.wait_for(lambda: self._calls == 0, _PATIENCE_S):
+                self._end()
+
+    def _end(self) -> None:
+        loop, self.loop = self.loop, None
+        if loop is not None:
+            _start(_end_tasks, loop).join()  # in a thread, because a loop may run in this one
+            loop.close()
+
+
+def _start(function: Any, loop: asyncio.AbstractEventLoop) -> threading.Thread:
+    thread = threading.Thread(target=function, args=(loop,), name="rosidl-py-gen portal", daemon=True)
+    thread.start()
+    return thread
+
+
+def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
+    tasks = asyncio.all_tasks(loop)
+    for task in tasks:
+        task.cancel()
+    if tasks:
+        loop.run_until_complete(asyncio.wait(tasks))
 
 
 def _wait(future: concurrent.futures.Future[T], loop: asyncio.AbstractEventLoop) -> T:

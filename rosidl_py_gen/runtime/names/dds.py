@@ -104,6 +104,11 @@ def parse_user_data(data: bytes) -> dict[str, str]:
     return found
 
 
+def entity_gid(text: str) -> bytes:
+    """The 16 bytes behind an `entity_id`, which rmw_get_gid_for_client gives."""
+    return bytes(int(part, 16) for part in text.split("."))
+
+
 def entity_id(guid_prefix: bytes, counter: int) -> str:
     """The value of ``clientid`` and ``serviceid``: 16 bytes in hex, joined by dots.
 

@@ -1,7 +1,7 @@
 """Remap rules: parse one, and resolve every name of a node through them.
 
-Decides protocol.md 10.3. Only `NodeNames.resolve_topic` and `resolve_service` should be used by endpoints; they
-expand, remap once and validate. A rule is never applied to the result of another rule.
+Decides which rule applies (protocol.md 10.3): the first that matches, and never to the result of another one. Names of
+endpoints go through `NodeNames.resolve_topic` and `resolve_service`, which expand, remap once and validate.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.runtime.names.rules import (
+from rosidl_py_gen.runtime.names.validation import (
     expand_name,
     fully_qualified_node_name,
     normalize_namespace,

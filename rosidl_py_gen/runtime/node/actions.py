@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from rosidl_py_gen.cdr import Action
+    from rosidl_py_gen.runtime.actions.checks import Policy
     from rosidl_py_gen.runtime.actions.client import ActionClient
-    from rosidl_py_gen.runtime.actions.server import ActionServer, Policy
+    from rosidl_py_gen.runtime.actions.server import ActionServer
     from rosidl_py_gen.runtime.actions.server_goal import Finished, ServerGoal
     from rosidl_py_gen.runtime.actions.types import ActionClass, ActionT, FeedbackT, GoalT, ResultT, UntypedAction
     from rosidl_py_gen.runtime.endpoints.scope import Scope
@@ -32,7 +33,6 @@ class NodeActions:
     scope: Scope
     context: Context
     clock: Clock
-    _closed: bool
     _names: NodeNames
 
     @overload
@@ -44,7 +44,7 @@ class NodeActions:
         | None = None,
         *,
         accept: Callable[[GoalT], object] | None = None,
-        on_cancel: Callable[[ServerGoal[ActionT]], object] | None = None,
+        on_cancel: Callable[[ServerGoal[ActionT]], object] | bool = True,
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
     ) -> ActionServer[ActionT]: ...
@@ -57,7 +57,7 @@ class NodeActions:
         | None = None,
         *,
         accept: Callable[[Untyped], object] | None = None,
-        on_cancel: Callable[[ServerGoal[UntypedAction]], object] | None = None,
+        on_cancel: Callable[[ServerGoal[UntypedAction]], object] | bool = True,
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
     ) -> ActionServer[UntypedAction]: ...
@@ -68,7 +68,7 @@ class NodeActions:
         execute: Callable[[ServerGoal[Any]], Any] | None = None,
         *,
         accept: Callable[[Any], object] | None = None,
-        on_cancel: Callable[[ServerGoal[Any]], object] | None = None,
+        on_cancel: Callable[[ServerGoal[Any]], object] | bool = True,
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
     ) -> ActionServer[Any]:
@@ -81,14 +81,14 @@ class NodeActions:
                 also true when the node closes.
             accept: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or something that is true
                 or None to accept, and anything else that is false to reject.
-            on_cancel: gets the `ServerGoal`; anything false but None refuses the cancel. For the default see
-                `actions/cancel.py`.
+            on_cancel: True accepts every cancel, False refuses; a function gets the `ServerGoal`, and anything false
+                but None refuses. A handler that does not look at `goal.cancel_requested` still runs to its end.
             result_timeout_s: how long a result is kept after the end of its goal; `math.inf` for ever.
             policy: ``"parallel"`` runs any number of goals at once. One at a time: ``"reject"`` refuses others
                 meanwhile, ``"queue"`` lets them wait their turn, ``"preempt"`` cancels the running one for the newest.
-                Deferred goals take their place in line when `execute` is called; `goal.started()` waits for the start.
+                Deferred goals take their place in the queue when `execute` is called; `goal.started()` waits for it.
 
-        Goals that have not started (waiting in line, or deferred) end as CANCELED when a cancel is accepted.
+        Goals that have not started (queued, or deferred) end as CANCELED when a cancel is accepted.
 
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError: as their names say.
@@ -97,7 +97,7 @@ class NodeActions:
         from rosidl_py_gen.runtime.actions.server import ActionServer
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
 
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         server: ActionServer[Any] = ActionServer(
             self.scope,
             self.clock,
@@ -109,7 +109,7 @@ class NodeActions:
             result_timeout_s=result_timeout_s,
             policy=policy,
         )
-        self.scope.own(server)
+        self.scope.own(server, has_callback=execute is not None)
         return server
 
     @overload
@@ -133,8 +133,8 @@ class NodeActions:
         Args:
             feedback_depth: how many feedback messages a goal keeps until somebody iterates, at least 1; older ones are
                 dropped, and counted in `goal.feedback_dropped`.
-            server_lost_after_s: how long a server may be away before goals end with `ActionServerLost`; `math.inf` for
-                ever.
+            server_lost_after_s: how long a server may be away before goals end with `ActionServerLostError`; `math.inf`
+                for ever.
 
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError. TypeError, ActionArgumentError: an argument is of no use.
@@ -142,7 +142,7 @@ class NodeActions:
         from rosidl_py_gen.runtime.actions.client import ActionClient
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
 
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         client: ActionClient[Any] = ActionClient(
             self.scope,
             action_type(action),

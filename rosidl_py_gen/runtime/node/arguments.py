@@ -9,12 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
+from rosidl_py_gen.runtime.logs.outputs import LogSettings
 from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError, RemapRule, parse_remap_rule
-from rosidl_py_gen.runtime.names.rules import normalize_namespace
+from rosidl_py_gen.runtime.names.validation import normalize_namespace
 from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError, overrides_for
 
 if TYPE_CHECKING:
@@ -37,24 +38,14 @@ class RosArguments:
         program: what is left for the program, its name included, ROS arguments removed.
         remap_rules: in order; the first that matches wins.
         parameters: from ``-p`` and files, in order; later ones override earlier ones.
-        log_level: for all loggers; None leaves INFO.
-        log_levels: (logger name, level) in order.
-        log_file_name: what the name of a log file begins with; empty leaves the program's name.
-        stdout_logs, rosout_logs: the switches ``--enable-…`` and ``--disable-…``; of several the last counts.
-        external_lib_logs: the switch for log files; None when it was not given.
         warnings: sentences to log once.
     """
 
     program: tuple[str, ...] = ()
     remap_rules: tuple[RemapRule, ...] = ()
     parameters: tuple[NodeParameters, ...] = ()
-    log_level: int | None = None
-    log_levels: tuple[tuple[str, int], ...] = ()
+    logs: LogSettings = field(default_factory=LogSettings)
     enclave: str = "/"
-    log_file_name: str = ""
-    stdout_logs: bool = True
-    rosout_logs: bool = True
-    external_lib_logs: bool | None = None
     warnings: tuple[str, ...] = ()
 
     def overrides_for(self, fully_qualified_name: str) -> dict[str, ParameterValue]:
@@ -70,11 +61,10 @@ class _Parser:
     program: list[str] = field(default_factory=list)
     remap_rules: list[RemapRule] = field(default_factory=list)
     parameters: list[NodeParameters] = field(default_factory=list)
-    log_level: int | None = None
     log_levels: list[tuple[str, int]] = field(default_factory=list)
+    logs: dict[str, Any] = field(default_factory=dict)
+    """The other fields of `LogSettings`."""
     enclave: str = "/"
-    log_file_name: str = ""
-    switches: dict[str, bool] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     unknown: list[str] = field(default_factory=list)
 
@@ -106,7 +96,7 @@ class _Parser:
     def set_log_level(self, value: str) -> None:
         name, separator, level = value.partition(":=")
         if not separator:
-            self.log_level = parse_level(value)
+            self.logs["level"] = parse_level(value)
         elif not name:
             raise RosArgumentError("the logger's name is missing; expected LEVEL or logger:=LEVEL")
         else:
@@ -126,7 +116,7 @@ class _Parser:
     def set_log_file_name(self, value: str) -> None:
         if not value or not value.isprintable() or any(sign in value for sign in "/\\:"):
             raise RosArgumentError("expected the beginning of a file name, without folder; ROS_LOG_DIR sets the folder")
-        self.log_file_name = value
+        self.logs["file_name"] = value
 
 
 _WITH_ARGUMENT = {
@@ -141,7 +131,8 @@ _WITH_ARGUMENT = {
     "--log-config-file": _Parser.set_log_config_file,
     "--log-file-name": _Parser.set_log_file_name,
 }
-_SWITCHES = ("stdout-logs", "rosout-logs", "external-lib-logs")
+_SWITCHES = {"stdout-logs": "stdout", "rosout-logs": "rosout", "external-lib-logs": "external_lib"}
+"""What follows ``--enable-`` or ``--disable-``, and the field of `LogSettings` it sets."""
 
 
 def read_text_file(path: str) -> str:
@@ -163,9 +154,9 @@ def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = 
             f"args must be a list of arguments such as ['program', '--ros-args'], got {found}{arguments!r:.200}"
         )
     arguments = list(arguments)  # it may be an iterator
-    wrong = [argument for argument in arguments if not isinstance(argument, str)]
-    if wrong:
-        raise TypeError(f"args must be texts, got {wrong[0]!r}")
+    for argument in arguments:
+        if not isinstance(argument, str):
+            raise TypeError(f"args must be texts, got {argument!r}")
     parser = _Parser(read_text)
     rest = iter(arguments)
     for argument in rest:
@@ -177,7 +168,14 @@ def parse_arguments(arguments: Sequence[str], read_text: Callable[[str], str] = 
         flags = " ".join(repr(argument) for argument in parser.unknown)
         known = ", ".join([*_WITH_ARGUMENT, *(f"--enable-{s}, --disable-{s}" for s in _SWITCHES)])
         raise RosArgumentError(f"unknown ROS arguments: {flags}; known are {known}; end them with '--'")
-    return _result(parser)
+    return RosArguments(
+        tuple(parser.program),
+        tuple(parser.remap_rules),
+        tuple(parser.parameters),
+        LogSettings(levels=tuple(parser.log_levels), **parser.logs),
+        parser.enclave,
+        tuple(parser.warnings),
+    )
 
 
 def _parse_group(parser: _Parser, rest: Iterator[str]) -> None:
@@ -201,8 +199,9 @@ def _parse_group(parser: _Parser, rest: Iterator[str]) -> None:
 
 def _switch(parser: _Parser, argument: str) -> bool:
     for prefix, value in (("--enable-", True), ("--disable-", False)):
-        if argument.startswith(prefix) and argument[len(prefix) :] in _SWITCHES:
-            parser.switches[argument[len(prefix) :]] = value
+        name = _SWITCHES.get(argument.removeprefix(prefix))
+        if name is not None and argument.startswith(prefix):
+            parser.logs[name] = value
             return True
     return False
 
@@ -217,19 +216,3 @@ def _deprecated_remap(parser: _Parser, argument: str) -> bool:
     parser.remap_rules.append(rule)
     parser.warnings.append(f"remap rule {argument!r} outside of --ros-args is deprecated; use --ros-args -r {argument}")
     return True
-
-
-def _result(parser: _Parser) -> RosArguments:
-    return RosArguments(
-        tuple(parser.program),
-        tuple(parser.remap_rules),
-        tuple(parser.parameters),
-        parser.log_level,
-        tuple(parser.log_levels),
-        parser.enclave,
-        parser.log_file_name,
-        parser.switches.get("stdout-logs", True),
-        parser.switches.get("rosout-logs", True),
-        parser.switches.get("external-lib-logs"),
-        tuple(parser.warnings),
-    )

@@ -1,7 +1,8 @@
 """A context: one DDS participant, its graph, and the event loop its nodes live on.
 
 Decides how arguments, environment and defaults become a participant. Nodes share the default context unless they are
-given another one; it is opened by the first node and closed with the last.
+given another one; it is opened by the first node and closed with the last. Decides what becomes of contexts when the
+process ends or is forked, too.
 """
 
 from __future__ import annotations
@@ -11,19 +12,20 @@ import itertools
 import os
 import sys
 import threading
-import weakref
+import warnings
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.endpoints.scope import Scope
+from rosidl_py_gen.runtime.endpoints.window import RequestWindows
 from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.logs.outputs import ContextLogs
+from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
-from rosidl_py_gen.runtime.loop.portal import SyncCalls
 from rosidl_py_gen.runtime.names.dds import participant_user_data
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
-from rosidl_py_gen.runtime.node.fork import FORKED
+from rosidl_py_gen.runtime.node.environment import read_environment
+from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
 
 if TYPE_CHECKING:
     import asyncio
@@ -31,9 +33,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.arguments import RosArguments
-    from rosidl_py_gen.runtime.node.environment import DomainSettings
-    from rosidl_py_gen.runtime.transport.interface import Transport
+    from rosidl_py_gen.runtime.transport.interface import DomainSettings, Transport
 
 T = TypeVar("T")
 
@@ -51,18 +53,19 @@ _TUNING = (
 """
 
 
-class AdoptedNode(Protocol):
+_FORKED = (
+    "made before this process was forked, and works in the parent process only: start processes with multiprocessing's "
+    '"spawn" method, or make nodes after the fork'
+)
+
+
+class OpenNode(Protocol):
     """What a context knows of its nodes."""
 
-    @property
-    def fully_qualified_name(self) -> str:
-        """``/ns/name``."""
+    scope: Scope
 
     def close(self) -> None:
         """May be called twice."""
-
-    def abandon(self, words: str) -> None:
-        """Be closed without touching the transport; `words` say why, for errors."""
 
 
 class Context:
@@ -100,11 +103,11 @@ class Context:
         self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
         self.arguments = list(self.ros_arguments.program)
         """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
-        self._logs = ContextLogs(self.ros_arguments, os.environ)
+        outputs.open(self.ros_arguments.logs, next(iter(self.arguments), ""), os.environ)
         try:
             self._open(settings, transport)
         except BaseException:
-            self._logs.close()
+            outputs.close()
             raise
 
     def _open(self, settings: DomainSettings, transport: Transport | None) -> None:
@@ -119,14 +122,12 @@ class Context:
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
         self.entity_numbers = itertools.count(1)
-        self._closed = False
-        self._closed_words = "this context is closed"
+        self.request_windows = RequestWindows()
+        self._closed = ""
+        """Why it is closed, for errors; empty while it is open."""
         self._had_loop = threading.Event()
         self.bridge.on_start(self._had_loop.set)
-        self._shared = False
-        self._nodes: weakref.WeakSet[AdoptedNode] = weakref.WeakSet()
-        self._node_count = 0
-        self._sync_calls = SyncCalls(self.bridge)
+        self._nodes: dict[int, OpenNode] = {}
         _open_contexts.add(self)
 
     # ----------------------------------------------------------------------------------------------------- sharing
@@ -137,7 +138,6 @@ class Context:
         with cls._default_lock:
             if cls._default is None or cls._default.is_closed:
                 cls._default = cls()
-                cls._default._shared = True
             return cls._default
 
     @classmethod
@@ -148,34 +148,43 @@ class Context:
         if context is not None:
             context.close()
 
-    def adopt(self, node: AdoptedNode) -> None:
-        """Count a node in; `close` will close it."""
+    def open_scope(self, names: NodeNames) -> Scope:
+        """Announce a node and make what its endpoints share; raises `ClosedError`."""
         self.require_open()
-        self._logs.adopt(node.fully_qualified_name)
-        self._nodes.add(node)
-        self._node_count += 1
+        number = self.discovery.add_node(names.name, names.namespace)
+        return Scope(
+            self.participant,
+            self.bridge,
+            self.discovery,
+            self.entity_numbers,
+            self.request_windows,
+            number,
+            names.fully_qualified_name,
+        )
 
-    def release(self, node: AdoptedNode) -> None:
-        """Count a node out; the default context closes with its last node."""
-        self._logs.release(node.fully_qualified_name)
-        self._nodes.discard(node)
-        self._node_count -= 1
+    def adopt(self, node: OpenNode) -> None:
+        """Keep a node until it closes or `close` closes it."""
+        self._nodes[node.scope.number] = node
+
+    def release(self, node: OpenNode) -> None:
+        """Forget a closed node; the default context closes with its last node."""
+        self._nodes.pop(node.scope.number, None)
         self.close_if_unused()
 
     def close_if_unused(self) -> None:
         """Close the default context when it has no node, because the last one left or the first one failed."""
-        if self._shared and self._node_count == 0:
+        if not self._nodes and type(self)._default is self:
             self.close()
 
     def require_open(self) -> None:
         """Raise `ClosedError` when the context is closed."""
         if self._closed:
-            raise ClosedError(self._closed_words)
+            raise ClosedError(self._closed)
 
     @property
     def is_closed(self) -> bool:
         """True after `close`."""
-        return self._closed
+        return self._closed != ""
 
     # -------------------------------------------------------------------------------------------------------- loop
 
@@ -184,10 +193,10 @@ class Context:
         """Whether an event loop was ever attached; before that no callback runs."""
         return self._had_loop.is_set()
 
-    @staticmethod
-    def attach_all() -> None:
+    @classmethod
+    def attach_all(cls) -> None:
         """Let the running loop serve every open context that no running loop serves yet."""
-        for context in sorted(_open_contexts, key=lambda context: context is not Context._default):
+        for context in sorted(_open_contexts, key=lambda context: context is not cls._default):
             context.bridge.adopt_running_loop()
 
     def run_until_complete(self, coroutine: Coroutine[Any, Any, T]) -> T:
@@ -195,7 +204,7 @@ class Context:
         if self._closed:
             coroutine.close()
             self.require_open()
-        return self._sync_calls.run(coroutine)
+        return self.bridge.portal.run(coroutine)
 
     @staticmethod
     def close_served_by(loop: asyncio.AbstractEventLoop) -> None:
@@ -223,15 +232,14 @@ class Context:
         """Close all nodes and leave the domain; may be called twice."""
         if self._closed:
             return
-        self._closed = True
+        self._closed = "this context is closed"
         _open_contexts.discard(self)
-        for node in list(self._nodes):
+        for node in list(self._nodes.values()):
             node.close()
         self.discovery.close()
         self.bridge.close()
         self.participant.close()
-        self._sync_calls.close()
-        self._logs.close()
+        outputs.close()
 
     @staticmethod
     def close_all() -> None:
@@ -239,19 +247,34 @@ class Context:
         for context in list(_open_contexts):
             context.close()
 
+    def close_forgotten(self) -> None:
+        """Close what is still open when the process ends, and warn about the nodes."""
+        for node in self._nodes.values():
+            warnings.warn(f"node {node.scope.node_name} was never closed", ResourceWarning, stacklevel=1)
+        self.close()
+
     # ------------------------------------------------------------------------------------------------------ forking
+
+    def abandon(self, reason: str) -> None:
+        """In a forked child: look closed, and touch nothing of the transport; errors give the reason."""
+        self._closed = f"this context is closed: it was {reason}"
+        self.bridge.abandon(self._closed)
+        for node in self._nodes.values():
+            node.scope.abandon(reason)
+        self.participant.abandon()
 
     @classmethod
     def after_fork(cls) -> None:
-        """In the child: forget what belongs to the parent. No call into DDS, no lock, no join: all of them may hang."""
-        cls._default = None
-        cls._default_lock = threading.RLock()
-        for context in list(_open_contexts):
-            context._closed = True
-            context._closed_words = f"this context is closed: it was {FORKED}"
-            for node in list(context._nodes):
-                node.abandon(FORKED)
+        """In the child: everything inherited looks closed.
+
+        A child has the memory of its parent, but none of the threads that serve DDS and wait for it: a call into the
+        middleware, a join or a lock may hang for ever.
+        """
+        cls._default, cls._default_lock = None, threading.RLock()
+        for context in _open_contexts:
+            context.abandon(_FORKED)
         _open_contexts.clear()
+        outputs.after_fork()
 
 
 def _dds() -> Transport:
@@ -260,8 +283,14 @@ def _dds() -> Transport:
     return CycloneTransport()
 
 
-_open_contexts: weakref.WeakSet[Context] = weakref.WeakSet()
+_open_contexts: set[Context] = set()
 
-atexit.register(Context.close_all)
+
+@atexit.register
+def _close_forgotten() -> None:
+    for context in list(_open_contexts):
+        context.close_forgotten()
+
+
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=Context.after_fork)

@@ -1,4 +1,4 @@
-"""The questions a node can ask about the graph.
+"""The questions a node can ask about the graph, and other nodes about their types.
 
 Decides names and arguments as ROS users know them; the answers are computed by `graph/state.py`. What is not
 discovered yet is not in the answers: use the waiting ones, or `graph_changes`.
@@ -9,24 +9,24 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.names.dds import topic_name
-from rosidl_py_gen.runtime.names.rules import normalize_namespace, resolve_node_name
+from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
+from rosidl_py_gen.runtime.node.type_description import announced_hash, ask_type_description
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
+    from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.graph.state import Graph, NamesAndTypes, NodeInfo, TopicEndpointInfo
     from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.node.context import Context
 
 
 class NodeGraph:
     """Graph methods of `Node`. Each one raises `ClosedError` when the node is closed."""
 
     scope: Scope
-    _closed: bool
-    _graph: Graph
-    _discovery: Discovery
+    context: Context
     _names: NodeNames
 
     if TYPE_CHECKING:
@@ -36,8 +36,8 @@ class NodeGraph:
     def _look(self) -> Graph:
         """The graph as it is now."""
         self._require_open()
-        self._discovery.refresh()
-        return self._graph
+        self.scope.discovery.refresh()
+        return self.scope.graph
 
     # ------------------------------------------------------------------------------------------------------- topics
 
@@ -105,20 +105,53 @@ class NodeGraph:
         wanted = resolve_node_name(name, self._names.namespace)
 
         def known() -> bool:
-            return any(node.fully_qualified_name == wanted for node in self._graph.nodes())
+            return any(node.fully_qualified_name == wanted for node in self.scope.graph.nodes())
 
-        return await self.scope.wait_until(known, timeout_s, lambda: self._closed)
+        return await self.scope.wait_until(known, timeout_s, lambda: self.scope.closed)
 
     async def graph_changes(self) -> AsyncIterator[int]:
         """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""
-        seen = self._graph.version
-        while not self._closed:
-            change = self._discovery.next_change()
-            if self._graph.version == seen:
-                await change
-            change.cancel()
-            if self._closed:
-                return
-            if self._graph.version != seen:
-                seen = self._graph.version
+        scope, graph = self.scope, self.scope.graph
+        seen = graph.version
+
+        def has_changed() -> bool:
+            return scope.closed or graph.version != seen
+
+        while not scope.closed:
+            scope.bridge.running_loop()
+            await scope.discovery.changes.wait(has_changed)
+            if not scope.closed:
+                seen = graph.version
                 yield seen
+
+    # -------------------------------------------------------------------------------------------------------- types
+
+    async def get_type_description(
+        self,
+        remote_node: str,
+        type_name: str,
+        type_hash: str | None = None,
+        *,
+        include_type_sources: bool = True,
+        timeout_s: float | None = None,
+    ) -> GetTypeDescription_Response:
+        """Ask another node how one of its types is defined.
+
+        Args:
+            type_name: of an endpoint: ``pkg/msg/Name``, ``pkg/srv/Name_Request``, ``pkg/action/Name_FeedbackMessage``.
+                With a hash, which alone decides then, anything.
+            type_hash: None takes the one that the node announces for its endpoints of that type. Whole services and
+                actions are not announced; they need theirs.
+
+        Raises:
+            TypeDescriptionError: the node's own reason; or it announces no hash for that type, or several.
+            CallTimeoutError. InvalidNameError.
+        """
+        node = self._names.resolve_topic(remote_node)
+        service = self._names.resolve_service(f"{node}/get_type_description")
+        if type_hash is None:
+            type_hash, timeout_s = await announced_hash(self.scope, node, type_name, timeout_s)
+        run = self.context.run_until_complete
+        return await ask_type_description(
+            self.scope, run, service, type_name, type_hash, include_type_sources, timeout_s
+        )

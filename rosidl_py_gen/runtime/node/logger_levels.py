@@ -1,4 +1,7 @@
-"""The services ``~/get_logger_levels`` and ``~/set_logger_levels``. Source: protocol.md 9.1."""
+"""The services ``~/get_logger_levels`` and ``~/set_logger_levels``.
+
+Levels are those of the whole process. May import endpoints, never the node. Source: protocol.md 9.1.
+"""
 
 from __future__ import annotations
 
@@ -19,40 +22,21 @@ from rosidl_py_gen.runtime.logs.loggers import LogLevelError, get_logger_level, 
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.cdr import Service
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
 
 
-class LoggerServices:
-    """The two services of one node; levels are those of the whole process."""
-
-    def __init__(self, scope: Scope, names: NodeNames) -> None:
-        self._services: list[ServiceServer[Any, Any]] = [
-            ServiceServer(
-                scope,
-                service_type(GetLoggerLevels),
-                names.resolve_service("~/get_logger_levels"),
-                _get,
-                SERVICES_DEFAULT,
-            ),
-            ServiceServer(
-                scope,
-                service_type(SetLoggerLevels),
-                names.resolve_service("~/set_logger_levels"),
-                _set,
-                SERVICES_DEFAULT,
-            ),
-        ]
-
-    @property
-    def endpoints(self) -> list[ServiceServer[Any, Any]]:
-        """What the node's types in use are found in."""
-        return self._services
-
-    def close(self) -> None:
-        """May be called twice."""
-        for service in self._services:
-            service.close()
+def start_logger_services(scope: Scope, names: NodeNames) -> None:
+    """Serve both for a node, until it closes."""
+    services: tuple[tuple[type[Service[Any, Any]], str, Callable[[Any], Any]], ...] = (
+        (GetLoggerLevels, "~/get_logger_levels", _get),
+        (SetLoggerLevels, "~/set_logger_levels", _set),
+    )
+    for cls, name, handler in services:
+        scope.own(ServiceServer(scope, service_type(cls), names.resolve_service(name), handler, SERVICES_DEFAULT))
 
 
 def _get(request: GetLoggerLevels_Request) -> GetLoggerLevels_Response:

@@ -1,35 +1,33 @@
 """The node: a name, and the factory of everything that carries it.
 
 Decides names (expansion and remapping through `NodeNames`), defaults and lifetime. What endpoints do is in their own
-files, which never see the node. Nothing imports this file.
+files, which never see the node. Only lifecycle nodes, the runner and the pytest plugin import this file.
 """
 
 from __future__ import annotations
 
 import asyncio
-import threading
-import warnings
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 from rosidl_py_gen.cdr import Message, Service
-from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.endpoints.scope import Scope
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
-from rosidl_py_gen.runtime.endpoints.timer import Timer
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
+from rosidl_py_gen.runtime.loop.bridge import current_loop
 from rosidl_py_gen.runtime.names.remap import NodeNames
-from rosidl_py_gen.runtime.names.rules import normalize_namespace, validate_node_name
+from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
 from rosidl_py_gen.runtime.node.context import Context
-from rosidl_py_gen.runtime.node.fork import mark_closed
 from rosidl_py_gen.runtime.node.graph import NodeGraph
+from rosidl_py_gen.runtime.node.options import NodeOptions
 from rosidl_py_gen.runtime.node.parameters import NodeParameters
 from rosidl_py_gen.runtime.node.rosout import RosoutPublisher
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType
-from rosidl_py_gen.runtime.time.schedule import period_to_ns
+from rosidl_py_gen.runtime.node.time import NodeTime
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.values import ClockType
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
@@ -47,16 +45,15 @@ ResponseT = TypeVar("ResponseT", bound=Message)
 _DEFAULT_DEPTH = 10
 
 
-class Node(NodeGraph, NodeActions, NodeParameters):
+class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
     """A ROS 2 node.
 
     Callbacks run on the asyncio event loop. The loop is attached by the first use of the node inside it: ``async with
     node``, `spin`, `run`, creating or publishing something, awaiting something. What calls back but never had a loop is
     warned about when the node closes.
 
-    A node lives until it is closed, by ``with``, `close` or its context. A forgotten one is closed by the garbage
-    collector with a ResourceWarning; but its own callbacks keep it alive, when they are its methods or otherwise refer
-    to it, so that a node that is made for its callbacks need not be held.
+    A node lives until it is closed, by ``with``, `close` or its context. Nodes that are still open when the process
+    ends are closed then, with a ResourceWarning.
 
     Args:
         name: may be overridden by ``-r __node:=...``.
@@ -88,42 +85,42 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         start_services: bool = True,
         logger_services: bool = False,
     ) -> None:
-        self._closed = True  # until there is something to close
         if not (context is None or isinstance(context, Context)):
             raise TypeError(f"context must be a Context, such as Context(transport=...), got {context!r:.100}")
         validate_node_name(name)  # before a context is opened for it
         normalize_namespace(namespace)
-        shared = Context.default() if context is None else context
-        self.context = shared
+        options = NodeOptions(
+            enable_rosout=enable_rosout,
+            overrides=overrides,
+            allow_undeclared=allow_undeclared,
+            declare_overrides=declare_overrides,
+            start_services=start_services,
+            logger_services=logger_services,
+        )
+        self.context = shared = Context.default() if context is None else context
         try:
             self._names = NodeNames.create(name, namespace, shared.ros_arguments.remap_rules)
-            shared.adopt(self)
+            self.scope = shared.open_scope(self._names)
+            """What endpoint modules outside this file build on."""
         except BaseException:
             shared.close_if_unused()
             raise
-        self._closed = False
-        self._made_on = id(asyncio._get_running_loop())
-        shared.bridge.adopt_running_loop()
-        number = shared.discovery.add_node(self._names.name, self._names.namespace)
-        self.scope = Scope(shared, number, self._names.fully_qualified_name)
-        """What endpoint modules outside this file build on."""
-        self._graph = self.scope.graph
-        self._discovery = self.scope.discovery
+        self._made_on = id(current_loop())
         self.clock = Clock(ClockType.ROS_TIME)
         """ROS time; system time until simulated time is switched on."""
+        shared.adopt(self)
         try:
-            if enable_rosout and shared.ros_arguments.rosout_logs:
-                self.scope.own(RosoutPublisher(self.scope))
-            self._open_parameters(
-                overrides=overrides,
-                allow_undeclared=allow_undeclared,
-                declare_overrides=declare_overrides,
-                start_services=start_services,
-                logger_services=logger_services,
-            )
+            self._open(options)
         except BaseException:
             self.close()
             raise
+
+    def _open(self, options: NodeOptions) -> None:
+        """Bring up what every node has; subclasses add to it. The node is closed when this fails."""
+        self.context.bridge.adopt_running_loop()
+        if options.enable_rosout and self.context.ros_arguments.logs.rosout:
+            self.scope.own(RosoutPublisher(self.scope))
+        self._open_parameters(options)
 
     # -------------------------------------------------------------------------------------------------------- names
 
@@ -238,7 +235,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
             as_profile(qos),
             ignore_local=ignore_local,
         )
-        self.scope.own(subscription)
+        self.scope.own(subscription, has_callback=callback is not None)
         return subscription
 
     # ----------------------------------------------------------------------------------------------------- services
@@ -274,7 +271,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         self._require_open()
         known = service_type(srv_type)
         server = ServiceServer(self.scope, known, self._names.resolve_service(name), handler, as_profile(qos))
-        self.scope.own(server)
+        self.scope.own(server, has_callback=handler is not None)
         return server
 
     @overload
@@ -298,36 +295,16 @@ class Node(NodeGraph, NodeActions, NodeParameters):
         self.scope.own(client)
         return client
 
-    # ------------------------------------------------------------------------------------------------------- timers
-
-    def create_timer(
-        self, period_s: float, callback: Callable[[], object] | None = None, *, clock: Clock | None = None
-    ) -> Timer:
-        """Every `period_s` seconds of this node's clock, which may be simulated, or of `clock`.
-
-        Raises:
-            TypeError: no number, function or clock. TimeRangeError: a negative period. ClosedError.
-        """
-        self._require_open()
-        timer = Timer(self.scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
-        self.scope.own(timer)
-        return timer
-
-    def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:
-        """Every `period_s` seconds of the steady clock, which nothing can turn back."""
-        return self.create_timer(period_s, callback, clock=Clock(ClockType.STEADY_TIME))
-
     # ----------------------------------------------------------------------------------------------------- lifetime
 
     def _require_open(self) -> None:
-        if self._closed:
-            raise ClosedError(f"node {self.scope.node_name} is closed")
+        self.scope.require_open(False, "the node")
         self.context.bridge.adopt_running_loop()
 
     @property
     def is_closed(self) -> bool:
-        """True after `close`."""
-        return self._closed
+        """True after `close`, and in a forked child."""
+        return self.scope.closed
 
     def __enter__(self) -> Self:
         self._require_open()
@@ -352,48 +329,15 @@ class Node(NodeGraph, NodeActions, NodeParameters):
 
     def close(self) -> None:
         """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""
-        if self._closed:
+        if self.scope.closed:
             return
-        owned = list(self.scope.owned.values())
-        if not self.context.had_loop and any(_calls_back(endpoint) for endpoint in owned):
+        if self.scope.has_callbacks and not self.context.had_loop:
             self.logger.warning(
                 f"the callbacks of {self.fully_qualified_name} never ran, because no event loop was running: "
                 "use `async with` on the node, spin(node) or run(main)"
             )
-        self._closed = True
-        self.scope.cancel_tasks()
-        # One graph message at the end, not one per endpoint; what another thread is making just now closes itself.
-        self.scope.closed = True
-        for endpoint in reversed(list(self.scope.owned.values())):
-            endpoint.close()
-        self.scope.owned.clear()
-        self._discovery.remove_node(self.scope.number)
+        self.scope.close()
         self.context.release(self)
 
-    def abandon(self, words: str) -> None:
-        """See `context.AdoptedNode`."""
-        self._closed = True
-        if hasattr(self, "scope"):  # else it was just being made
-            self.scope.closed = True
-            self.scope.node_name += f" ({words})"
-            mark_closed(self.scope.owned.values())
-            self.scope.owned.clear()
-
-    def __del__(self) -> None:
-        if not getattr(self, "_closed", True):
-            warnings.warn(f"node {self.fully_qualified_name} was never closed", ResourceWarning, stacklevel=2)
-            # The garbage collector may run anywhere, also where a lock is held; the loop has a better moment for this.
-            if self.context.bridge.is_running:
-                self.context.bridge.call_soon(self.close)
-            elif any(thread.ident == threading.get_ident() for thread in threading.enumerate()):
-                self.close()
-            else:  # a thread of the middleware's, which cannot wait for the middleware
-                threading.Thread(target=self.close, name="rosidl-py-gen closer").start()
-
     def __repr__(self) -> str:
-        return f"Node({self.fully_qualified_name!r}{', closed' if self._closed else ''})"
-
-
-def _calls_back(endpoint: object) -> bool:
-    """Whether an endpoint has a function of the user to call."""
-    return any(getattr(endpoint, name, None) is not None for name in ("_callback", "_handler", "_execute", "_accept"))
+        return f"Node({self.fully_qualified_name!r}{', closed' if self.is_closed else ''})"

@@ -1,4 +1,4 @@
-"""The parameter, time and introspection methods of a node.
+"""The parameter methods of a node.
 
 Decides names, defaults and the order in which a node brings up what every ROS node has (protocol.md 9.1): parameter
 events, `use_sim_time`, the six services, logger levels, type description. What each does is in its own file; what not
@@ -10,49 +10,40 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin, overload
 
 from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.node.time import SimTimePublisher, TimeSource
-from rosidl_py_gen.runtime.node.type_description import TypeDescriptionService, announced_hash, ask_type_description
-from rosidl_py_gen.runtime.parameters.rules import Listing
+from rosidl_py_gen.runtime.node.sim_time import TimeSource
+from rosidl_py_gen.runtime.node.type_description import start_type_descriptions
 from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterServices
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
+from rosidl_py_gen.runtime.parameters.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterValue,
+    ARRAY_OF,
+    TYPE_OF,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     ParameterType,
     PythonValue,
-    WrongParameterType,
+    WrongParameterTypeError,
     as_parameters,
     as_prefixes,
     parameter_value,
     require_name,
     require_names,
 )
-from rosidl_py_gen.runtime.time.values import ClockType, Time
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
-    from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.endpoints.timer import Timer
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.context import Context
+    from rosidl_py_gen.runtime.node.options import NodeOptions
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
     from rosidl_py_gen.runtime.time.clock import Clock
-    from rosidl_py_gen.runtime.time.sleep import Rate
 
 T = TypeVar("T")
-
-_KINDS: dict[object, ParameterType] = {
-    bool: ParameterType.BOOL,
-    int: ParameterType.INTEGER,
-    float: ParameterType.DOUBLE,
-    str: ParameterType.STRING,
-    bytes: ParameterType.BYTE_ARRAY,
-}
 
 
 class ParameterChange(NamedTuple):
@@ -68,27 +59,15 @@ class NodeParameters:
     scope: Scope
     context: Context
     clock: Clock
-    _closed: bool
     _names: NodeNames
     _store: ParameterStore
-    _time_source: TimeSource
     _changes: list[Stream[ParameterChange]]
 
-    def _open_parameters(
-        self,
-        *,
-        overrides: Mapping[str, object] | None = None,
-        allow_undeclared: bool = False,
-        declare_overrides: bool = False,
-        start_services: bool = True,
-        logger_services: bool = False,
-    ) -> None:
+    def _open_parameters(self, options: NodeOptions) -> None:
         """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
         merged = self.context.ros_arguments.overrides_for(self._names.fully_qualified_name)
-        merged.update({item.name: item.value for item in as_parameters(overrides or {})})
-        # Not `self` in the function below: a node must not be part of a cycle, or it outlives its last user.
-        changes: list[Stream[ParameterChange]] = []
-        self._changes = changes
+        merged.update({item.name: item.value for item in as_parameters(options.overrides or {})})
+        self._changes = changes = list[Stream[ParameterChange]]()
         events = ParameterEventPublisher(self.scope, self._names, self.clock)
         self.scope.own(events)
 
@@ -99,19 +78,18 @@ class NodeParameters:
             events.publish(event)
 
         self._store = ParameterStore(
-            merged, allow_undeclared=allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
+            merged, allow_undeclared=options.allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
         )
-        self._time_source = TimeSource(self.scope, self._names, self._store, self.clock)
-        self.scope.own(self._time_source)
-        if declare_overrides:
+        self.scope.own(TimeSource(self.scope, self._names, self._store, self.clock))
+        if options.declare_overrides:
             self._store.declare_overrides()
-        if start_services:
-            self.scope.own(ParameterServices(self.scope, self._names, self._store, events))
-        if logger_services:
-            from rosidl_py_gen.runtime.node.logger_levels import LoggerServices
+        if options.start_services:
+            ParameterServices(self.scope, self._names, self._store)
+        if options.logger_services:
+            from rosidl_py_gen.runtime.node.logger_levels import start_logger_services
 
-            self.scope.own(LoggerServices(self.scope, self._names))
-        TypeDescriptionService.start(self.scope, self._names, self._store)
+            start_logger_services(self.scope, self._names)
+        start_type_descriptions(self.scope, self._names, self._store)
 
     # --------------------------------------------------------------------------------------------------- declaring
 
@@ -123,8 +101,7 @@ class NodeParameters:
         initial: T | None = None,
         validator: Callable[[T], str | None] | None = None,
     ) -> T:
-        """Declare the fields of a dataclass; returns a live object whose attributes follow, see
-        `parameters/classes.py`.
+        """Declare the fields of a dataclass; returns an object whose attributes follow, see `parameters/live.py`.
 
         Raises:
             ParameterClassError: an annotation cannot be a parameter, or a field has no default and nor has `initial`.
@@ -133,7 +110,7 @@ class NodeParameters:
         """
         from rosidl_py_gen.runtime.parameters.classes import bind_class
 
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         return bind_class(self._store, cls, prefix=prefix, initial=initial, validator=validator)
 
     def declare_parameter(
@@ -147,23 +124,20 @@ class NodeParameters:
         """Declare one parameter and return its value, which is the override's if there is one.
 
         Raises:
-            ParameterAlreadyDeclared, InvalidParameterName: as their names say.
-            InvalidParameterValue, WrongParameterType: the default, or the override.
+            ParameterAlreadyDeclaredError, InvalidParameterNameError, InvalidParameterValueError,
+            WrongParameterTypeError.
             TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         value = parameter_value(default)
-        kind = getattr(descriptor, "type", ParameterType.NOT_SET)
-        if value.value == b"" and isinstance(kind, ParameterType) and kind.is_array:
-            value = parameter_value((), kind)
         return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
 
     def undeclare_parameter(self, name: str) -> None:
-        """Forget a parameter; raises `ParameterNotDeclared`, `ParameterImmutable` when it is read-only, `ClosedError`.
+        """Forget a parameter; raises `ParameterNotDeclaredError`, `ParameterImmutableError` when it is read-only.
 
         The field of a dataclass keeps showing its last value, until a parameter of that name and type is declared.
         """
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         self._store.undeclare(require_name(name))
 
     def has_parameter(self, name: str) -> bool:
@@ -185,7 +159,7 @@ class NodeParameters:
             type: ``bool``, ``int``, ``float``, ``str``, ``bytes``, or a list of one of the first four. None: any.
 
         Raises:
-            ParameterNotDeclared, WrongParameterType: as their names say.
+            ParameterNotDeclaredError, WrongParameterTypeError (names both types).
         """
         value = self._store.peek(require_name(name))
         kind = None if type is None else _kind_of(type)
@@ -194,19 +168,19 @@ class NodeParameters:
         if kind is None:
             return value.value
         if kind is not value.type:
-            raise WrongParameterType(name, kind.name, value.type.name)
+            raise WrongParameterTypeError(name, kind.name, value.type.name)
         return list(value.value) if get_origin(type) is list else value.value  # type: ignore[arg-type]
 
     def get_parameters(self, names: Sequence[str]) -> list[PythonValue]:
         """Values as they are at one moment, in order; `get_parameter` is for one.
 
         Raises:
-            ParameterNotDeclared, ParameterUninitialized. TypeError: for a single text.
+            ParameterNotDeclaredError, ParameterUninitializedError. TypeError: for a single text.
         """
         return [value.value for value in self._store.get_values(require_names(names))]
 
     def describe_parameter(self, name: str) -> ParameterDescriptor:
-        """Raises `ParameterNotDeclared`."""
+        """Raises `ParameterNotDeclaredError`."""
         return self._store.describe(require_name(name))
 
     def describe(self, name: str) -> ParameterDescriptor:
@@ -220,16 +194,16 @@ class NodeParameters:
     # ----------------------------------------------------------------------------------------------------- setting
 
     def set_parameter(self, name: str, value: object) -> None:
-        """Set one; raises `InvalidParameterValue` with the reason when it is refused. From any thread."""
+        """Set one; raises `InvalidParameterValueError` with the reason when it is refused. From any thread."""
         result = self.set_parameters_atomically({name: value})
         if not result.successful:
-            raise InvalidParameterValue(result.reason)
+            raise InvalidParameterValueError(result.reason)
 
     def set_parameters(self, values: ParametersToSet) -> list[SetResult]:
         """Set one by one, from any thread; the result of each says whether and why not.
 
         Raises:
-            InvalidParameterValue: one is no parameter value; nothing is set then. TypeError: a name is no text.
+            InvalidParameterValueError: one is no parameter value; nothing is set then. TypeError: a name is no text.
             CallbackAnswerError: a callback answered something it must not. ClosedError.
         """
         return self._store.set_each(self._fitted(values))
@@ -240,7 +214,7 @@ class NodeParameters:
 
     def _fitted(self, values: ParametersToSet) -> list[Parameter]:
         """An empty list takes the type that was declared; raises `ClosedError`."""
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         fitted = []
         for parameter in as_parameters(values):
             value = parameter.value
@@ -256,18 +230,18 @@ class NodeParameters:
         It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop. When it
         raises, the set is refused with a reason that says so, and the traceback is logged.
         """
-        return self._store.add_pre_set_callback(callback)
+        return self._store.callbacks.add("pre-set", callback)
 
     def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Callable[[], None]:
         """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
-        return self._store.add_on_set_callback(callback)
+        return self._store.callbacks.add("on-set", callback)
 
     def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Callable[[], None]:
         """Hears of each successful set and declaration, on the thread that set; what it raises is logged.
 
         Returns the function that removes it; raises `TypeError` for an async function.
         """
-        return self._store.add_post_set_callback(callback)
+        return self._store.callbacks.add("post-set", callback)
 
     # ------------------------------------------------------------------------------------------------------ events
 
@@ -280,78 +254,20 @@ class NodeParameters:
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
         """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
-        from rosidl_py_gen.runtime.parameters.client import event_stream
+        from rosidl_py_gen.runtime.parameters.client import ParameterEvents
 
         wanted = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))
-        return event_stream(self.scope, self._names, wanted)
+        return ParameterEvents(self.scope, self._names, wanted)
 
     def create_parameter_client(self, node: str) -> ParameterClient:
         """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""
         from rosidl_py_gen.runtime.parameters.client import ParameterClient
 
-        self.scope.require_open(self._closed, "the node")
+        self.scope.require_open(False, "the node")
         wanted = require_name(node, "the name of a node")
         client = ParameterClient(self.scope, self._names, wanted, self.context.run_until_complete)
         self.scope.own(client)
         return client
-
-    # -------------------------------------------------------------------------------------------------------- time
-
-    def create_rate(self, frequency_hz: float) -> Rate:
-        """``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
-        from rosidl_py_gen.runtime.time.sleep import Rate
-
-        return Rate(self.clock, frequency_hz)
-
-    def create_sim_time_publisher(
-        self, *, rate: float = 0.0, start: Time | None = None, period_s: float = 0.01
-    ) -> SimTimePublisher:
-        """Publish ``/clock`` by hand (`advance`, `set_time`), or by itself with `rate` simulated seconds a second."""
-        from rosidl_py_gen.runtime.endpoints.timer import Timer
-        from rosidl_py_gen.runtime.time.clock import Clock
-        from rosidl_py_gen.runtime.time.schedule import period_to_ns
-
-        self.scope.require_open(self._closed, "the node")
-
-        def make_timer(callback: Callable[[], None]) -> Timer:
-            return Timer(self.scope, period_to_ns(period_s), callback, Clock(ClockType.STEADY_TIME))
-
-        begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
-        publisher = SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, make_timer)
-        self.scope.own(publisher)
-        return publisher
-
-    # ----------------------------------------------------------------------------------------------- introspection
-
-    async def get_type_description(
-        self,
-        remote_node: str,
-        type_name: str,
-        type_hash: str | None = None,
-        *,
-        include_type_sources: bool = True,
-        timeout_s: float | None = None,
-    ) -> GetTypeDescription_Response:
-        """Ask another node how one of its types is defined.
-
-        Args:
-            type_name: of an endpoint: ``pkg/msg/Name``, ``pkg/srv/Name_Request``, ``pkg/action/Name_FeedbackMessage``.
-                With a hash, which alone decides then, anything.
-            type_hash: None takes the one that the node announces for its endpoints of that type. Whole services and
-                actions are not announced; they need theirs.
-
-        Raises:
-            TypeDescriptionError: the node's own reason; or it announces no hash for that type, or several.
-            CallTimeoutError, InvalidNameError: as their names say.
-        """
-        node = self._names.resolve_topic(remote_node)
-        service = self._names.resolve_service(f"{node}/get_type_description")
-        if type_hash is None:
-            type_hash, timeout_s = await announced_hash(self.scope, node, type_name, timeout_s)
-        run = self.context.run_until_complete
-        return await ask_type_description(
-            self.scope, run, service, type_name, type_hash, include_type_sources, timeout_s
-        )
 
 
 class _Changes(Stream[ParameterChange]):
@@ -369,13 +285,11 @@ class _Changes(Stream[ParameterChange]):
 
 
 def _kind_of(wanted: Any) -> ParameterType:
-    arguments = get_args(wanted)
-    if get_origin(wanted) in (list, tuple) and arguments:
-        scalar = _KINDS.get(arguments[0])
-        if scalar is not None and ParameterType.BOOL <= scalar <= ParameterType.STRING:
-            return ParameterType(scalar + 5)  # BOOL 1 -> BOOL_ARRAY 6 and so on
-    elif isinstance(wanted, type) and wanted in _KINDS:
-        return _KINDS[wanted]
+    kind = TYPE_OF.get(wanted) if isinstance(wanted, type) else None
+    if get_origin(wanted) in (list, tuple) and get_args(wanted):
+        kind = ARRAY_OF.get(TYPE_OF.get(get_args(wanted)[0]))
+    if kind is not None:
+        return kind
     raise TypeError(
         f"{wanted!r} is no parameter type; expected bool, int, float, str, bytes or a list such as list[int]"
     )

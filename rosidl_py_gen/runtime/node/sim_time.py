@@ -1,55 +1,192 @@
-"""When simulated time is used: the rules around the parameter `use_sim_time`, fed with values.
+"""Simulated time: following ``/clock`` while the parameter `use_sim_time` is true, and publishing it.
 
-Decides which change of the parameter means what; subscribing and setting clocks is `time.py`.
-Source: protocol.md 9.6.
+Decides which change of the parameter means what; what a jump of time means is decided by `time/clock.py`. May import
+endpoints and parameters, never the node. Source: protocol.md 9.6.
 """
 
 from __future__ import annotations
 
-from enum import Enum
+import time
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.parameters.store import SetResult
-from rosidl_py_gen.runtime.parameters.values import ParameterType
+from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
+from rosidl_py_gen.runtime.endpoints.publisher import Publisher
+from rosidl_py_gen.runtime.endpoints.subscription import Subscription
+from rosidl_py_gen.runtime.endpoints.types import message_type
+from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, SetResult, parameter_value
+from rosidl_py_gen.runtime.time.values import ClockType, Duration, Time, TimeRangeError, finite_number, seconds_to_ns
+from rosidl_py_gen.runtime.transport.qos import CLOCK, DEFAULT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable
 
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.endpoints.timer import Timer
+    from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.parameters.store import ParameterStore
     from rosidl_py_gen.runtime.parameters.values import Parameter
+    from rosidl_py_gen.runtime.time.clock import Clock
+
 
 USE_SIM_TIME = "use_sim_time"
 NOT_BOOL_REASON = "use_sim_time parameter set to something besides a bool"
 
 
-class SimTimeStep(Enum):
-    """What has to be done after a change."""
+class TimeSource:
+    """Ties the ROS clock of one node to its parameter `use_sim_time` and, when that is true, to ``/clock``."""
 
-    NOTHING = "nothing"
-    START = "subscribe to /clock and override the ROS clocks"
-    STOP = "drop the subscription and follow the system clock"
+    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore, clock: Clock) -> None:
+        self._scope = scope
+        self._topic = names.resolve_topic("/clock")
+        self._clock = clock
+        self._active = False
+        self._subscription: Subscription[ClockMessage] | None = None
+        self._closed = False
+        self._end = [store.callbacks.add("on-set", self._check), store.callbacks.add("post-set", self._after_set)]
+        if not store.has(USE_SIM_TIME):
+            store.declare(USE_SIM_TIME, parameter_value(False), ParameterDescriptor(name=USE_SIM_TIME))
 
+    def _check(self, parameters: list[Parameter]) -> SetResult:
+        """Refuse a value that is no bool."""
+        wrong = any(one.name == USE_SIM_TIME and one.value.type is not ParameterType.BOOL for one in parameters)
+        return SetResult(not wrong, NOT_BOOL_REASON if wrong else "")
 
-def check_use_sim_time(parameters: Iterable[Parameter]) -> SetResult:
-    """An on-set callback: refuses a value that is no bool."""
-    for parameter in parameters:
-        if parameter.name == USE_SIM_TIME and parameter.value.type is not ParameterType.BOOL:
-            return SetResult(False, NOT_BOOL_REASON)
-    return SetResult(True)
-
-
-class SimTimeRule:
-    """Remembers whether simulated time is on, so that setting the same value again does nothing."""
-
-    def __init__(self) -> None:
-        self.active = False
-
-    def after_set(self, parameters: Iterable[Parameter]) -> SimTimeStep:
-        """What a successful set or declaration demands."""
-        wanted = self.active
+    def _after_set(self, parameters: list[Parameter]) -> None:
         for parameter in parameters:
-            if parameter.name == USE_SIM_TIME:
-                wanted = parameter.value.value is True
-        if wanted == self.active:
-            return SimTimeStep.NOTHING
-        self.active = wanted
-        return SimTimeStep.START if wanted else SimTimeStep.STOP
+            if parameter.name == USE_SIM_TIME and (parameter.value.value is True) is not self._active:
+                self._active = not self._active
+                if self._active:
+                    self._start()
+                else:
+                    self._stop()
+
+    def _start(self) -> None:
+        message = message_type(ClockMessage)
+        self._subscription = Subscription(self._scope, message, self._topic, self._on_clock, CLOCK)
+        # A time from an earlier round of simulation must not be shown again.
+        self._clock.set_ros_time_override(Time(clock_type=ClockType.ROS_TIME))
+        self._clock.enable_ros_time_override()
+
+    def _stop(self) -> None:
+        self._unsubscribe()
+        self._clock.disable_ros_time_override()
+
+    def _on_clock(self, message: ClockMessage) -> None:
+        if message.clock.sec < 0:
+            self._scope.logger.warning(f"ignored a negative time on {self._topic}", throttle_s=1.0)
+            return
+        self._clock.set_ros_time_override(Time.from_msg(message.clock))
+
+    def _unsubscribe(self) -> None:
+        if self._subscription is not None:
+            self._subscription.close()
+            self._subscription = None
+
+    def close(self) -> None:
+        """Follow nothing any more; may be called twice."""
+        if not self._closed:
+            self._closed = True
+            for end in self._end:
+                end()
+            self._unsubscribe()
+
+
+class SimTimePublisher:
+    """Publishes ``/clock``; made by `create_sim_time_publisher`.
+
+    Time moves with `advance` and `set_time`, and while `rate` is not 0 by itself: `rate` simulated seconds pass in one
+    second, in steps of the given timer.
+    """
+
+    def __init__(
+        self, scope: Scope, topic: str, start: Time, rate: float, make_timer: Callable[[Callable[[], None]], Timer]
+    ) -> None:
+        """Raises `TypeError` and `TimeRangeError` that name the argument; `make_timer` may too."""
+        _require_time("start", start)
+        self._rate = _checked_rate(rate)
+        self._scope = scope
+        self._closed = False
+        self._now_ns = start.nanoseconds
+        self._wall_ns = time.monotonic_ns()
+        self._timer = make_timer(self._tick)
+        try:
+            if not self._timer.period:
+                raise TimeRangeError("period_s, the seconds between two messages, must be more than 0")
+            if not self._rate:
+                self._timer.cancel()
+            self._publisher: Publisher[ClockMessage] = Publisher(scope, message_type(ClockMessage), topic, DEFAULT)
+        except BaseException:
+            self._timer.close()
+            raise
+
+    @property
+    def rate(self) -> float:
+        """Simulated seconds per second; may be changed at any time, 0 pauses.
+
+        Setting it raises `TypeError` for no number, `TimeRangeError` unless finite and 0 or more.
+        """
+        return self._rate
+
+    @rate.setter
+    def rate(self, rate: float) -> None:
+        rate = _checked_rate(rate)
+        self._scope.require_open(self._closed, "a publisher of simulated time")
+        before, self._rate = self._rate, rate
+        if not rate:
+            self._timer.cancel()
+        elif not before:
+            self._wall_ns = time.monotonic_ns()  # what passed during the pause does not count
+            self._timer.reset()
+
+    @property
+    def now(self) -> Time:
+        """The time published last, or about to be published first."""
+        return Time(nanoseconds=self._now_ns, clock_type=ClockType.ROS_TIME)
+
+    def advance(self, duration: Duration | float) -> None:
+        """Let time pass, a number means seconds, and publish; negative jumps back.
+
+        Raises:
+            TypeError: no duration and no number. TimeRangeError: not finite, or time would leave what a message holds.
+        """
+        length_ns = duration.nanoseconds if isinstance(duration, Duration) else seconds_to_ns("duration", duration)
+        self.set_time(self.now + Duration(nanoseconds=length_ns))
+
+    def set_time(self, now: Time) -> None:
+        """Publish this time, whichever clock it is of.
+
+        Raises:
+            TypeError: no `Time`. TimeRangeError: too late for a message.
+        """
+        _require_time("now", now)
+        self._publisher.publish(ClockMessage(clock=now.to_msg()))
+        self._now_ns = now.nanoseconds
+
+    def _tick(self) -> None:
+        wall_ns = time.monotonic_ns()
+        passed_ns, self._wall_ns = wall_ns - self._wall_ns, wall_ns
+        self.advance(Duration(nanoseconds=round(passed_ns * self._rate)))
+
+    async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
+        """Wait until at least `count` nodes follow; False when the time passed."""
+        return await self._publisher.wait_for_subscribers(timeout_s, count=count)
+
+    def close(self) -> None:
+        """May be called twice."""
+        if not self._closed:
+            self._closed = True
+            self._scope.disown(self)
+            self._timer.close()
+            self._publisher.close()
+
+
+def _checked_rate(rate: object) -> float:
+    number = finite_number("rate", rate, "a number of simulated seconds per second")
+    if number < 0:
+        raise TimeRangeError(f"rate, the simulated seconds per second, must be 0 or more, got {number!r}")
+    return number
+
+
+def _require_time(what: str, value: object) -> None:
+    if not isinstance(value, Time):
+        raise TypeError(f"{what} must be a Time such as Time(seconds=5), got {value!r:.100}")

@@ -1,198 +1,70 @@
-"""Simulated time: following ``/clock``, and publishing it.
+"""The time methods of a node: timers, rates, and publishing simulated time.
 
-Decides nothing: when to follow is `sim_time.py`'s, what a jump means is `time/clock.py`'s. Source: protocol.md 9.6.
+Decides which clock each of them follows. May import what is below the node, never the node.
 """
 
 from __future__ import annotations
 
-import math
-import time
-from numbers import Real
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
-from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.endpoints.subscription import Subscription
-from rosidl_py_gen.runtime.endpoints.types import message_type
-from rosidl_py_gen.runtime.node.sim_time import USE_SIM_TIME, SimTimeRule, SimTimeStep, check_use_sim_time
-from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, parameter_value
-from rosidl_py_gen.runtime.time.values import ClockType, Duration, Time, TimeRangeError, seconds_to_ns
-from rosidl_py_gen.runtime.transport.qos import CLOCK, DEFAULT
+from rosidl_py_gen.runtime.endpoints.timer import Timer
+from rosidl_py_gen.runtime.node.sim_time import SimTimePublisher
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.schedule import period_to_ns
+from rosidl_py_gen.runtime.time.values import ClockType, Time
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.endpoints.timer import Timer
     from rosidl_py_gen.runtime.names.remap import NodeNames
-    from rosidl_py_gen.runtime.parameters.store import ParameterStore
-    from rosidl_py_gen.runtime.parameters.values import Parameter
-    from rosidl_py_gen.runtime.time.clock import Clock
+    from rosidl_py_gen.runtime.time.rate import Rate
 
 
-class TimeSource:
-    """Ties the ROS clocks of one node to its parameter `use_sim_time` and, when that is true, to ``/clock``."""
+class NodeTime:
+    """Time methods of `Node`. Each one raises `ClosedError` when the node is closed."""
 
-    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore, clock: Clock) -> None:
-        self._scope = scope
-        self._topic = names.resolve_topic("/clock")
-        self._clocks = [clock]
-        self._rule = SimTimeRule()
-        self._subscription: Subscription[ClockMessage] | None = None
-        self._closed = False
-        self._end = [store.add_on_set_callback(check_use_sim_time), store.add_post_set_callback(self._after_set)]
-        if not store.has(USE_SIM_TIME):
-            store.declare(USE_SIM_TIME, parameter_value(False), ParameterDescriptor(name=USE_SIM_TIME))
+    scope: Scope
+    clock: Clock
+    _names: NodeNames
 
-    @property
-    def is_active(self) -> bool:
-        """True while simulated time is in use."""
-        return self._rule.active
+    if TYPE_CHECKING:
 
-    def attach(self, clock: Clock) -> None:
-        """Let another ROS clock follow too."""
-        if self._rule.active:
-            clock.set_ros_time_override(self._clocks[0].now())
-            clock.enable_ros_time_override()
-        self._clocks.append(clock)
+        def _require_open(self) -> None: ...
 
-    def _after_set(self, parameters: list[Parameter]) -> None:
-        match self._rule.after_set(parameters):
-            case SimTimeStep.START:
-                self._subscription = Subscription(
-                    self._scope, message_type(ClockMessage), self._topic, self._on_clock, CLOCK
-                )
-                for clock in self._clocks:
-                    # A time from an earlier round of simulation must not be shown again.
-                    clock.set_ros_time_override(Time(clock_type=ClockType.ROS_TIME))
-                    clock.enable_ros_time_override()
-            case SimTimeStep.STOP:
-                self._unsubscribe()
-                for clock in self._clocks:
-                    clock.disable_ros_time_override()
-            case SimTimeStep.NOTHING:
-                return
-
-    def _on_clock(self, message: ClockMessage) -> None:
-        if message.clock.sec < 0:
-            self._scope.logger.warning(f"ignored a negative time on {self._topic}", throttle_s=1.0)
-            return
-        now = Time.from_msg(message.clock)
-        for clock in self._clocks:
-            clock.set_ros_time_override(now)
-
-    def _unsubscribe(self) -> None:
-        if self._subscription is not None:
-            self._subscription.close()
-            self._subscription = None
-
-    def close(self) -> None:
-        """Follow nothing any more; may be called twice."""
-        if not self._closed:
-            self._closed = True
-            for end in self._end:
-                end()
-            self._unsubscribe()
-
-
-class SimTimePublisher:
-    """Publishes ``/clock``; made by `create_sim_time_publisher`.
-
-    Time moves with `advance` and `set_time`, and while `rate` is not 0 by itself: `rate` simulated seconds pass in one
-    second, in steps of the given timer.
-    """
-
-    def __init__(
-        self, scope: Scope, topic: str, start: Time, rate: float, make_timer: Callable[[Callable[[], None]], Timer]
-    ) -> None:
-        """Raises `TypeError` and `TimeRangeError` that name the argument; `make_timer` may too."""
-        _require_time("start", start)
-        self._rate = _checked_rate(rate)
-        self._scope = scope
-        self._closed = False
-        self._now_ns = start.nanoseconds
-        self._wall_ns = time.monotonic_ns()
-        self._timer = make_timer(self._tick)
-        try:
-            if not self._timer.period:
-                raise TimeRangeError("period_s, the seconds between two messages, must be more than 0")
-            if not self._rate:
-                self._timer.cancel()
-            self._publisher: Publisher[ClockMessage] = Publisher(scope, message_type(ClockMessage), topic, DEFAULT)
-        except BaseException:
-            self._timer.close()
-            raise
-
-    @property
-    def rate(self) -> float:
-        """Simulated seconds per second; may be changed at any time, 0 pauses.
-
-        Setting it raises `TypeError` for no number, `TimeRangeError` unless finite and 0 or more.
-        """
-        return self._rate
-
-    @rate.setter
-    def rate(self, rate: float) -> None:
-        rate = _checked_rate(rate)
-        self._scope.require_open(self._closed, "a publisher of simulated time")
-        before, self._rate = self._rate, rate
-        if not rate:
-            self._timer.cancel()
-        elif not before:
-            self._wall_ns = time.monotonic_ns()  # what passed during the pause does not count
-            self._timer.reset()
-
-    @property
-    def now(self) -> Time:
-        """The time published last, or about to be published first."""
-        return Time(nanoseconds=self._now_ns, clock_type=ClockType.ROS_TIME)
-
-    def advance(self, duration: Duration | float) -> None:
-        """Let time pass, a number means seconds, and publish; negative jumps back.
+    def create_timer(
+        self, period_s: float, callback: Callable[[], object] | None = None, *, clock: Clock | None = None
+    ) -> Timer:
+        """Every `period_s` seconds of this node's clock, which may be simulated, or of `clock`.
 
         Raises:
-            TypeError: no duration and no number. TimeRangeError: not finite, or time would leave what a message holds.
+            TypeError: no number, function or clock. TimeRangeError: a negative period. ClosedError.
         """
-        length_ns = duration.nanoseconds if isinstance(duration, Duration) else seconds_to_ns("duration", duration)
-        self.set_time(self.now + Duration(nanoseconds=length_ns))
+        self._require_open()
+        timer = Timer(self.scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
+        self.scope.own(timer, has_callback=callback is not None)
+        return timer
 
-    def set_time(self, now: Time) -> None:
-        """Publish this time, whichever clock it is of.
+    def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:
+        """Every `period_s` seconds of the steady clock, which nothing can turn back."""
+        return self.create_timer(period_s, callback, clock=Clock(ClockType.STEADY_TIME))
 
-        Raises:
-            TypeError: no `Time`. TimeRangeError: too late for a message.
-        """
-        _require_time("now", now)
-        self._publisher.publish(ClockMessage(clock=now.to_msg()))
-        self._now_ns = now.nanoseconds
+    def create_rate(self, frequency_hz: float) -> Rate:
+        """``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
+        from rosidl_py_gen.runtime.time.rate import Rate
 
-    def _tick(self) -> None:
-        wall_ns = time.monotonic_ns()
-        passed_ns, self._wall_ns = wall_ns - self._wall_ns, wall_ns
-        self.advance(Duration(nanoseconds=round(passed_ns * self._rate)))
+        return Rate(self.clock, frequency_hz)
 
-    async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
-        """Wait until at least `count` nodes follow; False when the time passed."""
-        return await self._publisher.wait_for_subscribers(timeout_s, count=count)
+    def create_sim_time_publisher(
+        self, *, rate: float = 0.0, start: Time | None = None, period_s: float = 0.01
+    ) -> SimTimePublisher:
+        """Publish ``/clock`` by hand (`advance`, `set_time`), or by itself with `rate` simulated seconds a second."""
+        self._require_open()
 
-    def close(self) -> None:
-        """May be called twice."""
-        if not self._closed:
-            self._closed = True
-            self._scope.disown(self)
-            self._timer.close()
-            self._publisher.close()
+        def make_timer(callback: Callable[[], None]) -> Timer:
+            return Timer(self.scope, period_to_ns(period_s), callback, Clock(ClockType.STEADY_TIME))
 
-
-def _checked_rate(rate: object) -> float:
-    if not isinstance(rate, Real) or isinstance(rate, bool):
-        raise TypeError(f"rate must be a number of simulated seconds per second, got {rate!r:.100}")
-    number = float(rate)
-    if not (math.isfinite(number) and number >= 0):
-        raise TimeRangeError(f"rate, the simulated seconds per second, must be finite and 0 or more, got {number!r}")
-    return number
-
-
-def _require_time(what: str, value: object) -> None:
-    if not isinstance(value, Time):
-        raise TypeError(f"{what} must be a Time such as Time(seconds=5), got {value!r:.100}")
+        begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
+        publisher = SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, make_timer)
+        self.scope.own(publisher)
+        return publisher

@@ -56,39 +56,24 @@ class TypeDescriptionError(RosidlError, LookupError):
     """The remote node cannot describe the type; the text is its reason, or why it could not be asked."""
 
 
-class TypeDescriptionService:
-    """The service of one node."""
+def start_type_descriptions(scope: Scope, names: NodeNames, store: ParameterStore) -> None:
+    """Declare the parameter that can switch the service off, and serve until the node closes unless it does."""
+    if not store.has(PARAMETER):
+        what = "If enabled, start the ~/get_type_description service."
+        descriptor = ParameterDescriptor(PARAMETER, ParameterType.BOOL, what, read_only=True)
+        store.declare(PARAMETER, parameter_value(True), descriptor)
+    if store.get(PARAMETER).value is True:
+        name, describe = names.resolve_service("~/get_type_description"), _Describer(scope).answer
+        scope.own(ServiceServer(scope, late_service_type(SERVICE), name, describe, SERVICES_DEFAULT))
 
-    def __init__(self, scope: Scope, names: NodeNames) -> None:
+
+class _Describer:
+    """Answers for one node."""
+
+    def __init__(self, scope: Scope) -> None:
         self._scope = scope
-        self._service: ServiceServer[Any, Any] = ServiceServer(
-            scope,
-            late_service_type(SERVICE),
-            names.resolve_service("~/get_type_description"),
-            self._answer,
-            SERVICES_DEFAULT,
-        )
 
-    @property
-    def endpoints(self) -> list[ServiceServer[Any, Any]]:
-        """What the node's types in use are found in."""
-        return [self._service]
-
-    @classmethod
-    def start(cls, scope: Scope, names: NodeNames, store: ParameterStore) -> None:
-        """Declare the parameter that can switch it off, and serve unless it does."""
-        descriptor = ParameterDescriptor(
-            PARAMETER,
-            ParameterType.BOOL,
-            "If enabled, start the ~/get_type_description service.",
-            read_only=True,
-        )
-        if not store.has(PARAMETER):
-            store.declare(PARAMETER, parameter_value(True), descriptor)
-        if store.get(PARAMETER).value is True:
-            scope.own(cls(scope, names))
-
-    def _answer(self, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
+    def answer(self, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
         if not _HASH.match(request.type_hash):
             return _failure("Failed to parse type hash")
         reason = "Failed to populate TypeDescription to response."
@@ -115,29 +100,22 @@ class TypeDescriptionService:
             whole = name.removesuffix("_Request")
             if whole != name:
                 service: Any = class_of(whole, wanted)
-                if service is not None and service.Request._TYPE.hash == announced:
+                if service is not None and type_hash(service.Request) == announced:
                     return _class(whole, wanted)
                 if SERVICES.get(whole, ())[:2] == (wanted, announced):
                     return _class(whole, wanted)
-        actions = (
-            getattr(owned, "_type", None) for owned in self._scope.owned.values() if hasattr(owned, "action_type")
-        )
-        return next((known.cls for known in actions if known is not None and known.cls._TYPE.hash == wanted), None)
+        actions: Iterator[Any] = (getattr(owned, "action_class", None) for owned in self._scope.owned.values())
+        return next((cls for cls in actions if cls is not None and type_hash(cls) == wanted), None)
 
     def _endpoint_types(self) -> Iterator[tuple[str, str]]:
         """Name and hash of the message type of each endpoint of this node, as it announces them."""
         discovery, graph = self._scope.discovery, self._scope.graph
         discovery.refresh()
-        announced = discovery._nodes[self._scope.number]
-        for guid in announced.reader_gids | announced.writer_gids:
+        for guid in discovery.endpoints_of(self._scope.number):
             endpoint = graph.endpoints.get(guid)
             name = None if endpoint is None else demangle_type(endpoint.info.type)
             if endpoint is not None and name is not None:
                 yield name, endpoint.user_data.get("typehash", "")
-
-    def close(self) -> None:
-        """May be called twice."""
-        self._service.close()
 
 
 def _failure(reason: str) -> srv.GetTypeDescription_Response:
@@ -213,7 +191,11 @@ async def announced_hash(scope: Scope, node: str, type_name: str, timeout_s: flo
     namespace = namespace or "/"
     graph, loop = scope.graph, scope.bridge.running_loop()
     started = loop.time()
-    if not await scope.wait_until(lambda: graph.has_node(name, namespace), timeout_s, lambda: scope.closed):
+
+    def is_there() -> bool:
+        return any(one.fully_qualified_name == node for one in graph.nodes())
+
+    if not await scope.wait_until(is_there, timeout_s, lambda: scope.closed):
         raise CallTimeoutError(f"no node {node} appeared in {timeout_s} s")
 
     def left_s(limit_s: float) -> float:

@@ -8,9 +8,8 @@ before one is set the remote node is asked which array type the parameter has.
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
@@ -23,6 +22,10 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     GetParameterTypes_Request,
     ListParameters,
     ListParameters_Request,
+    SetParameters,
+    SetParameters_Request,
+    SetParametersAtomically,
+    SetParametersAtomically_Request,
 )
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
@@ -33,14 +36,16 @@ from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_from_message,
     event_from_message,
     parameter_type,
+    result_from_message,
+    to_message,
     value_from_message,
 )
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, overrides_for
-from rosidl_py_gen.runtime.parameters.rules import Listing
+from rosidl_py_gen.runtime.parameters.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
     Parameter,
     ParameterDescriptor,
-    ParameterNotDeclared,
+    ParameterNotDeclaredError,
     ParameterType,
     PythonValue,
     as_parameters,
@@ -48,7 +53,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     parameter_value,
     require_names,
 )
-from rosidl_py_gen.runtime.parameters.wire import set_service_type
+from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.time.values import Time
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
@@ -56,11 +61,13 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Callable, Coroutine, Sequence
 
-    from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.endpoints.types import ServiceType
+    from rosidl_py_gen.runtime.endpoints.scope import Closable, Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent, SetResult
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
+
+
+T = TypeVar("T")
 
 
 class MalformedAnswerError(RosidlError):
@@ -75,26 +82,19 @@ class RemoteParameterEvent(NamedTuple):
     event: ParameterEvent
 
 
-def event_stream(
-    scope: Scope, names: NodeNames, node: str | None, kept: list[ParameterEvents] | None = None
-) -> ParameterEvents:
-    """The events of one node, or of all nodes; in the list `kept` while it is open."""
-    return ParameterEvents(scope, names.resolve_topic("/parameter_events"), node, [] if kept is None else kept)
-
-
 class ParameterEvents(Stream[RemoteParameterEvent]):
     """An async iterator of parameter events; close it when it is no longer needed."""
 
-    def __init__(self, scope: Scope, topic: str, node: str | None, kept: list[ParameterEvents]) -> None:
+    def __init__(self, scope: Scope, names: NodeNames, node: str | None) -> None:
+        """`node` None means all nodes."""
         super().__init__()
-        self._kept = kept
         self._scope = scope
         self._node = node
+        topic = names.resolve_topic("/parameter_events")
         self._subscription: Subscription[EventMessage] = Subscription(
             scope, message_type(EventMessage), topic, self._arrived, PARAMETER_EVENTS
         )
         scope.own(self)
-        kept.append(self)
 
     def _arrived(self, message: EventMessage) -> None:
         if self._node is None or message.node == self._node:
@@ -109,23 +109,23 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
         super().close(error)
         self._scope.disown(self)
         self._subscription.close()
-        if self in self._kept:
-            self._kept.remove(self)
 
 
-def _asked(names: str | Sequence[str]) -> list[str]:
-    return [names] if isinstance(names, str) else require_names(names)
+class _Asked:
+    """One name or several, and the answer that belongs to them."""
 
+    def __init__(self, node: str, names: str | Sequence[str]) -> None:
+        self._node = node
+        self._single = isinstance(names, str)
+        self.names = [names] if isinstance(names, str) else require_names(names)
 
-class _Deadline:
-    """What is left of one `timeout_s` for several calls."""
-
-    def __init__(self, timeout_s: float | None) -> None:
-        self._end_s = None if timeout_s is None else time.monotonic() + timeout_s
-
-    def left_s(self) -> float | None:
-        """None when there is no limit."""
-        return None if self._end_s is None else max(0.0, self._end_s - time.monotonic())
+    def answer(self, found: list[T]) -> T | list[T]:
+        """One for one name, a list for several; raises `ParameterNotDeclaredError`, `MalformedAnswerError`."""
+        if len(found) == len(self.names):
+            return found[0] if self._single else found
+        if not found:
+            raise ParameterNotDeclaredError(self.names, self._node)
+        raise MalformedAnswerError(f"{self._node} answered {len(found)} values for {len(self.names)} parameters")
 
 
 class ParameterClient:
@@ -145,25 +145,25 @@ class ParameterClient:
         self._closed = False
         self._streams: list[ParameterEvents] = []
 
-        def client(known: ServiceType[Any, Any], name: str) -> Client[Any, Any]:
-            made: Client[Any, Any] = Client(scope, known, names.resolve_service(f"{self.node}/{name}"), PARAMETERS, run)
-            return made
+        self._clients: list[Client[Any, Any]] = []
 
-        self._get = client(service_type(GetParameters), "get_parameters")
-        self._types = client(service_type(GetParameterTypes), "get_parameter_types")
-        self._set = client(set_service_type("SetParameters"), "set_parameters")
-        self._set_atomically = client(set_service_type("SetParametersAtomically"), "set_parameters_atomically")
-        self._describe = client(service_type(DescribeParameters), "describe_parameters")
-        self._list = client(service_type(ListParameters), "list_parameters")
+        def client(service: Any, name: str) -> Client[Any, Any]:
+            topic = names.resolve_service(f"{self.node}/{name}")
+            self._clients.append(Client(scope, service_type(service), topic, PARAMETERS, run))
+            return self._clients[-1]
 
-    def _clients(self) -> tuple[Client[Any, Any], ...]:
-        return (self._get, self._types, self._set, self._set_atomically, self._describe, self._list)
+        self._get = client(GetParameters, "get_parameters")
+        self._types = client(GetParameterTypes, "get_parameter_types")
+        self._set = client(SetParameters, "set_parameters")
+        self._set_atomically = client(SetParametersAtomically, "set_parameters_atomically")
+        self._describe = client(DescribeParameters, "describe_parameters")
+        self._list = client(ListParameters, "list_parameters")
 
     async def wait_for_services(self, timeout_s: float | None = None) -> bool:
         """Wait until the remote node serves its parameters; False when the time passed."""
 
         def ready() -> bool:
-            return all(client.service_is_available() for client in self._clients())
+            return all(client.service_is_available() for client in self._clients)
 
         return await self._scope.wait_until(ready, timeout_s, lambda: self._closed)
 
@@ -177,12 +177,11 @@ class ParameterClient:
         """One value for one name, a list for several; None where nothing is set.
 
         Raises:
-            ParameterNotDeclared: at least one of them is not declared, or has no value.
+            ParameterNotDeclaredError: at least one of them is not declared, or has no value.
         """
-        asked = _asked(names)
-        response = await self._get.call(GetParameters_Request(names=asked), timeout_s)
-        values = [value_from_message(item).value for item in self._complete(response.values, asked)]
-        return values[0] if isinstance(names, str) else values
+        asked = _Asked(self.node, names)
+        response = await self._get.call(GetParameters_Request(names=asked.names), timeout_s)
+        return asked.answer([value_from_message(item).value for item in response.values])
 
     @overload
     async def types(  # type: ignore[overload-overlap]  # a text is a sequence of texts
@@ -193,11 +192,10 @@ class ParameterClient:
     async def types(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterType | list[ParameterType]:
-        """One type for one name, a list for several; raises `ParameterNotDeclared` when one is not declared there."""
-        asked = _asked(names)
-        response = await self._types.call(GetParameterTypes_Request(names=asked), timeout_s)
-        found = [parameter_type(int(item)) for item in self._complete(response.types, asked)]
-        return found[0] if isinstance(names, str) else found
+        """One type for one name, a list for several; raises `ParameterNotDeclaredError` as `get`."""
+        asked = _Asked(self.node, names)
+        response = await self._types.call(GetParameterTypes_Request(names=asked.names), timeout_s)
+        return asked.answer([parameter_type(int(item)) for item in response.types])
 
     @overload
     async def describe(  # type: ignore[overload-overlap]  # a text is a sequence of texts
@@ -208,18 +206,10 @@ class ParameterClient:
     async def describe(
         self, names: str | Sequence[str], timeout_s: float | None = None
     ) -> ParameterDescriptor | list[ParameterDescriptor]:
-        """One for one name, a list for several; raises `ParameterNotDeclared` when one is not declared there."""
-        asked = _asked(names)
-        response = await self._describe.call(DescribeParameters_Request(names=asked), timeout_s)
-        found = [descriptor_from_message(item) for item in self._complete(response.descriptors, asked)]
-        return found[0] if isinstance(names, str) else found
-
-    def _complete(self, answers: Sequence[Any], asked: list[str]) -> Sequence[Any]:
-        if len(answers) == len(asked):
-            return answers
-        if len(answers) == 0:
-            raise ParameterNotDeclared(asked, self.node)
-        raise MalformedAnswerError(f"{self.node} answered {len(answers)} values for {len(asked)} parameters")
+        """One for one name, a list for several; raises `ParameterNotDeclaredError` when one is not declared there."""
+        asked = _Asked(self.node, names)
+        response = await self._describe.call(DescribeParameters_Request(names=asked.names), timeout_s)
+        return asked.answer([descriptor_from_message(item) for item in response.descriptors])
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
         """Set one by one; the result of each says whether and why not.
@@ -227,16 +217,17 @@ class ParameterClient:
         An empty list takes the type the remote parameter has, which costs one or two more questions for each.
 
         Raises:
-            InvalidParameterValue: one is no parameter value. TypeError: a name is no text.
+            InvalidParameterValueError: one is no parameter value. TypeError: a name is no text.
         """
         wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
-        return [*await self._set.call(wanted, left_s)]
+        request = SetParameters_Request(parameters=[to_message(item) for item in wanted])
+        return [result_from_message(item) for item in (await self._set.call(request, left_s)).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
         """Set all or nothing; otherwise as `set`."""
         wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
-        results: Sequence[SetResult] = await self._set_atomically.call(wanted, left_s)
-        return results[0]
+        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in wanted])
+        return result_from_message((await self._set_atomically.call(request, left_s)).result)
 
     async def _fitted(
         self, parameters: list[Parameter], timeout_s: float | None
@@ -248,7 +239,7 @@ class ParameterClient:
         """
         if all(parameter.value.value != b"" for parameter in parameters):
             return parameters, timeout_s
-        deadline = _Deadline(timeout_s)
+        deadline = Deadline(timeout_s)
         for index, parameter in enumerate(parameters):
             if parameter.value.value == b"":
                 kind = await self._declared_type(parameter.name, deadline)
@@ -256,7 +247,7 @@ class ParameterClient:
                     parameters[index] = Parameter(parameter.name, parameter_value((), kind))
         return parameters, deadline.left_s()
 
-    async def _declared_type(self, name: str, deadline: _Deadline) -> ParameterType:
+    async def _declared_type(self, name: str, deadline: Deadline) -> ParameterType:
         """NOT_SET when the parameter is not declared."""
         typed = await self._types.call(GetParameterTypes_Request(names=[name]), deadline.left_s())
         kind = parameter_type(int(typed.types[0])) if len(typed.types) == 1 else ParameterType.NOT_SET
@@ -300,7 +291,9 @@ class ParameterClient:
     def events(self) -> ParameterEvents:
         """What happens to the remote node's parameters from now on."""
         self._scope.require_open(self._closed, f"the parameter client of {self.node}")
-        return event_stream(self._scope, self._names, self.node, self._streams)
+        stream = ParameterEvents(self._scope, self._names, self.node)
+        self._streams = [*(known for known in self._streams if not known.closed), stream]
+        return stream
 
     def close(self) -> None:
         """May be called twice; event streams end."""
@@ -308,7 +301,6 @@ class ParameterClient:
             return
         self._closed = True
         self._scope.disown(self)
-        for stream in tuple(self._streams):
-            stream.close()
-        for client in self._clients():
-            client.close()
+        parts: tuple[Closable, ...] = (*self._streams, *self._clients)
+        for part in parts:
+            part.close()

@@ -1,26 +1,29 @@
 """From a dataclass to parameters: names, types, descriptors and conversion of each field.
 
-Decides what an annotation means; only this file reads annotations. Nested dataclasses become dotted names. The live
-object and its binding to a store are in `classes.py`.
+Decides what an annotation means; only this file reads annotations. Nested dataclasses become dotted names.
+Binding them to a store is `classes.py`'s.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from rosidl_py_gen.runtime.parameters.callbacks import Refused, require_plain, validate
-from rosidl_py_gen.runtime.parameters.rules import float_range_problem, integer_range_problem, range_flaw
+from rosidl_py_gen.runtime.parameters.callbacks import RefusedError, require_plain, validate
+from rosidl_py_gen.runtime.parameters.validation import float_range_reason, integer_range_reason, range_reason
 from rosidl_py_gen.runtime.parameters.values import (
+    ARRAY_OF,
     INT64_MAX,
     INT64_MIN,
+    TYPE_OF,
     FloatRange,
     IntRange,
-    InvalidParameterValue,
+    InvalidParameterValueError,
     ParameterDescriptor,
     ParameterError,
     ParameterType,
@@ -73,20 +76,6 @@ UInt16 = Annotated[int, Width(16, signed=False)]
 UInt32 = Annotated[int, Width(32, signed=False)]
 UInt64 = Annotated[int, Width(64, signed=False)]
 
-_SCALARS: dict[object, ParameterType] = {
-    bool: ParameterType.BOOL,
-    int: ParameterType.INTEGER,
-    float: ParameterType.DOUBLE,
-    str: ParameterType.STRING,
-    bytes: ParameterType.BYTE_ARRAY,
-}
-_ARRAYS: dict[object, ParameterType] = {
-    bool: ParameterType.BOOL_ARRAY,
-    int: ParameterType.INTEGER_ARRAY,
-    float: ParameterType.DOUBLE_ARRAY,
-    str: ParameterType.STRING_ARRAY,
-}
-
 
 @dataclass(slots=True)
 class _Shape:
@@ -107,7 +96,7 @@ class FieldPlan:
     Attributes:
         path: attribute names from the outermost object to the leaf.
         name: the dotted name of the parameter, with the prefix of the whole class.
-        choices: the allowed wire values, empty when any is allowed.
+        choices: the allowed parameter values, empty when any is allowed.
         container: list or tuple for arrays.
     """
 
@@ -127,37 +116,38 @@ class FieldPlan:
         name = prefix + self.name
         return dataclasses.replace(self, name=name, descriptor=dataclasses.replace(self.descriptor, name=name))
 
-    def to_wire(self, value: Any) -> ParameterValue:
-        """The parameter value of a field's value; raises `InvalidParameterValue` naming the field."""
+    def to_parameter(self, value: Any) -> ParameterValue:
+        """The parameter value of a field's value; raises `InvalidParameterValueError` naming the field."""
         if value is None and self.optional:
             return ParameterValue()
         if self.enum is not None and isinstance(value, self.enum):
-            value = _enum_wire(self.enum, value)
+            value = _enum_plain(self.enum, value)
         elif self.kind is ParameterType.DOUBLE and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)  # A default of 1 for a float is what Python means too.
         elif self.kind is ParameterType.DOUBLE_ARRAY and isinstance(value, (list, tuple)):
             value = [float(item) if type(item) is int else item for item in value]
         try:
             return parameter_value(value, self.kind)
-        except InvalidParameterValue as error:
-            raise InvalidParameterValue(f"parameter {self.name!r}: {error}") from error
+        except InvalidParameterValueError as error:
+            raise InvalidParameterValueError(f"parameter {self.name!r}: {error}") from error
 
-    def from_wire(self, value: ParameterValue) -> Any:
-        """The field's value; raises `InvalidParameterValue` when it is none of the choices."""
+    def from_parameter(self, value: ParameterValue) -> Any:
+        """The field's value; raises `InvalidParameterValueError` when it is none of the choices."""
         plain = value.value
         if plain is None:
             return None
         if self.choices and plain not in self.choices:
             known = ", ".join(repr(choice) for choice in self.choices)
-            raise InvalidParameterValue(f"Parameter {self.name} must be one of {known}, got {plain!r}")
+            raise InvalidParameterValueError(f"Parameter {self.name} must be one of {known}, got {plain!r}")
         if self.enum is not None:
             return _enum_member(self.enum, plain)
         return self.container(plain) if self.container is not None else plain  # type: ignore[arg-type]
 
     def check(self, value: Any) -> None:
-        """Raises `Refused` for a value that ranges of items or validators refuse; other ranges are the descriptor's.
+        """Ask validators and ranges of items; other ranges are the descriptor's.
 
-        Raises `CallbackAnswerError` for a validator that answers neither None nor a text.
+        Raises:
+            RefusedError: one of them refused. CallbackAnswerError: a validator answers neither None nor a text.
         """
         if value is None:
             return
@@ -166,11 +156,11 @@ class FieldPlan:
             for index, item in enumerate(value):
                 name = f"{self.name}[{index}]"
                 if isinstance(allowed, IntRange):
-                    reason = integer_range_problem(name, item, allowed)
+                    reason = integer_range_reason(name, item, allowed)
                 else:
-                    reason = float_range_problem(name, item, allowed)
+                    reason = float_range_reason(name, item, allowed)
                 if reason:
-                    raise Refused(reason)
+                    raise RefusedError(reason)
         for validator in self.validators:
             validate(f"the validator of {self.name!r}", validator, value)
 
@@ -181,7 +171,7 @@ def _enum_by_value(enum: type[Enum]) -> bool:
     return len(kinds) == 1 and kinds <= {str, int}
 
 
-def _enum_wire(enum: type[Enum], member: Enum) -> Any:
+def _enum_plain(enum: type[Enum], member: Enum) -> Any:
     return member.value if _enum_by_value(enum) else member.name
 
 
@@ -211,14 +201,21 @@ def plan_class(cls: type, prefix: tuple[str, ...] = ()) -> tuple[FieldPlan, ...]
             continue
         if "." in item.name or item.name.startswith("__"):
             raise ParameterClassError(f"{cls.__name__}.{item.name}: this name cannot be a parameter")
-        annotation = hints[item.name]
-        if get_origin(annotation) is Annotated and dataclasses.is_dataclass(get_args(annotation)[0]):
-            annotation = get_args(annotation)[0]
-        if isinstance(annotation, type) and dataclasses.is_dataclass(annotation):
-            plans += plan_class(annotation, (*prefix, item.name))
+        nested = nested_class(cls, item.name)
+        if nested is not None:
+            plans += plan_class(nested, (*prefix, item.name))
         else:
-            plans.append(_plan_field(cls, item.name, annotation, (*prefix, item.name)))
+            plans.append(_plan_field(cls, item.name, hints[item.name], (*prefix, item.name)))
     return tuple(plans)
+
+
+def nested_class(cls: type, name: str) -> type | None:
+    """The dataclass that makes this field a group of parameters, if one does."""
+    hint = _hints_without_metadata(cls)[name]
+    return hint if isinstance(hint, type) and dataclasses.is_dataclass(hint) else None
+
+
+_hints_without_metadata = functools.cache(get_type_hints)
 
 
 def _plan_field(cls: type, name: str, annotation: Any, path: tuple[str, ...]) -> FieldPlan:
@@ -283,21 +280,20 @@ def _peel(where: str, annotation: Any) -> _Shape:
     if origin is list or (origin is tuple and len(arguments) == 2 and arguments[1] is Ellipsis):
         return _peel_array(where, origin, arguments[0])
     if isinstance(annotation, type) and issubclass(annotation, Enum):
-        choices = tuple(_enum_wire(annotation, member) for member in annotation)
+        choices = tuple(_enum_plain(annotation, member) for member in annotation)
         return _Shape(kind=_common_kind(where, choices), enum=annotation, choices=choices)
-    return _Shape(kind=_SCALARS.get(annotation))
+    return _Shape(kind=TYPE_OF.get(annotation))
 
 
 def _peel_array(where: str, container: Any, item: Any) -> _Shape:
     inner = _peel(where, item)
     if inner.enum is not None or inner.choices or inner.optional or inner.container is not None:
         return _Shape()
-    element = next((python for python, kind in _SCALARS.items() if kind is inner.kind), None)
-    return _Shape(kind=_ARRAYS.get(element), container=container, metadata=inner.metadata)
+    return _Shape(kind=ARRAY_OF.get(inner.kind), container=container, metadata=inner.metadata)
 
 
 def _common_kind(where: str, values: tuple[Any, ...]) -> ParameterType:
-    kinds = {_SCALARS.get(type(value)) for value in values}
+    kinds = {TYPE_OF.get(type(value)) for value in values}
     kind = kinds.pop() if len(kinds) == 1 else None
     if kind not in (ParameterType.STRING, ParameterType.INTEGER, ParameterType.BOOL):
         raise ParameterClassError(f"{where}: choices must be all str, all int or all bool, got {values!r}")
@@ -314,9 +310,9 @@ def _range(where: str, shape: _Shape) -> FloatRange | IntRange | None:
     if given is None:
         return None if width is None or width.range == IntRange(INT64_MIN, INT64_MAX) else width.range
     made = _real_range(given) if real else _integer_range(where, given)
-    flaw = range_flaw(made)
-    if flaw:
-        raise ParameterClassError(f"{where}: {flaw}")
+    reason = range_reason(made)
+    if reason:
+        raise ParameterClassError(f"{where}: {reason}")
     if width is not None and not (
         width.range.from_value <= min(made.from_value, made.to_value)
         and max(made.from_value, made.to_value) <= width.range.to_value
@@ -329,7 +325,7 @@ def _real_range(given: Range) -> FloatRange:
     try:
         return FloatRange(float(given.from_value), float(given.to_value), float(given.step))
     except (TypeError, ValueError, OverflowError):
-        return FloatRange(given.from_value, given.to_value, given.step)  # for `range_flaw` to say what is wrong
+        return FloatRange(given.from_value, given.to_value, given.step)  # for `range_reason` to say what is wrong
 
 
 def _integer_range(where: str, given: Range) -> IntRange:

@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, Parameter
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
     INT64_MIN,
-    InvalidParameterValue,
+    InvalidParameterValueError,
     ParameterType,
     ParameterValue,
     parameter_value,
@@ -48,9 +48,9 @@ _INFINITE = re.compile(r"(?P<sign>[+-]?)(?:\.inf|\.Inf|\.INF|[iI][nN][fF](?:[iI]
 
 
 def plain_scalar(text: str) -> ParameterValue:
-    """The value of an unquoted scalar; raises `InvalidParameterValue` for an empty one."""
+    """The value of an unquoted scalar; raises `InvalidParameterValueError` for an empty one."""
     if not text:
-        raise InvalidParameterValue("an empty value; write '' for an empty text")
+        raise InvalidParameterValueError("an empty value; write '' for an empty text")
     if text in _TRUE or text in _FALSE:
         return ParameterValue(ParameterType.BOOL, text in _TRUE)
     integer = _INTEGER.match(text)
@@ -87,25 +87,12 @@ def _float(text: str) -> float | None:
 def _underflows(text: str, value: float) -> bool:
     """Whether glibc's strtod reports ERANGE for a tiny number, which makes it a text for rcl.
 
-    It does when the number is not exactly the subnormal or zero it becomes, so for ``1e-400`` and ``1e-310``, but not
-    for ``0e-400`` and ``0x1p-1074``.
+    It does when digits are lost: ``1e-310`` as ``1e-400``, but not ``0e-400``. Hexadecimal ones are taken for exact
+    unless they become zero.
     """
-    if abs(value) > sys.float_info.min:
-        return False
-    base, exponent_mark = (16, "p") if "x" in text.lower() else (10, "e")
-    digits, _, exponent = text.lower().lstrip("+-").removeprefix("0x").partition(exponent_mark)
-    if value == 0.0:
-        return digits.strip("0.") != ""
-    from decimal import Decimal
-    from fractions import Fraction
-
-    if base == 10:
-        exact = abs(Fraction(Decimal(text)))
-    else:
-        whole, _, part = digits.partition(".")
-        exact = int(whole + part, 16) * Fraction(2) ** (int(exponent or 0) - 4 * len(part))
-    # Rounded to 53 bits first, what is nearer to the smallest normal number is that.
-    return exact != abs(Fraction(value)) and exact < Fraction(sys.float_info.min) - Fraction(1, 2**1076)
+    is_hex = "x" in text.lower()
+    digits = text.lower().partition("p" if is_hex else "e")[0].strip("+-0x.")
+    return digits != "" and (value == 0.0 or (abs(value) < sys.float_info.min and not is_hex))
 
 
 # ----------------------------------------------------------------------------------------------------------- reading
@@ -199,7 +186,7 @@ def _value(name: str, node: yaml.Node) -> ParameterValue:
             if not isinstance(item, yaml.ScalarNode):
                 _fail(name, item, "a list must hold plain values, no lists and no maps")
         return parameter_value([_scalar(item).value for item in node.value])
-    except InvalidParameterValue as error:
+    except InvalidParameterValueError as error:
         _fail(name, node, str(error))
 
 
@@ -210,7 +197,7 @@ def _scalar(node: yaml.ScalarNode) -> ParameterValue:
                 ParameterType.BYTE_ARRAY, base64.b64decode("".join(node.value.split()), validate=True)
             )
         except (binascii.Error, ValueError) as error:
-            raise InvalidParameterValue(f"not base64: {error}") from error
+            raise InvalidParameterValueError(f"not base64: {error}") from error
     if node.tag == _PLAIN:
         return plain_scalar(node.value)
     return ParameterValue(ParameterType.STRING, node.value)

@@ -1,12 +1,11 @@
 """Parameter values, descriptors and events to and from rcl_interfaces messages.
 
 Decides nothing but the mapping of fields (protocol.md 9.2). A message from a peer may hold anything: a type number that
-does not exist is NOT_SET where a node tells of itself, and unreadable where it asks for something.
+does not exist is NOT_SET where a node tells of itself, and refused where it asks for something.
 """
 
 from __future__ import annotations
 
-import operator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,33 +16,24 @@ from rosidl_py_gen.runtime.parameters.store import ParameterEvent, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     ParameterType,
     ParameterValue,
-    UnreadableParameter,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
 _KINDS = tuple(ParameterType)
 _UNSET = ParameterValue()
 # What the members hold that do not count: empty, so that messages may share them.
 _NOTHING = (0, False, 0, 0.0, "", *(np.zeros(0, kind) for kind in (np.uint8, np.bool_, np.int64, np.float64)))
-# Which member a type selects, in the order of the type numbers.
-_READERS: tuple[Callable[[Any], Any], ...] = (
-    lambda message: None,
-    operator.attrgetter("bool_value"),
-    operator.attrgetter("integer_value"),
-    operator.attrgetter("double_value"),
-    operator.attrgetter("string_value"),
-    lambda message: bytes(message.byte_array_value),
-    *(
-        lambda message, member=f"{name}_array_value": _items(getattr(message, member))
-        for name in ("bool", "integer", "double", "string")
-    ),
-)
+_SCALARS = ("bool", "integer", "double", "string")
+_MEMBERS = ("", *(f"{name}_value" for name in (*_SCALARS, "byte_array", *(f"{name}_array" for name in _SCALARS))))
+"""Which member a type selects, in the order of the type numbers."""
+_BYTE_ARRAY = 5
 
 
 def parameter_type(number: int) -> ParameterType:
@@ -71,11 +61,11 @@ def value_from_message(message: msg.ParameterValue) -> ParameterValue:
     number = message.type
     if not 0 < number < len(_KINDS):
         return _UNSET
-    return ParameterValue(_KINDS[number], _READERS[number](message))
-
-
-def _items(content: Any) -> tuple[Any, ...]:
-    return tuple(content.tolist() if isinstance(content, np.ndarray) else content)
+    content = getattr(message, _MEMBERS[number])
+    if number >= _BYTE_ARRAY:
+        plain = content.tolist() if isinstance(content, np.ndarray) else content
+        content = bytes(plain) if number == _BYTE_ARRAY else tuple(plain)
+    return ParameterValue(_KINDS[number], content)
 
 
 def to_message(parameter: Parameter) -> msg.Parameter:
@@ -84,15 +74,14 @@ def to_message(parameter: Parameter) -> msg.Parameter:
 
 
 def asked_from_message(message: msg.Parameter) -> Parameter:
-    """What a peer wants to set; an `UnreadableParameter` for a type number that does not exist.
+    """What a peer wants to set; raises `InvalidParameterValueError` for a type number that does not exist.
 
     rclpy and rclcpp raise an error for one, which ends the server; nor can it mean NOT_SET, which would undeclare.
     """
     number = message.value.type
-    if number < len(_KINDS):
-        return from_message(message)
-    reason = f"parameter {message.name!r} cannot be set: {number} is no parameter type"
-    return UnreadableParameter(message.name, reason=reason)
+    if number >= len(_KINDS):
+        raise InvalidParameterValueError(f"parameter {message.name!r} cannot be set: {number} is no parameter type")
+    return from_message(message)
 
 
 def from_message(message: msg.Parameter) -> Parameter:

@@ -1,8 +1,8 @@
 """Who hears of what a parameter store holds, and when.
 
-Decides that declarations that are made together are told once all of them are made, and that those which are taken
-back are not told at all. Events are told while the store is locked, so in the order of the sets; post-set callbacks
-are called without any lock.
+Decides that nobody hears of declarations that are made together (a batch) before all of them are made, and never of
+those that were taken back. Events are passed on while the store is locked, so in the order of the sets; post-set
+callbacks are called without any lock.
 """
 
 from __future__ import annotations
@@ -13,71 +13,72 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Collection, Iterator, Sequence
 
     from rosidl_py_gen.runtime.parameters.values import Parameter, ParameterEvent
 
 
 @dataclass(slots=True)
-class Held:
-    """What one thread keeps to itself for now."""
+class Batch:
+    """What one thread does until nobody has to wait for it any more."""
 
     events: list[ParameterEvent] = field(default_factory=list)
-    told: list[Sequence[Parameter]] = field(default_factory=list)
-    withdrawn: list[str] = field(default_factory=list)
-    """Names nobody shall hear of."""
-    thread: int = field(default_factory=threading.get_ident)
+    sets: list[list[Parameter]] = field(default_factory=list)
+
+    def withdraw(self, names: Collection[str]) -> None:
+        """Nobody shall hear of these."""
+        if names:
+            self.events = [left for event in self.events if (left := event.without(names))]
+            kept = ([item for item in parameters if item.name not in names] for parameters in self.sets)
+            self.sets = [parameters for parameters in kept if parameters]
 
 
-class News:
-    """Tells `on_event` and the post-set callbacks (`tell`) what was set."""
+class Notifier:
+    """Passes events on to `on_event`, and what was set to the post-set callbacks (`after_set`)."""
 
     def __init__(
         self,
         on_event: Callable[[ParameterEvent], None],
-        tell: Callable[[Sequence[Parameter]], None],
+        after_set: Callable[[Sequence[Parameter]], None],
         on_failure: Callable[[str], None],
     ) -> None:
         self._on_event = on_event
-        self._tell = tell
+        self._after_set = after_set
         self._on_failure = on_failure
-        self._held: Held | None = None
+        self._here = threading.local()
 
-    def announce(self, event: ParameterEvent) -> None:
-        """Tell of what is stored; the store is locked."""
-        if self._held is not None:
-            self._held.events.append(event)
+    def event(self, event: ParameterEvent) -> None:
+        """Something is stored; the store is locked."""
+        batch = getattr(self._here, "batch", None)
+        if batch is not None:
+            batch.events.append(event)
             return
         try:
             self._on_event(event)
         except Exception:
             self._on_failure("publishing what was set")
 
-    def tell(self, parameters: Sequence[Parameter]) -> None:
-        """Call the post-set callbacks; the store is not locked, unless this thread holds things back."""
-        held = self._held
-        if held is not None and held.thread == threading.get_ident():
-            held.told.append(parameters)
+    def after_set(self, parameters: Sequence[Parameter]) -> None:
+        """Something was set; the store is not locked any more, unless this thread has a batch."""
+        batch = getattr(self._here, "batch", None)
+        if batch is not None:
+            batch.sets.append(list(parameters))
         else:
-            self._tell(parameters)
+            self._after_set(parameters)
 
     @contextlib.contextmanager
-    def held_until(self, lock: contextlib.AbstractContextManager[object]) -> Iterator[Held]:
-        """Keep everything back until the block ends, under `lock`, but for what is `withdrawn` then."""
-        held = Held()
+    def batch(self, lock: contextlib.AbstractContextManager[object]) -> Iterator[Batch]:
+        """Keep everything back until the block, which runs under `lock`, ends."""
+        batch, outer = Batch(), getattr(self._here, "batch", None)
         try:
             with lock:
-                outer, self._held = self._held, held
+                self._here.batch = batch
                 try:
-                    yield held
+                    yield batch
                 finally:
-                    self._held = outer
-                    for event in held.events:
-                        left = event.without(held.withdrawn)
-                        if left or not held.withdrawn:
-                            self.announce(left)
+                    self._here.batch = outer
+                    for event in batch.events:
+                        self.event(event)
         finally:
-            for parameters in held.told:
-                known = [parameter for parameter in parameters if parameter.name not in held.withdrawn]
-                if known:
-                    self.tell(known)
+            for parameters in batch.sets:
+                self.after_set(parameters)

@@ -5,22 +5,22 @@ Decides which message answers which question; what the answer is, is `store.py`'
 
 from __future__ import annotations
 
-import threading
-from collections import deque
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
 from rosidl_py_gen.runtime.endpoints.late_types import late_message_type, late_service_type
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
+from rosidl_py_gen.runtime.loop.after_answer import AfterAnswer
 from rosidl_py_gen.runtime.parameters.messages import (
+    asked_from_message,
     descriptor_to_message,
     event_to_message,
+    result_to_message,
     value_to_message,
 )
 from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, SetResult
-from rosidl_py_gen.runtime.parameters.values import UnreadableParameter
-from rosidl_py_gen.runtime.parameters.wire import SETTING, set_service_type
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
@@ -29,23 +29,18 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore
-    from rosidl_py_gen.runtime.parameters.values import Parameter
     from rosidl_py_gen.runtime.time.clock import Clock
 
 
 class ParameterEventPublisher:
     """Publishes one ParameterEvent for each atomic set; nothing for a declaration without a value.
 
-    Events of what a service request changes are sent right after its answer, with the time of the change: their
-    publication would be a fifth of the time that the client waits.
+    It is sent behind the answer to the request that caused it, with the time of the change: its publication would be a
+    fifth of the time that the client waits.
     """
 
     def __init__(self, scope: Scope, names: NodeNames, clock: Clock) -> None:
         self._scope = scope
-        self._bridge = scope.bridge
-        self._lock = threading.RLock()
-        self._waiting: deque[tuple[ParameterEvent, int]] = deque()
-        self._held = 0
         self._node = names.fully_qualified_name
         self._clock = clock
         self._publisher: Publisher[msg.ParameterEvent] = Publisher(
@@ -54,54 +49,31 @@ class ParameterEventPublisher:
             names.resolve_topic("/parameter_events"),
             PARAMETER_EVENTS,
         )
-        self._closed = False
-
-    @property
-    def endpoints(self) -> list[Publisher[msg.ParameterEvent]]:
-        """What the node's types in use are found in."""
-        return [self._publisher]
+        self._after_answer = AfterAnswer(scope.bridge, self._send)
 
     def publish(self, event: ParameterEvent) -> None:
         """Tell the world, unless nobody listens: who comes later does not get it (the topic is volatile)."""
-        if self._closed or not event or not self._publisher.has_subscriptions:
-            return
-        self._waiting.append((event, self._clock.now_ns()))
-        if not self._held:
-            self._send()
+        if event and self._publisher.has_subscriptions:
+            self._after_answer.add((event, self._clock.now_ns()))
 
-    def hold(self) -> None:
-        """Let events wait for `let_go`: the answer comes first. On the loop's thread."""
-        self._held += 1
-
-    def let_go(self) -> None:
-        """Send what waited when the loop comes round."""
-        self._held -= 1
-        if self._waiting:
-            self._bridge.call_soon(self._send)
-
-    def _send(self) -> None:
-        with self._lock:  # from the first to the last, whatever thread comes
-            while self._waiting:
-                event, stamp_ns = self._waiting.popleft()
-                try:
-                    self._publisher.publish(event_to_message(event, self._node, stamp_ns))
-                except Exception:
-                    self._scope.report_failure("publishing a parameter event")
+    def _send(self, item: tuple[ParameterEvent, int]) -> None:
+        event, stamp_ns = item
+        try:
+            self._publisher.publish(event_to_message(event, self._node, stamp_ns))
+        except Exception:
+            self._scope.report_failure("publishing a parameter event")
 
     def close(self) -> None:
         """Send what waits; may be called twice."""
-        if not self._closed:
-            self._closed = True
-            self._send()
+        self._after_answer.flush()
         self._publisher.close()
 
 
 class ParameterServices:
-    """The six services of one node."""
+    """The six services of one node, which owns them."""
 
-    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore, events: ParameterEventPublisher) -> None:
+    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore) -> None:
         self._scope = scope
-        self._events = events
         self._store = store
         table: list[tuple[str, str, Callable[[Any], Any]]] = [
             ("describe_parameters", "DescribeParameters", self._describe),
@@ -111,16 +83,9 @@ class ParameterServices:
             ("set_parameters", "SetParameters", self._set),
             ("set_parameters_atomically", "SetParametersAtomically", self._set_atomically),
         ]
-        self._services: list[ServiceServer[Any, Any]] = [
-            ServiceServer(
-                scope,
-                set_service_type(title) if title in SETTING else late_service_type(f"rcl_interfaces/srv/{title}"),
-                names.resolve_service(f"~/{name}"),
-                handler,
-                PARAMETERS,
-            )
-            for name, title, handler in table
-        ]
+        for name, title, handler in table:
+            service_type = late_service_type(f"rcl_interfaces/srv/{title}")
+            scope.own(ServiceServer(scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS))
 
     def _describe(self, request: srv.DescribeParameters_Request) -> srv.DescribeParameters_Response:
         found = self._store.describe_all(request.names)
@@ -139,38 +104,19 @@ class ParameterServices:
         result = msg.ListParametersResult(names=list(found.names), prefixes=list(found.prefixes))
         return srv.ListParameters_Response(result=result)
 
-    def _set(self, parameters: Sequence[Parameter]) -> list[SetResult]:
-        self._events.hold()
-        try:
-            return [self._answer((item,)) for item in parameters]
-        finally:
-            self._events.let_go()
+    def _set(self, request: srv.SetParameters_Request) -> srv.SetParameters_Response:
+        return srv.SetParameters_Response(results=[self._answer([item]) for item in request.parameters])
 
-    def _set_atomically(self, parameters: Sequence[Parameter]) -> list[SetResult]:
-        self._events.hold()
-        try:
-            return [self._answer(parameters)]
-        finally:
-            self._events.let_go()
+    def _set_atomically(self, request: srv.SetParametersAtomically_Request) -> srv.SetParametersAtomically_Response:
+        return srv.SetParametersAtomically_Response(result=self._answer(request.parameters))
 
-    def _answer(self, parameters: Sequence[Parameter]) -> SetResult:
+    def _answer(self, asked: Sequence[msg.Parameter]) -> msg.SetParametersResult:
         """Always an answer: whoever asks must not wait for a callback's mistake."""
-        for parameter in parameters:
-            if isinstance(parameter, UnreadableParameter):
-                return SetResult(False, parameter.reason)
         try:
-            return self._store.set_atomically(parameters)
+            return result_to_message(self._store.set_atomically([asked_from_message(item) for item in asked]))
+        except InvalidParameterValueError as error:
+            return result_to_message(SetResult(False, str(error)))
         except Exception as error:
             self._scope.report_failure("setting a parameter for another node")
             text = str(error) if isinstance(error, CallbackAnswerError) else f"{type(error).__name__}: {error}"
-            return SetResult(False, text)
-
-    @property
-    def endpoints(self) -> list[ServiceServer[Any, Any]]:
-        """What the node's types in use are found in."""
-        return self._services
-
-    def close(self) -> None:
-        """May be called twice."""
-        for service in self._services:
-            service.close()
+            return result_to_message(SetResult(False, text))

@@ -1,7 +1,7 @@
 """The parameters of one node: declare, get, set, describe, list.
 
 A plain object without I/O: events go to the `on_event` function, callbacks are called in place. Decides the order of
-checks and what each failure says (protocol.md 9.3, 9.4); the rules themselves are in `rules.py`, calling
+checks and what each failure says (protocol.md 9.3, 9.4); the checks themselves are in `validation.py`, calling
 users' functions is `callbacks.py`'s. Nothing is stored before every check and callback has agreed, so a
 refused set leaves no trace.
 
@@ -18,37 +18,37 @@ import threading
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError, Refused, SetCallbacks
-from rosidl_py_gen.runtime.parameters.notifier import News
-from rosidl_py_gen.runtime.parameters.rules import (
+from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError, RefusedError, SetCallbacks
+from rosidl_py_gen.runtime.parameters.notifier import Notifier
+from rosidl_py_gen.runtime.parameters.validation import (
     Listing,
-    descriptor_flaw,
-    descriptor_problem,
+    descriptor_reason,
     list_names,
-    name_flaw,
-    range_flaw,
+    name_reason,
+    range_reason,
+    refusal_reason,
 )
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterName,
-    InvalidParameterValue,
+    InvalidParameterNameError,
+    InvalidParameterValueError,
     Parameter,
-    ParameterAlreadyDeclared,
+    ParameterAlreadyDeclaredError,
     ParameterDescriptor,
     ParameterEvent,
-    ParameterImmutable,
-    ParameterNotDeclared,
+    ParameterImmutableError,
+    ParameterNotDeclaredError,
     ParameterType,
-    ParameterUninitialized,
+    ParameterUninitializedError,
     ParameterValue,
     SetResult,
-    WrongParameterType,
+    WrongParameterTypeError,
     parameter_value,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
-    from rosidl_py_gen.runtime.parameters.callbacks import Commit, Prepare
+    from rosidl_py_gen.runtime.parameters.callbacks import Commit
 
 __all__ = ["CallbackAnswerError", "ParameterEvent", "ParameterStore", "SetResult"]
 
@@ -83,41 +83,12 @@ class ParameterStore:
         self.lock = threading.RLock()
         """Held while something is set or declared; may be taken to do several such things as one."""
         self._on_failure = on_failure
-        self._callbacks = SetCallbacks(on_failure)
-        self._news = News(on_event, self._callbacks.tell, on_failure)
+        self.callbacks = SetCallbacks(on_failure)
+        """Functions to call around each set."""
+        self._notifier = Notifier(on_event, self.callbacks.after, on_failure)
         self._values: dict[str, ParameterValue] = {}
         self._descriptors: dict[str, ParameterDescriptor] = {}
         self._optional: set[str] = set()
-
-    # ------------------------------------------------------------------------------------------------- callbacks
-
-    def add_pre_set_callback(self, callback: Callable[[list[Parameter]], list[Parameter]]) -> Callable[[], None]:
-        """May replace the list to set; all answers are joined. Returns the function that removes it.
-
-        It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop.
-        Raises `TypeError` for an async function.
-        """
-        return self._callbacks.add("pre_set", callback)
-
-    def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Callable[[], None]:
-        """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
-        return self._callbacks.add("on_set", callback)
-
-    def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Callable[[], None]:
-        """Hears of each successful set and declaration, the newest first, on the thread that set.
-
-        It holds up nobody else, so two threads that set may also call it at the same time. One that raises is logged.
-        Returns the function that removes it; raises `TypeError` for an async function.
-        """
-        return self._callbacks.add("post_set", callback)
-
-    def add_mirror(self, prepare: Prepare) -> Callable[[], None]:
-        """For objects that show parameters: `prepare` checks the new values once all callbacks have agreed.
-
-        It raises `Refused`, or returns the function that shows them (None when they do not concern it), which is called
-        when they are stored, before anybody else hears of them. Returns the function that removes it.
-        """
-        return self._callbacks.add("mirrors", prepare)
 
     # ------------------------------------------------------------------------------------------------- declaring
 
@@ -136,28 +107,30 @@ class ParameterStore:
         `dynamic_typing`. An `optional` parameter keeps its type but may be unset again, and stays declared then. An
         empty list in an override takes the type of the declaration.
 
-        Raises `ParameterAlreadyDeclared`, `InvalidParameterName`, `WrongParameterType` (default or override of another
-        type), `InvalidParameterValue` (a range or a callback refused it).
+        Raises:
+            ParameterAlreadyDeclaredError, InvalidParameterNameError.
+            WrongParameterTypeError: default or override have another type.
+            InvalidParameterValueError: a range or a callback refused it.
         """
         with self.lock:
             described = self._declaration(name, default, descriptor)
-            value = default if ignore_override else _fitted(self.overrides.get(name, default), described)
+            value = _fitted(default if ignore_override else self.overrides.get(name, default), described)
             if value.is_set and not described.dynamic_typing and value.type is not described.type:
-                raise WrongParameterType(name, described.type.name, value.type.name)
+                raise WrongParameterTypeError(name, described.type.name, value.type.name)
             parameter = Parameter(name, value)
             try:
-                _, commits = self._agreed([parameter], descriptor_problem(parameter, described, declaring=True))
-            except Refused as refusal:
+                _, commits = self._agreed([parameter], refusal_reason(parameter, described, declaring=True))
+            except RefusedError as refusal:
                 reason = f"parameter {name!r} cannot be declared as {value.value!r}: {refusal}"
-                raise InvalidParameterValue(reason) from refusal.__cause__
+                raise InvalidParameterValueError(reason) from refusal.__cause__
             self._descriptors[name] = replace(described, type=value.type) if described.dynamic_typing else described
             if optional:
                 self._optional.add(name)
             self._values = {**self._values, name: value}
             for commit in commits:
                 commit()
-            self._news.announce(ParameterEvent(new=(parameter,) if value.is_set else ()))
-        self._news.tell([parameter])
+            self._notifier.event(ParameterEvent(new=(parameter,) if value.is_set else ()))
+        self._notifier.after_set([parameter])
         return value
 
     @contextlib.contextmanager
@@ -166,51 +139,47 @@ class ParameterStore:
 
         When the block raises they are forgotten, and nobody ever hears of them.
         """
-        with self._news.held_until(self.lock) as held:
+        declared: list[str] = []
+        with self._notifier.batch(self.lock) as batch:
             try:
-                yield held.withdrawn
+                yield declared
             except BaseException:
-                for name in held.withdrawn:
+                batch.withdraw(declared)
+                for name in declared:
                     self.forget(name)
                 raise
-            held.withdrawn = []
 
     def _agreed(self, parameters: Sequence[Parameter], reason: str) -> tuple[SetResult, list[Commit]]:
-        """The consent, and what to call once the values are stored; raises `Refused` with `reason` or a callback's."""
+        """Consent, and what to call once the values are stored; raises `RefusedError`, for `reason` or theirs."""
         if reason:
-            raise Refused(reason)
-        if self._callbacks.preparing:
-            raise Refused(_NESTED_REASON)
-        result, commits = self._callbacks.ask(parameters)
-        if not result.successful:
-            raise Refused(result.reason)
-        return result, commits
+            raise RefusedError(reason)
+        if self.callbacks.preparing:
+            raise RefusedError(_NESTED_REASON)
+        return self.callbacks.ask(parameters)
 
     def _declaration(
         self, name: str, default: ParameterValue, given: ParameterDescriptor | None
     ) -> ParameterDescriptor:
-        flaw = name_flaw(name)
-        if flaw:
-            raise InvalidParameterName(flaw)
-        if name in self._values:
-            raise ParameterAlreadyDeclared(f"parameter {name!r} is already declared")
         descriptor = ParameterDescriptor() if given is None else given
-        flaw = descriptor_flaw(descriptor)
-        if flaw:
-            raise TypeError(f"parameter {name!r}: {flaw}")
-        flaw = range_flaw(descriptor.floating_point_range) or range_flaw(descriptor.integer_range)
-        if flaw:
-            raise InvalidParameterValue(f"parameter {name!r}: {flaw}")
+        if reason := name_reason(name):
+            raise InvalidParameterNameError(reason)
+        if name in self._values:
+            raise ParameterAlreadyDeclaredError(f"parameter {name!r} is already declared")
+        if reason := descriptor_reason(descriptor):
+            raise TypeError(f"parameter {name!r}: {reason}")
+        if reason := range_reason(descriptor.floating_point_range) or range_reason(descriptor.integer_range):
+            raise InvalidParameterValueError(f"parameter {name!r}: {reason}")
+        default = _fitted(default, descriptor)
         if descriptor.dynamic_typing:
             return replace(descriptor, name=name)
         kind = default.type if descriptor.type is ParameterType.NOT_SET else descriptor.type
         if kind is ParameterType.NOT_SET:
-            raise InvalidParameterValue(
+            raise InvalidParameterValueError(
                 f"parameter {name!r} has no default, so its type is unknown; give a default, a type, or a descriptor "
                 "with dynamic_typing"
             )
         if default.is_set and default.type is not kind:
-            raise WrongParameterType(name, kind.name, default.type.name)
+            raise WrongParameterTypeError(name, kind.name, default.type.name)
         return replace(descriptor, name=name, type=kind)
 
     def declare_overrides(self) -> None:
@@ -220,12 +189,12 @@ class ParameterStore:
                 self.declare(name, value)
 
     def undeclare(self, name: str) -> None:
-        """Forget a parameter without an event; raises `ParameterNotDeclared`, `ParameterImmutable` when read-only."""
+        """Forget a parameter without an event; raises `ParameterNotDeclaredError`, `ParameterImmutableError`."""
         with self.lock:
             if name not in self._values:
-                raise ParameterNotDeclared([name])
+                raise ParameterNotDeclaredError([name])
             if self._descriptors[name].read_only:
-                raise ParameterImmutable(f"parameter {name!r} is read-only and cannot be undeclared")
+                raise ParameterImmutableError(f"parameter {name!r} is read-only and cannot be undeclared")
             self.forget(name)
 
     def has(self, name: str) -> bool:
@@ -237,7 +206,7 @@ class ParameterStore:
     def get(self, name: str) -> ParameterValue:
         """The value; NOT_SET only under dynamic typing or for undeclared names when those are allowed.
 
-        Raises `ParameterNotDeclared`, `ParameterUninitialized`.
+        Raises `ParameterNotDeclaredError`, `ParameterUninitializedError`.
         """
         return self._value_in(self._values, name)
 
@@ -246,9 +215,9 @@ class ParameterStore:
         if value is None:
             if self.allow_undeclared:
                 return NOT_SET
-            raise ParameterNotDeclared([name])
+            raise ParameterNotDeclaredError([name])
         if not value.is_set and not self._descriptor(name).dynamic_typing:
-            raise ParameterUninitialized(f"parameter {name!r} is declared but has no value yet")
+            raise ParameterUninitializedError(f"parameter {name!r} is declared but has no value yet")
         return value
 
     def get_values(self, names: Iterable[str]) -> list[ParameterValue]:
@@ -260,12 +229,12 @@ class ParameterStore:
         """As the get_parameters service answers: in order, or nothing at all when one name has no value."""
         try:
             return self.get_values(names)
-        except (ParameterNotDeclared, ParameterUninitialized):
+        except (ParameterNotDeclaredError, ParameterUninitializedError):
             return []
 
     def peek(self, name: str) -> ParameterValue:
-        """The value; NOT_SET for a parameter that is unset. Raises `ParameterNotDeclared` unless that is allowed."""
-        self._require([name])
+        """The value, NOT_SET for one that is unset; raises `ParameterNotDeclaredError` unless that is allowed."""
+        self._require(name)
         return self._values.get(name, NOT_SET)
 
     def types(self, names: Iterable[str]) -> list[ParameterType]:
@@ -277,8 +246,8 @@ class ParameterStore:
         return [values.get(name, NOT_SET).type for name in asked]
 
     def describe(self, name: str) -> ParameterDescriptor:
-        """The descriptor; an empty one for undeclared names when those are allowed. Raises `ParameterNotDeclared`."""
-        self._require([name])
+        """The descriptor; `ParameterNotDeclaredError`, or an empty one for undeclared names when those are allowed."""
+        self._require(name)
         return self._descriptors.get(name) or ParameterDescriptor(name=name)
 
     def describe_all(self, names: Iterable[str]) -> list[ParameterDescriptor]:
@@ -308,32 +277,32 @@ class ParameterStore:
         """
         try:
             with self.lock:
-                wanted = self._callbacks.before(list(parameters))
+                wanted = self.callbacks.before(list(parameters))
                 result, commits = self._agreed(wanted, self._reason(wanted))
                 event = self._apply(wanted)
                 for commit in commits:
                     commit()
-                self._news.announce(event)
-        except Refused as refusal:
-            if refusal.culprit:
-                self._on_failure(refusal.culprit)
+                self._notifier.event(event)
+        except RefusedError as refusal:
+            if refusal.failed:
+                self._on_failure(refusal.failed)
             return SetResult(False, str(refusal))
-        self._news.tell(wanted)
+        self._notifier.after_set(wanted)
         return result
 
     def _reason(self, wanted: Sequence[Parameter]) -> str:
         """Why the list cannot be set, before callbacks are asked; an empty text when it can."""
         missing = self._missing([parameter.name for parameter in wanted])
         if missing:
-            return str(ParameterNotDeclared(missing))
+            return str(ParameterNotDeclaredError(missing))
         for parameter in wanted:
             described = self._descriptors.get(parameter.name)
             if described is None:
-                reason = name_flaw(parameter.name)
+                reason = name_reason(parameter.name)
             else:
                 # An optional parameter is unset like a declaration without a value.
                 unsetting = not parameter.value.is_set and parameter.name in self._optional and not described.read_only
-                reason = descriptor_problem(parameter, described, declaring=unsetting)
+                reason = refusal_reason(parameter, described, declaring=unsetting)
             if reason:
                 return reason
         return ""
@@ -385,10 +354,9 @@ class ParameterStore:
         values = self._values
         return [] if self.allow_undeclared else [name for name in names if name not in values]
 
-    def _require(self, names: Iterable[str]) -> None:
-        missing = self._missing(names)
-        if missing:
-            raise ParameterNotDeclared(missing)
+    def _require(self, name: str) -> None:
+        if self._missing([name]):
+            raise ParameterNotDeclaredError([name])
 
 
 def _fitted(value: ParameterValue, described: ParameterDescriptor) -> ParameterValue:

@@ -45,19 +45,19 @@ class ParameterError(RosidlError):
     """The caller asked for something a parameter does not allow."""
 
 
-class InvalidParameterName(ParameterError, ValueError):
+class InvalidParameterNameError(ParameterError, ValueError):
     """The caller gave a name a parameter cannot have."""
 
 
-class InvalidParameterValue(ParameterError, ValueError):
+class InvalidParameterValueError(ParameterError, ValueError):
     """The caller gave a value that is no parameter value, or that the node refused; the text has the reason."""
 
 
-class ParameterAlreadyDeclared(ParameterError):
+class ParameterAlreadyDeclaredError(ParameterError):
     """The caller declared a parameter a second time."""
 
 
-class ParameterNotDeclared(ParameterError, LookupError):
+class ParameterNotDeclaredError(ParameterError, LookupError):
     """The caller used parameters that nobody declared; `names` lists them all.
 
     Another node (`node`) does not say which of the `names` it was asked for it does not have, nor whether one is only
@@ -72,15 +72,15 @@ class ParameterNotDeclared(ParameterError, LookupError):
             super().__init__(f"Invalid access to undeclared parameter(s): {list(names)}")
 
 
-class ParameterUninitialized(ParameterError, LookupError):
+class ParameterUninitializedError(ParameterError, LookupError):
     """The caller read a parameter that is declared but has no value yet."""
 
 
-class ParameterImmutable(ParameterError):
+class ParameterImmutableError(ParameterError):
     """The caller tried to change or undeclare a read-only parameter."""
 
 
-class WrongParameterType(ParameterError, TypeError):
+class WrongParameterTypeError(ParameterError, TypeError):
     """A parameter has another type than asked for; the text names both."""
 
     def __init__(self, name: str, expected: str, actual: str) -> None:
@@ -111,13 +111,6 @@ class Parameter:
 
 ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
 """Names with values, or `Parameter` objects."""
-
-
-@dataclass(frozen=True, slots=True)
-class UnreadableParameter(Parameter):
-    """A parameter in a peer's request whose value nobody can know; `reason` is the answer to setting it."""
-
-    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,14 +172,14 @@ class ParameterDescriptor:
     integer_range: IntRange | None = None
 
 
-_SCALARS = ((bool, ParameterType.BOOL), (int, ParameterType.INTEGER), (float, ParameterType.DOUBLE))
-_READY: dict[type, ParameterType] = {
+TYPE_OF: dict[object, ParameterType] = {
     bool: ParameterType.BOOL,
+    int: ParameterType.INTEGER,
     float: ParameterType.DOUBLE,
+    str: ParameterType.STRING,
     bytes: ParameterType.BYTE_ARRAY,
 }
-"""Types whose every value is a parameter value as it is."""
-_ARRAY_OF = {
+ARRAY_OF: dict[ParameterType | None, ParameterType] = {
     ParameterType.BOOL: ParameterType.BOOL_ARRAY,
     ParameterType.INTEGER: ParameterType.INTEGER_ARRAY,
     ParameterType.DOUBLE: ParameterType.DOUBLE_ARRAY,
@@ -198,14 +191,15 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
     """Turn a Python value into a parameter value.
 
     Accepts None, bool, int, float, str, bytes, lists, tuples, array.array and numpy scalars and arrays. An empty list
-    is a byte array, as in rclpy, unless `kind` names the array type. Raises `InvalidParameterValue`, for a
+    is a byte array, as in rclpy, unless `kind` names the array type. Raises `InvalidParameterValueError`, for a
     `ParameterValue` whose type and value do not fit too.
     """
-    ready = _READY.get(type(value))
-    if ready is not None:
-        made = ParameterValue(ready, value)  # type: ignore[arg-type]
+    if type(value) in (float, bool, bytes):  # each is a parameter value as it is
+        made = ParameterValue(TYPE_OF[type(value)], value)  # type: ignore[arg-type]
     elif isinstance(value, ParameterValue):
-        made = parameter_value(value.value, _checked_type(value))
+        if not isinstance(value.type, ParameterType):
+            raise InvalidParameterValueError(f"the type of a ParameterValue must be a ParameterType, got {value!r}")
+        made = parameter_value(value.value, value.type)
     else:
         plain = _plain(value)
         if kind is not None and kind.is_array and isinstance(plain, tuple) and not plain:
@@ -214,20 +208,14 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
     if kind is not None and made.type is not kind:
         if made.value == b"" and kind.is_array:
             return ParameterValue(kind, ())
-        raise InvalidParameterValue(f"{value!r} is of type {made.type.name}, expected {kind.name}")
+        raise InvalidParameterValueError(f"{value!r} is of type {made.type.name}, expected {kind.name}")
     return made
 
 
-def _checked_type(value: ParameterValue) -> ParameterType:
-    if not isinstance(value.type, ParameterType):
-        raise InvalidParameterValue(f"the type of a ParameterValue must be a ParameterType, got {value!r}")
-    return value.type
-
-
 def as_parameters(values: ParametersToSet) -> list[Parameter]:
-    """Raises `TypeError` for what is neither, `InvalidParameterValue` for a value that is no parameter value."""
+    """Raises `TypeError` for what is neither, `InvalidParameterValueError` for a value that is no parameter value."""
     if isinstance(values, Mapping):
-        return [Parameter(require_name(name), _named_value(name, value)) for name, value in values.items()]
+        return [_parameter(name, value) for name, value in values.items()]
     if isinstance(values, (str, bytes, Parameter)) or not isinstance(values, Iterable):
         raise TypeError(f"expected a dict of names and values, or a list of Parameter objects, got {values!r}")
     return [checked_parameter(item) for item in values]
@@ -236,23 +224,20 @@ def as_parameters(values: ParametersToSet) -> list[Parameter]:
 def checked_parameter(item: object) -> Parameter:
     """A parameter as users make them, once type and value are known to fit.
 
-    Raises `TypeError` for what is none, `InvalidParameterValue`.
+    Raises `TypeError` for what is none, `InvalidParameterValueError`.
     """
     if not isinstance(item, Parameter):
         raise TypeError(f"expected Parameter objects, found {item!r}; a dict of names and values will do too")
     if not isinstance(item.value, ParameterValue) or not isinstance(item.value.type, ParameterType):
         raise TypeError(f"the value of a Parameter must be a ParameterValue, as parameter_value makes it, got {item!r}")
-    try:
-        return Parameter(require_name(item.name), parameter_value(item.value.value, item.value.type))
-    except InvalidParameterValue as error:
-        raise InvalidParameterValue(f"parameter {item.name!r}: {error}") from error
+    return _parameter(item.name, item.value)
 
 
-def _named_value(name: str, value: object) -> ParameterValue:
+def _parameter(name: object, value: object) -> Parameter:
     try:
-        return parameter_value(value)
-    except InvalidParameterValue as error:
-        raise InvalidParameterValue(f"parameter {name!r}: {error}") from error
+        return Parameter(require_name(name), parameter_value(value))
+    except InvalidParameterValueError as error:
+        raise InvalidParameterValueError(f"parameter {name!r}: {error}") from error
 
 
 def require_name(name: object, what: str = "a parameter's name") -> str:
@@ -304,12 +289,13 @@ def _infer_scalar(value: object) -> tuple[ParameterType, bool | int | float | st
     if isinstance(value, str):
         # str() drops the class of str enums and the like, which would not compare or print as plain text.
         return ParameterType.STRING, _utf8(str.__str__(value))
-    for python_type, kind in _SCALARS:
-        if isinstance(value, python_type):
-            if kind is ParameterType.INTEGER:
-                return kind, _int64(value)
-            return kind, value if kind is ParameterType.BOOL else float(value)
-    raise InvalidParameterValue(
+    if isinstance(value, bool):
+        return ParameterType.BOOL, value
+    if isinstance(value, int):
+        return ParameterType.INTEGER, _int64(value)
+    if isinstance(value, float):
+        return ParameterType.DOUBLE, float(value)
+    raise InvalidParameterValueError(
         f"{value!r} of type {type(value).__name__} is no parameter value; expected None, bool, int, float, str, bytes "
         "or a list of one of these types"
     )
@@ -320,14 +306,16 @@ def _utf8(text: str) -> str:
         try:
             str.encode(text)
         except UnicodeEncodeError as error:
-            raise InvalidParameterValue(f"{text!r} cannot be sent: {error.reason} at character {error.start}") from None
+            raise InvalidParameterValueError(
+                f"{text!r} cannot be sent: {error.reason} at character {error.start}"
+            ) from None
     return text
 
 
 def _int64(value: object) -> int:
     number = operator.index(value)  # type: ignore[arg-type]
     if not INT64_MIN <= number <= INT64_MAX:
-        raise InvalidParameterValue(f"{number} does not fit an int64")
+        raise InvalidParameterValueError(f"{number} does not fit an int64")
     return number
 
 
@@ -335,12 +323,11 @@ def _infer_array(items: tuple[object, ...]) -> ParameterValue:
     if all(isinstance(item, bytes) for item in items):
         joined = b"".join(item for item in items if isinstance(item, bytes))
         if len(joined) != len(items):
-            raise InvalidParameterValue(f"a list of bytes must have one byte per item, got {list(items)!r}")
+            raise InvalidParameterValueError(f"a list of bytes must have one byte per item, got {list(items)!r}")
         return ParameterValue(ParameterType.BYTE_ARRAY, joined)
     found = [_infer_scalar(item) for item in items]
     kinds = {kind for kind, _ in found}
     if len(kinds) != 1:
         names = ", ".join(sorted(kind.name for kind in kinds))
-        raise InvalidParameterValue(f"all items of an array must have one type, got {names} in {list(items)!r}")
-    array_kind = _ARRAY_OF[kinds.pop()]
-    return ParameterValue(array_kind, tuple(value for _, value in found))  # type: ignore[arg-type]
+        raise InvalidParameterValueError(f"all items of an array must have one type, got {names} in {list(items)!r}")
+    return ParameterValue(ARRAY_OF[kinds.pop()], tuple(value for _, value in found))  # type: ignore[arg-type]

@@ -1,37 +1,42 @@
 """Clocks: what time it is, and who hears when time jumps.
 
 Decides ROS time: system time until an override is enabled, then whatever was last set, 0 before that. Subscribing to
-`/clock` is `node/time.py`. Jump callbacks run on the thread that changes the time, before and after the change.
+`/clock` is `node/sim_time.py`. Jump callbacks run on the thread that changes the time, before and after the change.
 
-Source: protocol.md 9.6.
+Decides how to sleep by a clock that can jump, too: simulated time is never slept for, each jump is looked at instead;
+system time is looked at at least once a second, because somebody may set it. A sleep ends when ROS time is activated or
+deactivated, as in rclpy: a point in one time means nothing in the other, and waiting for it could take for ever.
+
+May import this room only. Source: protocol.md 9.6.
 """
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import logging
 import time
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.time.schedule import Schedule
+from rosidl_py_gen.runtime.time.values import (
+    NS_PER_S,
+    ClockType,
+    ClockTypeError,
+    Duration,
+    Time,
+    TimeRangeError,
+    seconds_to_ns,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-__all__ = [
-    "Clock",
-    "ClockChange",
-    "ClockType",
-    "ClockTypeError",
-    "Duration",
-    "JumpHandle",
-    "Time",
-    "TimeJump",
-    "TimeRangeError",
-]
-
 _log = logging.getLogger(__name__)
+_ANY_JUMP = Duration(nanoseconds=1)
+_LONGEST_PAUSE_S = 1.0
 
 
 class ClockChange(IntEnum):
@@ -59,29 +64,29 @@ class TimeJump:
 class JumpHandle:
     """A registered pair of jump callbacks; close it, or use it as a context manager, to stop them."""
 
-    __slots__ = ("_clock", "_matches", "post", "pre")
+    __slots__ = ("_forget", "_matches", "post", "pre")
 
     def __init__(
         self,
-        clock: Clock,
+        forget: Callable[[JumpHandle], None],
         matches: Callable[[TimeJump], bool],
         pre: Callable[[TimeJump], None] | None,
         post: Callable[[TimeJump], None] | None,
     ) -> None:
-        self._clock: Clock | None = clock
+        self._forget: Callable[[JumpHandle], None] | None = forget
         self._matches = matches
         self.pre = pre
         self.post = post
 
     def matches(self, jump: TimeJump) -> bool:
         """True when the thresholds given at registration select this jump."""
-        return self._clock is not None and self._matches(jump)
+        return self._forget is not None and self._matches(jump)
 
     def close(self) -> None:
         """Stop the callbacks; may be called twice."""
-        clock, self._clock = self._clock, None
-        if clock is not None:
-            clock._forget(self)
+        forget, self._forget = self._forget, None
+        if forget is not None:
+            forget(self)
 
     def __enter__(self) -> JumpHandle:
         return self
@@ -174,12 +179,15 @@ class Clock:
             forward = min_forward is not None and jump.delta >= min_forward
             return forward or (min_backward is not None and jump.delta <= min_backward)
 
-        handle = JumpHandle(self, matches, pre, post)
+        handle = JumpHandle(self._handles.remove, matches, pre, post)
         self._handles.append(handle)
         return handle
 
     async def sleep_until(self, until: Time) -> bool:
-        """Sleep until this clock, simulated or not, reads `until` or later; see `sleep.py`.
+        """Sleep until this clock, simulated or not, reads `until` or later.
+
+        While simulated time has not begun (the clock reads 0) nothing is due, not even time 0. A jump back makes the
+        sleep longer.
 
         Returns:
             False when ROS time was activated or deactivated meanwhile: `until` has no meaning on the other time.
@@ -187,24 +195,34 @@ class Clock:
         Raises:
             ClockTypeError: `until` is of another clock. TypeError: it is no `Time`.
         """
-        from rosidl_py_gen.runtime.time.sleep import sleep_until
-
-        return await sleep_until(self, until)
+        if not isinstance(until, Time):
+            raise TypeError(f"until must be a Time such as clock.now() + Duration(seconds=1), got {until!r:.100}")
+        if until.clock_type is not self.clock_type:
+            raise ClockTypeError(f"cannot sleep until a {until.clock_type.name} on a clock of {self.clock_type.name}")
+        # A period that began at 0: no jump goes back to before that.
+        return await self._sleep(until.nanoseconds, 0)
 
     async def sleep_for(self, duration: Duration | float) -> bool:
         """Sleep by this clock, simulated or not; a number means seconds. False as in `sleep_until`.
 
-        Time that jumps back to before the start of the sleep begins it anew, as a timer's period does.
+        Time that has not begun is waited for first. Time that jumps back to before the start of the sleep begins it
+        anew, as a timer's period does.
 
         Raises:
             TypeError: no duration and no number. TimeRangeError: not finite.
         """
-        from rosidl_py_gen.runtime.time.sleep import sleep_for
+        length_ns = duration.nanoseconds if isinstance(duration, Duration) else seconds_to_ns("duration", duration)
+        if self._active and self.now_ns() == 0 and not await self._sleep(1, 0):
+            return False
+        return await self._sleep(max(length_ns, 0), self.now_ns())
 
-        return await sleep_for(self, duration)
+    async def _sleep(self, length_ns: int, start_ns: int) -> bool:
+        schedule = self.schedule(length_ns, start_ns)
+        return await DueWait(self, schedule, ends_with_source=True).wait()
 
-    def _forget(self, handle: JumpHandle) -> None:
-        self._handles.remove(handle)
+    def schedule(self, period_ns: int, start_ns: int) -> Schedule:
+        """A schedule by this clock whose first period begins at `start_ns`."""
+        return Schedule(period_ns, start_ns, waits_at_zero=self.clock_type is ClockType.ROS_TIME)
 
     def _require_ros_time(self) -> None:
         if self.clock_type is not ClockType.ROS_TIME:
@@ -240,3 +258,69 @@ def _call(callback: Callable[[TimeJump], None] | None, jump: TimeJump) -> None:
         callback(jump)
     except Exception:
         _log.exception("a time jump callback failed; the others and the clock are not affected")
+
+
+class DueWait:
+    """One wait until a schedule is due by a clock that jumps.
+
+    That it was due is noted in the jump itself: the task may wake when time is somewhere else already.
+    """
+
+    def __init__(self, clock: Clock, schedule: Schedule, *, ends_with_source: bool) -> None:
+        self._clock = clock
+        self._schedule = schedule
+        self._ends_with_source = ends_with_source
+        self._loop = asyncio.get_running_loop()
+        self._jumped = asyncio.Event()
+        self._outcome: bool | None = None
+
+    async def wait(self) -> bool:
+        """True when the schedule was due, which is noted as its call; False when the source of time changed before."""
+        if self._left_ns() == 0:
+            await asyncio.sleep(0)  # a loop that is always late must not starve the others
+            return True
+        with self._clock.create_jump_callback(
+            pre=self._before_jump,
+            post=self._after_jump,
+            on_clock_change=True,
+            min_forward=_ANY_JUMP,
+            min_backward=-_ANY_JUMP,
+        ):
+            while True:
+                left_ns = self._left_ns()
+                if self._outcome is not None:
+                    return self._outcome
+                await self._pause(left_ns)
+
+    def _left_ns(self) -> int | None:
+        """0 when over; None when only a jump can tell."""
+        now_ns = self._clock.now_ns()
+        if self._outcome is None and self._schedule.is_ready(now_ns):
+            self._schedule.call(now_ns)
+            self._outcome = True
+        return 0 if self._outcome is not None else self._schedule.time_until_ns(now_ns)
+
+    async def _pause(self, left_ns: int | None) -> None:
+        if left_ns is None or self._clock.ros_time_is_active:
+            await self._jumped.wait()
+        elif self._clock.clock_type is ClockType.STEADY_TIME:
+            await asyncio.sleep(left_ns / NS_PER_S)
+        else:
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(self._jumped.wait(), min(left_ns / NS_PER_S, _LONGEST_PAUSE_S))
+        self._jumped.clear()
+
+    def _before_jump(self, jump: TimeJump) -> None:
+        if jump.source_changed:
+            self._schedule.before_source_change(self._clock.now_ns())
+
+    def _after_jump(self, jump: TimeJump) -> None:
+        if not jump.source_changed:
+            self._left_ns()
+            self._schedule.after_jump(self._clock.now_ns())
+        elif not self._ends_with_source:
+            self._schedule.after_source_change(self._clock.now_ns())
+        elif self._outcome is None:
+            self._outcome = False
+        with contextlib.suppress(RuntimeError):  # the loop was closed with the sleep unfinished
+            self._loop.call_soon_threadsafe(self._jumped.set)

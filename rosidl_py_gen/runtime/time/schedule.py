@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rosidl_py_gen.runtime.time.values import TimeRangeError, seconds_to_ns
+from rosidl_py_gen.runtime.time.values import TimeRangeError, limit_to_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,16 +18,14 @@ class TimerCall:
     Attributes:
         since_last_ns: time since the previous call, or since creation for the first.
         missed: whole periods that passed without a call and are skipped.
-        expected_ns: when the call was due.
     """
 
     since_last_ns: int
     missed: int
-    expected_ns: int
 
 
-class TimerRule:
-    """The state of one timer; every method takes the reading of the timer's clock."""
+class Schedule:
+    """When one timer or sleep is due; every method takes the reading of the timer's clock."""
 
     __slots__ = ("_elapsed_before_jump_ns", "canceled", "last_ns", "next_ns", "period_ns", "waits_at_zero")
 
@@ -53,7 +51,7 @@ class TimerRule:
 
     def call(self, now_ns: int) -> TimerCall:
         """Note a call now and move on to the next due time on the grid that is later than now."""
-        expected_ns, since_last_ns = self.next_ns, now_ns - self.last_ns
+        since_last_ns = now_ns - self.last_ns
         self.last_ns = now_ns
         missed = 0
         if self.period_ns == 0:
@@ -63,7 +61,7 @@ class TimerRule:
             if self.next_ns <= now_ns:
                 missed = (now_ns - self.next_ns) // self.period_ns + 1
                 self.next_ns += missed * self.period_ns
-        return TimerCall(since_last_ns, missed, expected_ns)
+        return TimerCall(since_last_ns, missed)
 
     def cancel(self) -> None:
         """Never be due until `reset`."""
@@ -110,9 +108,9 @@ def period_to_ns(period_s: object, what: str = "period_s") -> int:
     Raises:
         TypeError: no number. TimeRangeError: negative or not finite. Both begin with `what`.
     """
-    period_ns = seconds_to_ns(what, period_s)
-    if period_ns < 0:
-        raise TimeRangeError(f"{what} must be 0 or more, got {period_s!r}")
+    period_ns = limit_to_ns(what, period_s)
+    if period_ns is None:
+        raise TimeRangeError(f"{what} must be finite, got {period_s!r}")
     return period_ns
 
 

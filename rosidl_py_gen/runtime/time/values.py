@@ -47,6 +47,16 @@ class SecNanosec(Protocol):
     nanosec: int
 
 
+def finite_number(what: str, value: object, kind: str) -> float:
+    """Raises `TypeError` for what is no `kind`, `TimeRangeError` for what is not finite; both begin with `what`."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise TypeError(f"{what} must be {kind}, got {value!r:.100}")
+    number = float(value)
+    if not math.isfinite(number):
+        raise TimeRangeError(f"{what} must be finite, got {number!r}")
+    return number
+
+
 def seconds_to_ns(what: str, seconds: object) -> int:
     """A number of seconds, numpy's too, as nanoseconds; rounded when it is no whole number.
 
@@ -55,14 +65,23 @@ def seconds_to_ns(what: str, seconds: object) -> int:
     """
     if isinstance(seconds, Integral) and not isinstance(seconds, bool):
         return int(seconds) * NS_PER_S
-    if not isinstance(seconds, Real) or isinstance(seconds, bool):
-        raise TypeError(f"{what} must be a number of seconds, got {seconds!r:.100}")
-    number = float(seconds)
-    if not math.isfinite(number):
-        raise TimeRangeError(f"{what} must be finite, got {number!r}")
     # Whole seconds apart: the product of both might exceed a float.
-    fraction, whole = math.modf(number)
+    fraction, whole = math.modf(finite_number(what, seconds, "a number of seconds"))
     return int(whole) * NS_PER_S + round(fraction * NS_PER_S)
+
+
+def limit_to_ns(what: str, seconds: object) -> int | None:
+    """How long somebody is willing to wait, as nanoseconds: 0 or more, None for `math.inf`, which means for ever.
+
+    Raises:
+        TypeError: no number. TimeRangeError: negative or NaN. Both begin with `what`.
+    """
+    if isinstance(seconds, float) and seconds == math.inf:
+        return None
+    limit_ns = seconds_to_ns(what, seconds)
+    if limit_ns < 0:
+        raise TimeRangeError(f"{what} must be 0 or more seconds, got {seconds!r}")
+    return limit_ns
 
 
 def _total_ns(seconds: float, nanoseconds: int) -> int:

@@ -4,8 +4,8 @@ Bytes go in, bytes and discovery events come out; names and types are already th
 `cyclone/participant.py` carries them over DDS, `memory.py` inside one process; nothing above this file can tell which
 one it is.
 
-Threads: `write` may be called from any thread. `wait` belongs to the one thread that `loop/bridge.py` chose. A sink is
-called by the bridge on the event loop's thread, and takes what it wants from the queue of its reader.
+Threads: `write` may be called from any thread. A sink is called by the bridge on the event loop's thread, and takes
+what it wants from the queue of its reader.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import struct
 from collections import deque
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import RosidlError
@@ -72,6 +73,35 @@ class TransportError(RosidlError):
 
 class BackendMissingError(RosidlError, ImportError):
     """The user has to install the extra that brings DDS."""
+
+
+# ---------------------------------------------------------------------------------------------------------- settings
+
+
+class DiscoveryRange(Enum):
+    """How far discovery looks for peers."""
+
+    SUBNET = "subnet"
+    LOCALHOST = "localhost"
+    OFF = "off"
+    SYSTEM_DEFAULT = "system_default"
+
+
+@dataclass(frozen=True, slots=True)
+class DomainSettings:
+    """What a context needs to know before it creates a participant.
+
+    Attributes:
+        static_peers: hosts or addresses to contact directly, in the order given.
+        cyclonedds_uri: the user's own configuration, XML or ``file://`` names separated by commas; may be empty.
+        warnings: sentences to log once.
+    """
+
+    domain_id: int = 0
+    discovery: DiscoveryRange = DiscoveryRange.SUBNET
+    static_peers: tuple[str, ...] = ()
+    cyclonedds_uri: str = ""
+    warnings: tuple[str, ...] = ()
 
 
 # --------------------------------------------------------------------------------------------------------- discovery
@@ -234,10 +264,6 @@ class Participant(Protocol):
         """16 bytes, network order; the first 12 are the prefix of all its endpoints."""
 
     @property
-    def must_wait(self) -> bool:
-        """True: somebody has to sit in `wait`. False: every arrival calls the function given to `set_notify`."""
-
-    @property
     def fast_dds_refusal(self) -> str | None:
         """Why services of Fast DDS peers cannot be used; None when they can. Samples of them then have an identity."""
 
@@ -256,26 +282,19 @@ class Participant(Protocol):
         """Report now what was discovered and not reported yet; on the loop's thread, or where no loop runs."""
 
     def set_notify(self, notify: Callable[[], None] | None) -> None:
-        """Call `notify`, from whatever thread, when `collect` has something that `wait` did not announce."""
+        """Call `notify`, from whatever thread, when `collect` has something. For whoever cannot watch `fileno`."""
 
-    def wait(self, timeout_ns: int) -> bool:
-        """Block without the GIL until something arrives, `wake` is called or the time is over.
-
-        Returns:
-            True when `wake` was called.
-        """
-
-    def wake(self) -> None:
-        """End the current or the next `wait`; from any thread."""
+    def fileno(self) -> int | None:
+        """A descriptor that is readable while `collect` has something; None: only `set_notify` tells."""
 
     def collect(self) -> list[Sink]:
         """The sinks that have something to do, each once; the caller calls them on the loop's thread."""
 
-    def mark_big_endian(self, guid_prefix: bytes) -> None:
-        """All samples of this participant's writers are big-endian: pass them on with a header that says so."""
+    def abandon(self) -> None:
+        """In a forked child: touch nothing of what was inherited, now and later."""
 
     def close(self) -> None:
-        """Delete everything; wakes `wait`; may be called twice."""
+        """Delete everything; may be called twice."""
 
 
 class Transport(Protocol):

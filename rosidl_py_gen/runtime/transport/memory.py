@@ -20,12 +20,12 @@ from rosidl_py_gen.runtime.transport.interface import (
     Lost,
     ParticipantFound,
     ReceiveQueue,
-    TransportError,
     effective,
     identified,
     in_fours,
 )
-from rosidl_py_gen.runtime.transport.qos import Durability, History, check_compatible
+from rosidl_py_gen.runtime.transport.matching import check_compatible
+from rosidl_py_gen.runtime.transport.qos import Durability, History
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,7 +69,6 @@ class MemoryTransport:
 class MemoryParticipant:
     """A member of a `MemoryTransport`; see `transport.Participant`."""
 
-    must_wait = False
     fast_dds_refusal: str | None = None
 
     def __init__(
@@ -88,7 +87,6 @@ class MemoryParticipant:
         self.counter = counter
         self.writers: list[MemoryWriter] = []
         self.readers: list[MemoryReader] = []
-        self.big_endian: set[bytes] = set()
         self.closed = False
         self._notify: Callable[[], None] | None = None
         self._ready: dict[Sink, None] = {}
@@ -179,12 +177,8 @@ class MemoryParticipant:
         if self._notify is not None:
             self._notify()
 
-    def wait(self, timeout_ns: int) -> bool:
-        """Nothing to wait for: whoever writes, notifies."""
-        raise TransportError("the memory transport is never waited for")
-
-    def wake(self) -> None:
-        """Nothing waits."""
+    def fileno(self) -> None:
+        """Nothing to watch: whoever writes, notifies."""
 
     def collect(self) -> list[Sink]:
         """See `transport.Participant`."""
@@ -193,9 +187,8 @@ class MemoryParticipant:
             self._ready.clear()
             return ready
 
-    def mark_big_endian(self, guid_prefix: bytes) -> None:
-        """Kept for the record only: bytes pass through here unchanged, header included."""
-        self.big_endian.add(guid_prefix)
+    def abandon(self) -> None:
+        """See `transport.Participant`; a copy of memory harms nobody."""
 
     def close(self) -> None:
         """See `transport.Participant`."""

@@ -1,6 +1,8 @@
-"""Quality-of-service profiles: what they hold, the ROS presets, when two of them match.
+"""Quality-of-service profiles: the policies with rmw's numbers, what a profile holds, and the ROS presets.
 
-Decides values only. How a profile becomes DDS policies is the transport's business (protocol.md 7.3).
+Decides which values there are. When two profiles match is `matching.py`, how one becomes DDS policies is the
+transport's business (protocol.md 7.3). Imports nothing of ours but errors.
+
 Durations are integer nanoseconds with two special values: 0 means "unspecified", `INFINITE_NS` means "never";
 for matching the two are the same, because a DDS entity without the policy has an infinite period.
 """
@@ -8,55 +10,93 @@ for matching the two are the same, because a DDS entity without the policy has a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum
-from typing import TYPE_CHECKING, TypeVar
+from enum import IntEnum
 
-from rosidl_py_gen.runtime.transport.policies import (
-    BEST_AVAILABLE_NS,
-    INFINITE_NS,
-    MAX_DEPTH,
-    POLICIES,
-    UNSPECIFIED_NS,
-    Durability,
-    History,
-    InvalidQoSError,
-    Liveliness,
-    Reliability,
-    duration_ns,
-    policy_of,
-)
+from rosidl_py_gen.errors import RosidlError
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+UNSPECIFIED_NS = 0
+INFINITE_NS = 9223372036_854775807
+BEST_AVAILABLE_NS = 9223372036_854775806
+MAX_DEPTH = 2**31 - 1
 
-__all__ = [
-    "ACTION_STATUS",
-    "BEST_AVAILABLE",
-    "CLOCK",
-    "DEFAULT",
-    "INFINITE_NS",
-    "PARAMETERS",
-    "PARAMETER_EVENTS",
-    "ROSOUT",
-    "SENSOR_DATA",
-    "SERVICES_DEFAULT",
-    "SYSTEM_DEFAULT",
-    "Compatibility",
-    "CompatibilityResult",
-    "Durability",
-    "History",
-    "InvalidQoSError",
-    "Liveliness",
-    "QoSLike",
-    "QoSProfile",
-    "Reliability",
-    "as_profile",
-    "check_compatible",
-    "resolve_best_available",
-    "without_best_available",
-]
 
-_T = TypeVar("_T")
+class InvalidQoSError(RosidlError, ValueError):
+    """The caller asked for a quality of service that cannot exist."""
+
+
+class History(IntEnum):
+    """How many samples are kept; numbers of rmw (protocol.md 7.1)."""
+
+    SYSTEM_DEFAULT = 0
+    KEEP_LAST = 1
+    KEEP_ALL = 2
+    UNKNOWN = 3
+
+
+class Reliability(IntEnum):
+    """Whether lost samples are sent again; numbers of rmw."""
+
+    SYSTEM_DEFAULT = 0
+    RELIABLE = 1
+    BEST_EFFORT = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class Durability(IntEnum):
+    """Whether late joiners get earlier samples; numbers of rmw."""
+
+    SYSTEM_DEFAULT = 0
+    TRANSIENT_LOCAL = 1
+    VOLATILE = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class Liveliness(IntEnum):
+    """Who says that a publisher is alive; numbers of rmw (2 was removed there)."""
+
+    SYSTEM_DEFAULT = 0
+    AUTOMATIC = 1
+    MANUAL_BY_TOPIC = 3
+    UNKNOWN = 4
+    BEST_AVAILABLE = 5
+
+
+POLICIES: dict[str, type[IntEnum]] = {
+    "history": History,
+    "reliability": Reliability,
+    "durability": Durability,
+    "liveliness": Liveliness,
+}
+"""Field of a profile -> what it may hold."""
+
+
+def policy_of(name: str, kind: type[IntEnum], value: object) -> IntEnum:
+    """The member that a plain int stands for; everything else is refused in words that name a member."""
+    numbers = [int(member) for member in kind]
+    if value.__class__ is int and value in numbers and kind is not History:
+        return kind(value)
+    members = ", ".join(f"{kind.__name__}.{member.name}" for member in kind if member.name != "UNKNOWN")
+    words = f"{name} must be one of {members}; got {value!r}"
+    if value.__class__ is int and kind is History:
+        words += f". A keep-last depth is written QoSProfile(depth={value}), or just {value} in place of the profile"
+    elif isinstance(value, str) and value.upper() in kind.__members__:
+        words += f": write {kind.__name__}.{value.upper()}"
+    raise InvalidQoSError(words)
+
+
+def duration_ns(what: str, seconds: float) -> int:
+    """Seconds as a period in ns; raises `InvalidQoSError`."""
+    number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
+    if number and seconds == float("inf"):
+        return INFINITE_NS
+    if not number or not 0 <= seconds < INFINITE_NS / 1e9:
+        raise InvalidQoSError(f"{what} must be seconds, 0 (unspecified) or more, or math.inf; got {seconds!r}")
+    return round(seconds * 1_000_000_000)
+
+
+# ----------------------------------------------------------------------------------------------------------- profile
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +184,9 @@ class QoSProfile:
         return replace(self, liveliness=kind, liveliness_lease_ns=lease_ns)
 
 
+# ----------------------------------------------------------------------------------------------------------- presets
+
+
 DEFAULT = QoSProfile()
 SENSOR_DATA = QoSProfile().keep_last(5).best_effort()
 SERVICES_DEFAULT = QoSProfile()
@@ -178,201 +221,3 @@ def as_profile(qos: QoSLike) -> QoSProfile:
     if isinstance(qos, bool) or not isinstance(qos, int):
         raise InvalidQoSError(f"qos must be a QoSProfile or an int (keep-last depth), got {qos!r}")
     return DEFAULT.keep_last(qos)
-
-
-# ---------------------------------------------------------------------------------------------------------- matching
-
-
-class Compatibility(Enum):
-    """The verdict of `check_compatible`."""
-
-    OK = "ok"
-    WARNING = "warning"
-    ERROR = "error"
-
-
-@dataclass(frozen=True, slots=True)
-class CompatibilityResult:
-    """Verdict and reasons; `reason` is empty when all is well, else fragments that each end in ``;``."""
-
-    compatibility: Compatibility
-    reason: str
-
-    @property
-    def matches(self) -> bool:
-        """False when the two endpoints will certainly not communicate."""
-        return self.compatibility is not Compatibility.ERROR
-
-
-def check_compatible(offered: QoSProfile, requested: QoSProfile) -> CompatibilityResult:
-    """Say whether a publisher with `offered` and a subscription with `requested` communicate, and why not.
-
-    Warnings are looked for only when there is no error, as rmw does. Unlike rmw an infinite duration counts as
-    unspecified: discovered profiles carry infinite ones, and DDS matches them.
-
-    Source: protocol.md 7.6.
-    """
-    errors = [f"ERROR: {text};" for text in _mismatches(offered, requested)]
-    if errors:
-        return CompatibilityResult(Compatibility.ERROR, "".join(errors))
-    warnings = [f"WARNING: {text};" for text in _doubts(offered, requested)]
-    if warnings:
-        return CompatibilityResult(Compatibility.WARNING, "".join(warnings))
-    return CompatibilityResult(Compatibility.OK, "")
-
-
-def _mismatches(offered: QoSProfile, requested: QoSProfile) -> list[str]:
-    found = []
-    if offered.reliability is Reliability.BEST_EFFORT and requested.reliability is Reliability.RELIABLE:
-        found.append("Best effort publisher and reliable subscription")
-    if offered.durability is Durability.VOLATILE and requested.durability is Durability.TRANSIENT_LOCAL:
-        found.append("Volatile publisher and transient local subscription")
-    found += _duration_mismatch(
-        offered.deadline_ns,
-        requested.deadline_ns,
-        "Subscription has a deadline, but publisher does not",
-        "Subscription deadline is less than publisher deadline",
-    )
-    if offered.liveliness is Liveliness.AUTOMATIC and requested.liveliness is Liveliness.MANUAL_BY_TOPIC:
-        found.append("Publisher's liveliness is automatic and subscription's is manual by topic")
-    found += _duration_mismatch(
-        offered.liveliness_lease_ns,
-        requested.liveliness_lease_ns,
-        "Subscription has a liveliness lease duration, but publisher does not",
-        "Subscription liveliness lease duration is less than publisher",
-    )
-    return found
-
-
-def _duration_mismatch(offered_ns: int, requested_ns: int, absent: str, shorter: str) -> list[str]:
-    open_ended = (UNSPECIFIED_NS, INFINITE_NS)
-    if requested_ns in open_ended:
-        return []
-    if offered_ns in open_ended:
-        return [absent]
-    return [shorter] if requested_ns < offered_ns else []
-
-
-def _doubts(offered: QoSProfile, requested: QoSProfile) -> list[str]:
-    reliability, durability, liveliness = requested.reliability, requested.durability, requested.liveliness
-    found = [
-        _doubt(
-            _open(offered.reliability),
-            _open(reliability),
-            offered.reliability is Reliability.BEST_EFFORT,
-            reliability is Reliability.RELIABLE,
-            "Publisher reliability is {} and subscription reliability is {}",
-            "Reliable subscription, but publisher is {}",
-            "Best effort publisher, but subscription is {}",
-        ),
-        _doubt(
-            _open(offered.durability),
-            _open(durability),
-            offered.durability is Durability.VOLATILE,
-            durability is Durability.TRANSIENT_LOCAL,
-            # "durabilty" is how rmw spells it, and tools compare texts.
-            "Publisher durabilty is {} and subscription durability is {}",
-            "Transient local subscription, but publisher is {}",
-            "Volatile publisher, but subscription is {}",
-        ),
-        _doubt(
-            _open(offered.liveliness),
-            _open(liveliness),
-            offered.liveliness is Liveliness.AUTOMATIC,
-            liveliness is Liveliness.MANUAL_BY_TOPIC,
-            "Publisher liveliness is {} and subscription liveliness is {}",
-            "Subscription's liveliness is manual by topic, but publisher's is {}",
-            "Publisher's liveliness is automatic, but subscription's is {}",
-        ),
-    ]
-    return [text for text in found if text]
-
-
-def _open(policy: Reliability | Durability | Liveliness) -> str:
-    """The policy's name when its meaning is left to the middleware or was not discovered, else an empty text."""
-    return policy.name.lower() if policy.name in ("SYSTEM_DEFAULT", "UNKNOWN") else ""
-
-
-def _doubt(
-    offered: str, requested: str, weak_offer: bool, strong_request: bool, both: str, unsure_offer: str, unsure_ask: str
-) -> str:
-    if offered and requested:
-        return both.format(offered, requested)
-    if offered and strong_request:
-        return unsure_offer.format(offered)
-    if requested and weak_offer:
-        return unsure_ask.format(requested)
-    return ""
-
-
-# ---------------------------------------------------------------------------------------------------- best available
-
-
-def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]) -> QoSProfile:
-    """Replace the BEST_AVAILABLE policies of a new endpoint by what its discovered `peers` allow.
-
-    `publisher` says which side is created; `peers` are the endpoints of the other side. This happens once, at
-    creation; with no peer a subscription becomes RELIABLE, TRANSIENT_LOCAL and MANUAL_BY_TOPIC, because "all of
-    nobody" holds.
-
-    Source: protocol.md 7.5.
-    """
-    return replace(
-        profile,
-        reliability=_best_reliability(profile.reliability, publisher, peers),
-        durability=_best_durability(profile.durability, publisher, peers),
-        liveliness=_best_liveliness(profile.liveliness, publisher, peers),
-        deadline_ns=_best_duration(profile.deadline_ns, publisher, [peer.deadline_ns for peer in peers]),
-        liveliness_lease_ns=_best_duration(
-            profile.liveliness_lease_ns, publisher, [peer.liveliness_lease_ns for peer in peers]
-        ),
-    )
-
-
-def without_best_available(profile: QoSProfile) -> QoSProfile:
-    """Replace BEST_AVAILABLE policies by those of `SERVICES_DEFAULT`, as services and clients do (7.5)."""
-    default = SERVICES_DEFAULT
-    return replace(
-        profile,
-        reliability=_unless(profile.reliability, Reliability.BEST_AVAILABLE, default.reliability),
-        durability=_unless(profile.durability, Durability.BEST_AVAILABLE, default.durability),
-        liveliness=_unless(profile.liveliness, Liveliness.BEST_AVAILABLE, default.liveliness),
-        deadline_ns=_unless(profile.deadline_ns, BEST_AVAILABLE_NS, default.deadline_ns),
-        liveliness_lease_ns=_unless(profile.liveliness_lease_ns, BEST_AVAILABLE_NS, default.liveliness_lease_ns),
-    )
-
-
-def _best_reliability(wanted: Reliability, publisher: bool, peers: Sequence[QoSProfile]) -> Reliability:
-    if wanted is not Reliability.BEST_AVAILABLE:
-        return wanted
-    if publisher or all(peer.reliability is Reliability.RELIABLE for peer in peers):
-        return Reliability.RELIABLE
-    return Reliability.BEST_EFFORT
-
-
-def _best_durability(wanted: Durability, publisher: bool, peers: Sequence[QoSProfile]) -> Durability:
-    if wanted is not Durability.BEST_AVAILABLE:
-        return wanted
-    if publisher or all(peer.durability is Durability.TRANSIENT_LOCAL for peer in peers):
-        return Durability.TRANSIENT_LOCAL
-    return Durability.VOLATILE
-
-
-def _best_liveliness(wanted: Liveliness, publisher: bool, peers: Sequence[QoSProfile]) -> Liveliness:
-    if wanted is not Liveliness.BEST_AVAILABLE:
-        return wanted
-    manual = [peer.liveliness is Liveliness.MANUAL_BY_TOPIC for peer in peers]
-    return Liveliness.MANUAL_BY_TOPIC if (any(manual) if publisher else all(manual)) else Liveliness.AUTOMATIC
-
-
-def _best_duration(wanted_ns: int, publisher: bool, peers_ns: Sequence[int]) -> int:
-    if wanted_ns != BEST_AVAILABLE_NS:
-        return wanted_ns
-    # An unspecified period is endless for DDS, so it must lose a "smallest" and win a "largest".
-    known = [INFINITE_NS if value == UNSPECIFIED_NS else value for value in peers_ns]
-    best = (min if publisher else max)(known, default=INFINITE_NS)
-    return UNSPECIFIED_NS if best == INFINITE_NS else best
-
-
-def _unless(value: _T, unwanted: _T, default: _T) -> _T:
-    return default if value == unwanted else value

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from action_worlds import Fibonacci
-from worlds import World, run, until
+from worlds import World, until
 
 from rosidl_py_gen.runtime.endpoints.types import service_type
 from rosidl_py_gen.runtime.names.dds import reply_name, request_name, topic_name, type_name
@@ -50,61 +50,52 @@ async def until_canceled(goal: Any) -> Any:
     return goal.canceled(Fibonacci.Result(sequence=[1, 2]))
 
 
-def test_a_goal_from_sending_to_its_cancelled_end(world: World) -> None:
-    async def main() -> None:
-        watcher = world.node("watcher")
-        send = tap_service(watcher, "/fib/_action/send_goal", f"{ACTION}SendGoal_")
-        result = tap_service(watcher, "/fib/_action/get_result", f"{ACTION}GetResult_")
-        cancel = tap_service(watcher, "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
-        feedback = Tap(watcher, "rt/fib/_action/feedback", f"{ACTION}FeedbackMessage_")
-        status = Tap(watcher, "rt/fib/_action/status", "action_msgs::msg::dds_::GoalStatusArray_")
-        server = world.node("server")
-        server.clock.enable_ros_time_override()
-        server.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
-        server.create_action_server(Fibonacci, "fib", until_canceled)
-        client = world.node("client").create_action_client(Fibonacci, "fib")
-        goal = await client.send_goal(Fibonacci.Goal(order=3), timeout_s=5, goal_id=GOAL_ID)
-        await until(lambda: len(status.reader.queue.items) == 1)
-        await goal.cancel(timeout_s=5)
-        await goal.result(timeout_s=5)
-        one = GOAL_ID.hex()
-        assert send[0].take() == [wire(one, "03 00 00 00")]  # goal_id, order
-        assert send[1].take() == [wire("01 00 00 00", STAMP)]  # accepted, 3 pad bytes, stamp
-        assert result[0].take() == [wire(one)]
-        # status CANCELED, 3 pad bytes, two numbers
-        assert result[1].take() == [wire("05 00 00 00", "02 00 00 00", "01 00 00 00", "02 00 00 00")]
-        assert cancel[0].take() == [wire(one, "00 00 00 00  00 00 00 00")]  # goal_id, zero stamp
-        # return_code NONE, 3 pad bytes, one GoalInfo with the acceptance stamp
-        assert cancel[1].take() == [wire("00 00 00 00", "01 00 00 00", one, STAMP)]
-        assert feedback.take(service=False) == [wire(one, "01 00 00 00", "07 00 00 00")]
-        row = ("01 00 00 00", one, STAMP)  # one status: GoalInfo, then the number
-        assert status.take(service=False) == [wire(*row, number) for number in ("02", "03", "05")]
-
-    run(main)
+async def test_a_goal_from_sending_to_its_cancelled_end(world: World) -> None:
+    watcher = world.node("watcher")
+    send = tap_service(watcher, "/fib/_action/send_goal", f"{ACTION}SendGoal_")
+    result = tap_service(watcher, "/fib/_action/get_result", f"{ACTION}GetResult_")
+    cancel = tap_service(watcher, "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
+    feedback = Tap(watcher, "rt/fib/_action/feedback", f"{ACTION}FeedbackMessage_")
+    status = Tap(watcher, "rt/fib/_action/status", "action_msgs::msg::dds_::GoalStatusArray_")
+    server = world.node("server")
+    server.clock.enable_ros_time_override()
+    server.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
+    server.create_action_server(Fibonacci, "fib", until_canceled)
+    client = world.node("client").create_action_client(Fibonacci, "fib")
+    goal = await client.send_goal(Fibonacci.Goal(order=3), timeout_s=5, goal_id=GOAL_ID)
+    await until(lambda: len(status.reader.queue.items) == 1)
+    await goal.cancel(timeout_s=5)
+    await goal.result(timeout_s=5)
+    one = GOAL_ID.hex()
+    assert send[0].take() == [wire(one, "03 00 00 00")]  # goal_id, order
+    assert send[1].take() == [wire("01 00 00 00", STAMP)]  # accepted, 3 pad bytes, stamp
+    assert result[0].take() == [wire(one)]
+    # status CANCELED, 3 pad bytes, two numbers
+    assert result[1].take() == [wire("05 00 00 00", "02 00 00 00", "01 00 00 00", "02 00 00 00")]
+    assert cancel[0].take() == [wire(one, "00 00 00 00  00 00 00 00")]  # goal_id, zero stamp
+    # return_code NONE, 3 pad bytes, one GoalInfo with the acceptance stamp
+    assert cancel[1].take() == [wire("00 00 00 00", "01 00 00 00", one, STAMP)]
+    assert feedback.take(service=False) == [wire(one, "01 00 00 00", "07 00 00 00")]
+    row = ("01 00 00 00", one, STAMP)  # one status: GoalInfo, then the number
+    assert status.take(service=False) == [wire(*row, number) for number in ("02", "03", "05")]
 
 
-def test_cancel_all_and_cancel_before_select_by_zeros(world: World) -> None:
-    async def main() -> None:
-        cancel = tap_service(world.node("watcher"), "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
-        world.node("server").create_action_server(Fibonacci, "fib", until_canceled)
-        client = world.node("client").create_action_client(Fibonacci, "fib")
-        await client.cancel_all(timeout_s=5)
-        await client.cancel_before(Time(seconds=10, nanoseconds=5), timeout_s=5)
-        assert cancel[0].take() == [wire("00" * 24), wire("00" * 16, STAMP)]
-        assert cancel[1].take() == [wire("00 00 00 00", "00 00 00 00")] * 2
-
-    run(main)
+async def test_cancel_all_and_cancel_before_select_by_zeros(world: World) -> None:
+    cancel = tap_service(world.node("watcher"), "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
+    world.node("server").create_action_server(Fibonacci, "fib", until_canceled)
+    client = world.node("client").create_action_client(Fibonacci, "fib")
+    await client.cancel_all(timeout_s=5)
+    await client.cancel_before(Time(seconds=10, nanoseconds=5), timeout_s=5)
+    assert cancel[0].take() == [wire("00" * 24), wire("00" * 16, STAMP)]
+    assert cancel[1].take() == [wire("00 00 00 00", "00 00 00 00")] * 2
 
 
-def test_an_unknown_goal_is_answered_unknown_with_a_default_result(world: World) -> None:
-    async def main() -> None:
-        result = tap_service(world.node("watcher"), "/fib/_action/get_result", f"{ACTION}GetResult_")
-        world.node("server").create_action_server(Fibonacci, "fib", until_canceled)
-        ask = world.node("client").create_client(Fibonacci.GetResult, "fib/_action/get_result")
-        await ask.call(Fibonacci.GetResult.Request(), timeout_s=5)
-        assert result[1].take() == [wire("00 00 00 00", "00 00 00 00")]
-
-    run(main)
+async def test_an_unknown_goal_is_answered_unknown_with_a_default_result(world: World) -> None:
+    result = tap_service(world.node("watcher"), "/fib/_action/get_result", f"{ACTION}GetResult_")
+    world.node("server").create_action_server(Fibonacci, "fib", until_canceled)
+    ask = world.node("client").create_client(Fibonacci.GetResult, "fib/_action/get_result")
+    await ask.call(Fibonacci.GetResult.Request(), timeout_s=5)
+    assert result[1].take() == [wire("00 00 00 00", "00 00 00 00")]
 
 
 def test_names_types_and_qos_are_those_of_ros(world: World) -> None:

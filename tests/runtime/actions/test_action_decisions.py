@@ -8,11 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 from action_worlds import Fibonacci, fibonacci, goal, pair, result, until_canceled
-from worlds import World, run, take, until
+from worlds import World, take, until
 
-from rosidl_py_gen.runtime.actions.client_goal import AlreadyTerminated, CancelRejected, GoalRejected
-from rosidl_py_gen.runtime.actions.server_goal import GoalDecision
-from rosidl_py_gen.runtime.actions.states import GoalStatus, GoalTransitionError
+from rosidl_py_gen.runtime import (
+    AlreadyTerminatedError,
+    CancelRejectedError,
+    GoalDecision,
+    GoalRejectedError,
+    GoalStatus,
+    GoalTransitionError,
+)
 
 S = GoalStatus
 
@@ -21,110 +26,92 @@ S = GoalStatus
 
 
 @pytest.mark.parametrize("answer", [None, True, 1, np.True_, "yes", GoalDecision.ACCEPT])
-def test_answers_that_accept(world: World, answer: object) -> None:
-    async def main() -> None:
-        _, client = await pair(world, accept=lambda request: answer)
-        assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.SUCCEEDED
-
-    run(main)
+async def test_answers_that_accept(world: World, answer: object) -> None:
+    _, client = await pair(world, accept=lambda request: answer)
+    assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.SUCCEEDED
 
 
 @pytest.mark.parametrize("answer", [False, 0, np.False_, "", np.array([True, False]), GoalDecision.REJECT])
-def test_answers_that_reject(world: World, answer: object) -> None:
-    async def main() -> None:
-        server, client = await pair(world, accept=lambda request: answer)
-        with pytest.raises(GoalRejected):
-            await client.send_goal(goal(), timeout_s=5)
-        assert server.goals == [] and server._undecided == set()
-
-    run(main)
+async def test_answers_that_reject(world: World, answer: object) -> None:
+    server, client = await pair(world, accept=lambda request: answer)
+    with pytest.raises(GoalRejectedError):
+        await client.send_goal(goal(), timeout_s=5)
+    assert server.goals == [] and server._undecided == {}
 
 
 @pytest.mark.parametrize(
     ("answer", "agreed"), [(None, True), (True, True), (1, True), (np.False_, False), (0, False), ("", False)]
 )
-def test_answers_to_a_cancel(world: World, answer: object, agreed: bool) -> None:
-    async def main() -> None:
-        _, client = await pair(world, until_canceled, on_cancel=lambda handle: answer)
-        handle = await client.send_goal(goal())
-        if agreed:
+async def test_answers_to_a_cancel(world: World, answer: object, agreed: bool) -> None:
+    _, client = await pair(world, until_canceled, on_cancel=lambda handle: answer)
+    handle = await client.send_goal(goal())
+    if agreed:
+        await handle.cancel(timeout_s=5)
+        assert (await handle.result(timeout_s=5))[0] is S.CANCELED
+    else:
+        with pytest.raises(CancelRejectedError):
             await handle.cancel(timeout_s=5)
-            assert (await handle.result(timeout_s=5))[0] is S.CANCELED
-        else:
-            with pytest.raises(CancelRejected):
-                await handle.cancel(timeout_s=5)
-
-    run(main)
 
 
-def test_a_callback_that_raises_cancelled_error_refuses(world: World) -> None:
+async def test_a_callback_that_raises_cancelled_error_refuses(world: World) -> None:
     async def refuse(_: Any) -> bool:
         raise asyncio.CancelledError
 
-    async def main() -> None:
-        server, client = await pair(world, until_canceled, on_cancel=refuse)
-        handle = await client.send_goal(goal())
-        with pytest.raises(CancelRejected):
-            await handle.cancel(timeout_s=5)
-        server.close()
-        world.node().create_action_server(Fibonacci, "other", fibonacci, accept=refuse)
-        other = world.node().create_action_client(Fibonacci, "other")
-        with pytest.raises(GoalRejected):
-            await other.send_goal(goal(), timeout_s=5)
-
-    run(main)
+    server, client = await pair(world, until_canceled, on_cancel=refuse)
+    handle = await client.send_goal(goal())
+    with pytest.raises(CancelRejectedError):
+        await handle.cancel(timeout_s=5)
+    server.close()
+    world.node().create_action_server(Fibonacci, "other", fibonacci, accept=refuse)
+    other = world.node().create_action_client(Fibonacci, "other")
+    with pytest.raises(GoalRejectedError):
+        await other.send_goal(goal(), timeout_s=5)
 
 
 # ------------------------------------------------------------------------------- goals that end during a decision
 
 
 @pytest.mark.parametrize("agreed", [True, False])
-def test_goals_that_end_while_a_cancel_is_decided_leave_an_empty_list(world: World, agreed: bool) -> None:
+async def test_goals_that_end_while_a_cancel_is_decided_leave_an_empty_list(world: World, agreed: bool) -> None:
     """protocol.md 8.4: a zero id always gets code 0, which here once was 3."""
 
-    async def main() -> None:
-        asked, decide = asyncio.Event(), asyncio.Event()
+    asked, decide = asyncio.Event(), asyncio.Event()
 
-        async def on_cancel(handle: Any) -> bool:
-            asked.set()
-            await decide.wait()
-            return agreed
+    async def on_cancel(handle: Any) -> bool:
+        asked.set()
+        await decide.wait()
+        return agreed
 
-        server, client = await pair(world, None, on_cancel=on_cancel)
-        sent = [asyncio.ensure_future(client.send_goal(goal())) for _ in range(2)]
-        accepted = [(await take(aiter_of(server))).accept() for _ in range(2)]
-        waiting = asyncio.ensure_future(client.cancel_all(timeout_s=5))
-        await asyncio.wait_for(asked.wait(), 5)
-        for handle in accepted:
-            handle.succeed(result(1))
-        decide.set()
-        assert await waiting == []
-        assert [(await (await one).result(timeout_s=5))[0] for one in sent] == [S.SUCCEEDED] * 2
-
-    run(main)
+    server, client = await pair(world, None, on_cancel=on_cancel)
+    sent = [asyncio.ensure_future(client.send_goal(goal())) for _ in range(2)]
+    accepted = [(await take(aiter_of(server))).accept() for _ in range(2)]
+    waiting = asyncio.ensure_future(client.cancel_all(timeout_s=5))
+    await asyncio.wait_for(asked.wait(), 5)
+    for handle in accepted:
+        handle.succeed(result(1))
+    decide.set()
+    assert await waiting == []
+    assert [(await (await one).result(timeout_s=5))[0] for one in sent] == [S.SUCCEEDED] * 2
 
 
 @pytest.mark.parametrize("agreed", [True, False])
-def test_one_goal_that_ends_while_its_cancel_is_decided_is_terminated(world: World, agreed: bool) -> None:
-    async def main() -> None:
-        asked, decide = asyncio.Event(), asyncio.Event()
+async def test_one_goal_that_ends_while_its_cancel_is_decided_is_terminated(world: World, agreed: bool) -> None:
+    asked, decide = asyncio.Event(), asyncio.Event()
 
-        async def on_cancel(handle: Any) -> bool:
-            asked.set()
-            await decide.wait()
-            return agreed
+    async def on_cancel(handle: Any) -> bool:
+        asked.set()
+        await decide.wait()
+        return agreed
 
-        server, client = await pair(world, None, on_cancel=on_cancel)
-        sent = asyncio.ensure_future(client.send_goal(goal()))
-        accepted = (await take(aiter_of(server))).accept()
-        waiting = asyncio.ensure_future((await sent).cancel(timeout_s=5))
-        await asyncio.wait_for(asked.wait(), 5)
-        accepted.succeed(result(1))
-        decide.set()
-        with pytest.raises(AlreadyTerminated):
-            await waiting
-
-    run(main)
+    server, client = await pair(world, None, on_cancel=on_cancel)
+    sent = asyncio.ensure_future(client.send_goal(goal()))
+    accepted = (await take(aiter_of(server))).accept()
+    waiting = asyncio.ensure_future((await sent).cancel(timeout_s=5))
+    await asyncio.wait_for(asked.wait(), 5)
+    accepted.succeed(result(1))
+    decide.set()
+    with pytest.raises(AlreadyTerminatedError):
+        await waiting
 
 
 def aiter_of(server: Any) -> Any:
@@ -135,107 +122,92 @@ def aiter_of(server: Any) -> Any:
 
 
 @pytest.mark.parametrize("policy", ["queue", "preempt"])
-def test_deferred_goals_keep_to_the_policy(world: World, policy: str) -> None:
-    async def main() -> None:
-        running: list[int] = []
-        most: list[int] = []
-        release = asyncio.Event()
+async def test_deferred_goals_keep_to_the_policy(world: World, policy: str) -> None:
+    running: list[int] = []
+    most: list[int] = []
+    release = asyncio.Event()
 
-        async def execute(handle: Any) -> Any:
-            running.append(handle.request.order)
-            most.append(len(running))
-            await release.wait()
-            running.remove(handle.request.order)
-            return result(handle.request.order)
+    async def execute(handle: Any) -> Any:
+        running.append(handle.request.order)
+        most.append(len(running))
+        await release.wait()
+        running.remove(handle.request.order)
+        return result(handle.request.order)
 
-        def accept(request: Any) -> GoalDecision:
-            return GoalDecision.DEFER if request.order == 2 else GoalDecision.ACCEPT
+    def accept(request: Any) -> GoalDecision:
+        return GoalDecision.DEFER if request.order == 2 else GoalDecision.ACCEPT
 
-        server, client = await pair(world, execute, accept=accept, policy=policy)
-        deferred = await client.send_goal(goal(2))
-        first = await client.send_goal(goal(1))
-        await until(lambda: running == [1])
-        waiting, runs = server.goals
-        waiting.execute()
-        waiting.execute()
-        await asyncio.sleep(0.02)
-        assert waiting.status is S.ACCEPTED
-        assert runs.status is (S.EXECUTING if policy == "queue" else S.CANCELING)
-        release.set()
-        assert [(await one.result(timeout_s=5))[0] for one in (first, deferred)] == [S.SUCCEEDED, S.SUCCEEDED]
-        assert most == [1, 1]
-
-    run(main)
+    server, client = await pair(world, execute, accept=accept, policy=policy)
+    deferred = await client.send_goal(goal(2))
+    first = await client.send_goal(goal(1))
+    await until(lambda: running == [1])
+    waiting, runs = server.goals
+    waiting.execute()
+    waiting.execute()
+    await asyncio.sleep(0.02)
+    assert waiting.status is S.ACCEPTED
+    assert runs.status is (S.EXECUTING if policy == "queue" else S.CANCELING)
+    release.set()
+    assert [(await one.result(timeout_s=5))[0] for one in (first, deferred)] == [S.SUCCEEDED, S.SUCCEEDED]
+    assert most == [1, 1]
 
 
-def test_a_deferred_goal_that_is_never_executed_does_not_hold_up_the_line(world: World) -> None:
-    async def main() -> None:
-        def accept(request: Any) -> GoalDecision:
-            return GoalDecision.DEFER if request.order == 13 else GoalDecision.ACCEPT
+async def test_a_deferred_goal_that_is_never_executed_does_not_hold_up_the_line(world: World) -> None:
+    def accept(request: Any) -> GoalDecision:
+        return GoalDecision.DEFER if request.order == 13 else GoalDecision.ACCEPT
 
-        server, client = await pair(world, accept=accept, policy="queue")
-        await client.send_goal(goal(13))
-        handles = [await client.send_goal(goal(n)) for n in (1, 2)]
-        assert [(await one.result(timeout_s=5))[0] for one in handles] == [S.SUCCEEDED] * 2
-        assert [one.status for one in server.goals] == [S.ACCEPTED]
-
-    run(main)
+    server, client = await pair(world, accept=accept, policy="queue")
+    await client.send_goal(goal(13))
+    handles = [await client.send_goal(goal(n)) for n in (1, 2)]
+    assert [(await one.result(timeout_s=5))[0] for one in handles] == [S.SUCCEEDED] * 2
+    assert [one.status for one in server.goals] == [S.ACCEPTED]
 
 
-def test_a_stream_learns_when_its_goals_start(world: World) -> None:
-    async def main() -> None:
-        server, client = await pair(world, None, policy="queue")
-        requests = aiter_of(server)
-        sent = [asyncio.ensure_future(client.send_goal(goal(n))) for n in range(3)]
-        first, second, third = [(await take(requests)).accept() for _ in sent]
-        handles = [await one for one in sent]
-        assert await first.started()
-        assert (second.status, second.has_started) == (S.ACCEPTED, False)
-        with pytest.raises(GoalTransitionError):
-            second.succeed(result(1))
-        starts = [asyncio.ensure_future(one.started()) for one in (second, third)]
-        await next(h for h in handles if h.goal_id == third.goal_id).cancel(timeout_s=5)
-        assert await starts[1] is False and third.status is S.CANCELED
-        assert not starts[0].done()
-        first.succeed(result(0))
-        assert await starts[0] is True and second.status is S.EXECUTING
+async def test_a_stream_learns_when_its_goals_start(world: World) -> None:
+    server, client = await pair(world, None, policy="queue")
+    requests = aiter_of(server)
+    sent = [asyncio.ensure_future(client.send_goal(goal(n))) for n in range(3)]
+    first, second, third = [(await take(requests)).accept() for _ in sent]
+    handles = [await one for one in sent]
+    assert await first.started()
+    assert (second.status, second.has_started) == (S.ACCEPTED, False)
+    with pytest.raises(GoalTransitionError):
         second.succeed(result(1))
-        statuses = sorted([(await one.result(timeout_s=5))[0] for one in handles])
-        assert statuses == [S.SUCCEEDED, S.SUCCEEDED, S.CANCELED]
+    starts = [asyncio.ensure_future(one.started()) for one in (second, third)]
+    await next(h for h in handles if h.goal_id == third.goal_id).cancel(timeout_s=5)
+    assert await starts[1] is False and third.status is S.CANCELED
+    assert not starts[0].done()
+    first.succeed(result(0))
+    assert await starts[0] is True and second.status is S.EXECUTING
+    second.succeed(result(1))
+    statuses = sorted([(await one.result(timeout_s=5))[0] for one in handles])
+    assert statuses == [S.SUCCEEDED, S.SUCCEEDED, S.CANCELED]
 
-    run(main)
 
-
-def test_whoever_waits_for_a_start_is_told_when_the_server_closes(world: World) -> None:
-    async def main() -> None:
-        server, client = await pair(world, None, policy="queue")
-        requests = aiter_of(server)
-        sent = [asyncio.ensure_future(client.send_goal(goal(n))) for n in range(2)]
-        first, second = [(await take(requests)).accept() for _ in sent]
-        start = asyncio.ensure_future(second.started())
-        await asyncio.sleep(0)
-        server.close()
-        assert await start is False and await first.started() is True
-        assert first.cancel_requested and second.cancel_requested
-        await asyncio.gather(*sent, return_exceptions=True)
-
-    run(main)
+async def test_whoever_waits_for_a_start_is_told_when_the_server_closes(world: World) -> None:
+    server, client = await pair(world, None, policy="queue")
+    requests = aiter_of(server)
+    sent = [asyncio.ensure_future(client.send_goal(goal(n))) for n in range(2)]
+    first, second = [(await take(requests)).accept() for _ in sent]
+    start = asyncio.ensure_future(second.started())
+    await asyncio.sleep(0)
+    server.close()
+    assert await start is False and await first.started() is True
+    assert first.cancel_requested and second.cancel_requested
+    await asyncio.gather(*sent, return_exceptions=True)
 
 
 @pytest.mark.parametrize("by", ["defer", "accept"])
-def test_a_cancelled_goal_that_never_started_ends_by_itself(world: World, by: str) -> None:
-    async def main() -> None:
-        if by == "accept":
-            server, client = await pair(world, fibonacci, accept=lambda request: GoalDecision.DEFER)
-            handle = await client.send_goal(goal())
-            (waiting,) = server.goals
-        else:
-            server, client = await pair(world, None)
-            sent = asyncio.ensure_future(client.send_goal(goal()))
-            waiting = (await take(aiter_of(server))).defer()
-            handle = await sent
-        await handle.cancel(timeout_s=5)
-        assert (await handle.result(timeout_s=5))[0] is S.CANCELED
-        assert server.goals == [] and await waiting.started() is False and waiting.cancel_requested
-
-    run(main)
+async def test_a_cancelled_goal_that_never_started_ends_by_itself(world: World, by: str) -> None:
+    if by == "accept":
+        server, client = await pair(world, fibonacci, accept=lambda request: GoalDecision.DEFER)
+        handle = await client.send_goal(goal())
+        (waiting,) = server.goals
+    else:
+        server, client = await pair(world, None)
+        sent = asyncio.ensure_future(client.send_goal(goal()))
+        waiting = (await take(aiter_of(server))).defer()
+        handle = await sent
+    await handle.cancel(timeout_s=5)
+    assert (await handle.result(timeout_s=5))[0] is S.CANCELED
+    assert server.goals == [] and await waiting.started() is False and waiting.cancel_requested

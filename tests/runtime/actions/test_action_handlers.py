@@ -51,168 +51,141 @@ def test_the_tests_that_press_ctrl_c_pass_in_a_background_job_too() -> None:
     assert done.returncode == 0, done.stdout
 
 
-def test_closing_asks_plain_handlers_to_end(world: World, caplog: pytest.LogCaptureFixture) -> None:
-    async def main() -> None:
-        outcomes: list[Any] = []
-        entered = threading.Event()
+async def test_closing_asks_plain_handlers_to_end(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    outcomes: list[Any] = []
+    entered = threading.Event()
 
-        def execute(handle: Any) -> Any:
-            entered.set()
-            while not handle.cancel_requested:
-                time.sleep(0.005)
-            try:
-                handle.canceled(result(1))
-            except ClosedError as error:
-                outcomes.append(error)
-                raise
+    def execute(handle: Any) -> Any:
+        entered.set()
+        while not handle.cancel_requested:
+            time.sleep(0.005)
+        try:
+            handle.canceled(result(1))
+        except ClosedError as error:
+            outcomes.append(error)
+            raise
 
-        server, client = await pair(world, execute)
-        await client.send_goal(goal())
-        await until(entered.is_set)
-        server.close()
-        await until(lambda: len(outcomes) == 1)
-        await asyncio.sleep(0.01)
-        assert "failed" not in caplog.text
-
-    run(main)
+    server, client = await pair(world, execute)
+    await client.send_goal(goal())
+    await until(entered.is_set)
+    server.close()
+    await until(lambda: len(outcomes) == 1)
+    await asyncio.sleep(0.01)
+    assert "failed" not in caplog.text
 
 
-def test_closing_asks_async_handlers_to_end(world: World) -> None:
-    async def main() -> None:
-        seen: list[bool] = []
-        entered = asyncio.Event()
+async def test_closing_asks_async_handlers_to_end(world: World) -> None:
+    seen: list[bool] = []
+    entered = asyncio.Event()
 
-        async def execute(handle: Any) -> Any:
-            entered.set()
-            try:
-                await asyncio.sleep(30)
-            finally:
-                seen.append(handle.cancel_requested)
+    async def execute(handle: Any) -> Any:
+        entered.set()
+        try:
+            await asyncio.sleep(30)
+        finally:
+            seen.append(handle.cancel_requested)
 
-        server, client = await pair(world, execute)
-        await client.send_goal(goal())
-        await asyncio.wait_for(entered.wait(), 5)
-        server.close()
-        await until(lambda: seen == [True])
-
-    run(main)
+    server, client = await pair(world, execute)
+    await client.send_goal(goal())
+    await asyncio.wait_for(entered.wait(), 5)
+    server.close()
+    await until(lambda: seen == [True])
 
 
-def test_plain_handlers_do_not_wait_for_a_thread(world: World) -> None:
+async def test_plain_handlers_do_not_wait_for_a_thread(world: World) -> None:
     """asyncio's own pool has six threads on two processors: the seventh goal was EXECUTING and did not run."""
 
-    async def main() -> None:
-        together = threading.Barrier(40)
+    together = threading.Barrier(40)
 
-        def execute(handle: Any) -> Any:
-            together.wait(10)
-            return result(handle.request.order)
+    def execute(handle: Any) -> Any:
+        together.wait(10)
+        return result(handle.request.order)
 
-        _, client = await pair(world, execute)
-        handles = [await client.send_goal(goal(number)) for number in range(40)]
-        ends = [await handle.result(timeout_s=10) for handle in handles]
-        assert [(status, list(got.sequence)) for status, got in ends] == [(S.SUCCEEDED, [n]) for n in range(40)]
-
-    run(main)
+    _, client = await pair(world, execute)
+    handles = [await client.send_goal(goal(number)) for number in range(40)]
+    ends = [await handle.result(timeout_s=10) for handle in handles]
+    assert [(status, list(got.sequence)) for status, got in ends] == [(S.SUCCEEDED, [n]) for n in range(40)]
 
 
-def test_a_plain_handler_may_answer_with_a_coroutine(world: World) -> None:
-    async def main() -> None:
-        async def later(handle: Any) -> Any:
-            return result(handle.request.order)
+async def test_a_plain_handler_may_answer_with_a_coroutine(world: World) -> None:
+    async def later(handle: Any) -> Any:
+        return result(handle.request.order)
 
-        _, client = await pair(world, lambda handle: later(handle))
-        status, got = await (await client.send_goal(goal(4))).result(timeout_s=5)
-        assert (status, list(got.sequence)) == (S.SUCCEEDED, [4])
-
-    run(main)
+    _, client = await pair(world, lambda handle: later(handle))
+    status, got = await (await client.send_goal(goal(4))).result(timeout_s=5)
+    assert (status, list(got.sequence)) == (S.SUCCEEDED, [4])
 
 
 @pytest.mark.parametrize("in_thread", [False, True])
-def test_a_handler_that_raises_cancelled_error_aborts(
+async def test_a_handler_that_raises_cancelled_error_aborts(
     world: World, caplog: pytest.LogCaptureFixture, in_thread: bool
 ) -> None:
-    async def main() -> None:
-        async def execute(handle: Any) -> Any:
-            waiting = asyncio.get_running_loop().create_future()
-            waiting.cancel()
-            await waiting
+    async def execute(handle: Any) -> Any:
+        waiting = asyncio.get_running_loop().create_future()
+        waiting.cancel()
+        await waiting
 
-        def plain(handle: Any) -> Any:
-            raise asyncio.CancelledError
+    def plain(handle: Any) -> Any:
+        raise asyncio.CancelledError
 
-        server, client = await pair(world, plain if in_thread else execute)
-        status, got = await (await client.send_goal(goal())).result(timeout_s=5)
-        assert (status, list(got.sequence), server.goals) == (S.ABORTED, [], [])
-        assert "was cancelled, or awaited something that was" in caplog.text
-
-    run(main)
+    server, client = await pair(world, plain if in_thread else execute)
+    status, got = await (await client.send_goal(goal())).result(timeout_s=5)
+    assert (status, list(got.sequence), server.goals) == (S.ABORTED, [], [])
+    assert "the handler of action /fib failed" in caplog.text and "CancelledError" in caplog.text
 
 
-def test_a_handler_that_raises_stop_iteration_in_its_thread_aborts(world: World) -> None:
-    async def main() -> None:
-        def execute(handle: Any) -> Any:
-            return next(iter(()))
+async def test_a_handler_that_raises_stop_iteration_in_its_thread_aborts(world: World) -> None:
+    def execute(handle: Any) -> Any:
+        return next(iter(()))
 
-        _, client = await pair(world, execute)
-        assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.ABORTED
-
-    run(main)
+    _, client = await pair(world, execute)
+    assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.ABORTED
 
 
-def test_a_result_is_sent_as_it_was_when_the_goal_ended(world: World) -> None:
-    async def main() -> None:
-        kept: list[Any] = []
+async def test_a_result_is_sent_as_it_was_when_the_goal_ended(world: World) -> None:
+    kept: list[Any] = []
 
-        async def execute(handle: Any) -> Any:
-            kept.append(result(1, 2))
-            handle.succeed(kept[0])
-            kept[0].sequence = [9]
+    async def execute(handle: Any) -> Any:
+        kept.append(result(1, 2))
+        handle.succeed(kept[0])
+        kept[0].sequence = [9]
 
-        _, client = await pair(world, execute)
-        handle = await client.send_goal(goal())
-        assert list((await handle.result(timeout_s=5))[1].sequence) == [1, 2]
-        ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
-        request = Fibonacci.GetResult.Request()
-        request.goal_id.uuid = handle.goal_id
-        again = await ask.call(request, timeout_s=5)
-        assert (again.status, list(again.result.sequence)) == (4, [1, 2])
-
-    run(main)
+    _, client = await pair(world, execute)
+    handle = await client.send_goal(goal())
+    assert list((await handle.result(timeout_s=5))[1].sequence) == [1, 2]
+    ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
+    request = Fibonacci.GetResult.Request()
+    request.goal_id.uuid = handle.goal_id
+    again = await ask.call(request, timeout_s=5)
+    assert (again.status, list(again.result.sequence)) == (4, [1, 2])
 
 
-def test_a_result_that_does_not_fit_is_an_error_that_names_the_result(world: World) -> None:
-    async def main() -> None:
-        errors: list[str] = []
+async def test_a_result_that_does_not_fit_is_an_error_that_names_the_result(world: World) -> None:
+    errors: list[str] = []
 
-        async def execute(handle: Any) -> Any:
-            try:
-                handle.succeed(result(2**40))
-            except ValueError as error:
-                errors.append(str(error))
-            return result(1)
+    async def execute(handle: Any) -> Any:
+        try:
+            handle.succeed(result(2**40))
+        except ValueError as error:
+            errors.append(str(error))
+        return result(1)
 
-        _, client = await pair(world, execute)
-        assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.SUCCEEDED
-        assert errors[0].startswith("example_interfaces/action/Fibonacci_Result.sequence")
-
-    run(main)
+    _, client = await pair(world, execute)
+    assert (await (await client.send_goal(goal())).result(timeout_s=5))[0] is S.SUCCEEDED
+    assert errors[0].startswith("example_interfaces/action/Fibonacci_Result.sequence")
 
 
-def test_a_thread_can_use_the_goal_while_the_loop_runs(world: World) -> None:
-    async def main() -> None:
-        def execute(handle: Any) -> Any:
-            handle.publish_feedback(feedback(1))
-            with pytest.raises(Exception, match="cannot canceled"):
-                handle.canceled()
-            return handle.succeed(result(3))
+async def test_a_thread_can_use_the_goal_while_the_loop_runs(world: World) -> None:
+    def execute(handle: Any) -> Any:
+        handle.publish_feedback(feedback(1))
+        with pytest.raises(Exception, match="cannot canceled"):
+            handle.canceled()
+        return handle.succeed(result(3))
 
-        _, client = await pair(world, execute)
-        handle = await client.send_goal(goal())
-        assert [list(item.sequence) async for item in handle.feedback()] == [[1]]
-        assert list((await handle.result())[1].sequence) == [3]
-
-    run(main)
+    _, client = await pair(world, execute)
+    handle = await client.send_goal(goal())
+    assert [list(item.sequence) async for item in handle.feedback()] == [[1]]
+    assert list((await handle.result())[1].sequence) == [3]
 
 
 def test_a_goal_of_a_closed_world_can_still_be_asked(world: World) -> None:

@@ -14,9 +14,7 @@ from peer_process import Fibonacci, open_context
 from worlds import ROOT, domain_id, run
 
 from rosidl_py_gen import type_hash
-from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.runtime.actions.client_goal import ActionServerLost
-from rosidl_py_gen.runtime.actions.states import GoalStatus
+from rosidl_py_gen.runtime import ActionServerLostError, GoalStatus, Node
 from rosidl_py_gen.runtime.parameters.store import SetResult
 
 
@@ -95,9 +93,9 @@ def test_a_server_that_is_killed_is_noticed(peer: subprocess.Popen[bytes]) -> No
             handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
             peer.kill()
             # The lease of a participant that says nothing any more is 10 s.
-            with pytest.raises(ActionServerLost):
+            with pytest.raises(ActionServerLostError):
                 await handle.result(timeout_s=40)
-            assert client._goals == {} and client._result._pending == {}
+            assert client._goals == {} and client._result.pending_count == 0
             node.close()
 
     run(main, 60)

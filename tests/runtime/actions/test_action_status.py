@@ -1,4 +1,4 @@
-"""When the status topic is written: completely, in order, and behind the responses that a change belongs to."""
+"""The status topic: as bytes, and when it is written: completely, in order, behind the response of a change."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ from typing import Any
 
 import pytest
 from action_worlds import Fibonacci, goal, pair, result
-from worlds import World, run, take, until
+from hypothesis import given
+from hypothesis import strategies as st
+from worlds import World, take, until
 
-from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
+from rosidl_py_gen.msgs.action_msgs.msg import GoalStatus, GoalStatusArray
 from rosidl_py_gen.runtime.actions.states import GoalStatus as S
+from rosidl_py_gen.runtime.actions.status import StatusRows, find_status
 
 
 def record(monkeypatch: pytest.MonkeyPatch, server: Any) -> list[str]:
     """What an action server writes from now on, in order, by the last part of the topic."""
     written: list[str] = []
-    endpoints = [server._status._publisher, server._feedback, *server._services]
+    endpoints = [server._goals._status._publisher, server._goals.feedback, *server._services]
     for writer in (endpoint._writer for endpoint in endpoints):
         owner = next(one for one in endpoints if one._writer is writer)
         name = str(getattr(owner, "topic", None) or owner.name).rpartition("/")[2]
@@ -37,83 +40,116 @@ async def at_once(handle: Any) -> Any:
     return result(1)
 
 
-def test_every_transition_of_immediate_goals_is_published_in_order(world: World) -> None:
+async def test_every_transition_of_immediate_goals_is_published_in_order(world: World) -> None:
     seen: list[list[int]] = []
 
-    async def main() -> None:
-        _, client = await pair(world, at_once)
-        watcher = world.node("watcher").create_subscription(
-            GoalStatusArray, "fib/_action/status", lambda m: seen.append([row.status for row in m.status_list]), 100
-        )
-        assert await watcher.wait_for_publishers(timeout_s=5)
-        await asyncio.sleep(0.05)
-        for _ in range(3):
-            await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
-        await until(lambda: len(seen) >= 6)
-        assert seen == [[2], [4], [4, 2], [4, 4], [4, 4, 2], [4, 4, 4]]
-
-    run(main)
+    _, client = await pair(world, at_once)
+    watcher = world.node("watcher").create_subscription(
+        GoalStatusArray, "fib/_action/status", lambda m: seen.append([row.status for row in m.status_list]), 100
+    )
+    assert await watcher.wait_for_publishers(timeout_s=5)
+    await asyncio.sleep(0.05)
+    for _ in range(3):
+        await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
+    await until(lambda: len(seen) >= 6)
+    assert seen == [[2], [4], [4, 2], [4, 4], [4, 4, 2], [4, 4, 4]]
 
 
 @pytest.mark.parametrize("accept", [None, lambda request: True])
-def test_the_acceptance_is_sent_before_the_status(world: World, monkeypatch: pytest.MonkeyPatch, accept: Any) -> None:
-    async def main() -> None:
-        server, client = await pair(world, at_once, accept=accept)
-        written = record(monkeypatch, server)
-        await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
-        await until(lambda: len(written) >= 4)
-        assert written[:2] == ["send_goal", "status 2"]
-        assert sorted(written[2:]) == ["get_result", "status 4"]
+async def test_the_response_is_sent_before_the_status(
+    world: World, monkeypatch: pytest.MonkeyPatch, accept: Any
+) -> None:
+    server, client = await pair(world, at_once, accept=accept)
+    written = record(monkeypatch, server)
+    await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
+    await until(lambda: len(written) >= 4)
+    assert written[:2] == ["send_goal", "status 2"]
+    assert sorted(written[2:]) == ["get_result", "status 4"]
 
-    run(main)
+
+async def test_feedback_follows_the_status_before_it(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    server, client = await pair(world, None)
+    written = record(monkeypatch, server)
+    asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
+    handle = (await take(server.__aiter__())).accept()
+    handle.publish_feedback(Fibonacci.Feedback(sequence=[1]))
+    handle.succeed(result(1))
+    await (await asked).result(timeout_s=5)
+    await until(lambda: "status 4" in written)
+    assert [one for one in written if one[0] in "sf" and one != "send_goal"] == ["status 2", "feedback", "status 4"]
 
 
-def test_feedback_follows_the_status_it_was_published_after(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def main() -> None:
-        server, client = await pair(world, None)
-        written = record(monkeypatch, server)
-        asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
-        handle = (await take(server.__aiter__())).accept()
-        handle.publish_feedback(Fibonacci.Feedback(sequence=[1]))
+async def test_other_threads_return_when_the_status_is_published(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    server, client = await pair(world, None)
+    asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
+    handle = (await take(server.__aiter__())).accept()
+    await asked
+    written = record(monkeypatch, server)
+    at_return: list[str] = []
+
+    def end() -> None:
         handle.succeed(result(1))
-        await (await asked).result(timeout_s=5)
-        await until(lambda: "status 4" in written)
-        assert [one for one in written if one[0] in "sf" and one != "send_goal"] == ["status 2", "feedback", "status 4"]
+        at_return.extend(written)
 
-    run(main)
-
-
-def test_other_threads_return_when_the_status_is_published(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def main() -> None:
-        server, client = await pair(world, None)
-        asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
-        handle = (await take(server.__aiter__())).accept()
-        await asked
-        written = record(monkeypatch, server)
-        at_return: list[str] = []
-
-        def end() -> None:
-            handle.succeed(result(1))
-            at_return.extend(written)
-
-        thread = threading.Thread(target=end)
-        thread.start()
-        await until(lambda: not thread.is_alive())
-        assert "status 4" in at_return
-
-    run(main)
+    thread = threading.Thread(target=end)
+    thread.start()
+    await until(lambda: not thread.is_alive())
+    assert "status 4" in at_return
 
 
-def test_closing_publishes_what_is_on_its_way(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def main() -> None:
-        server, client = await pair(world, None)
-        asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
-        handle = (await take(server.__aiter__())).accept()
-        await asked
-        written = record(monkeypatch, server)
-        handle.succeed(result(1))
-        assert handle.status is S.SUCCEEDED and "status 4" not in written
-        world.nodes[0].close()
-        assert written == ["status 4"]
+async def test_closing_publishes_what_is_on_its_way(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    server, client = await pair(world, None)
+    asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))
+    handle = (await take(server.__aiter__())).accept()
+    await asked
+    written = record(monkeypatch, server)
+    handle.succeed(result(1))
+    assert handle.status is S.SUCCEEDED and "status 4" not in written
+    world.nodes[0].close()
+    assert written == ["status 4"]
 
-    run(main)
+
+IDS = st.lists(st.binary(min_size=16, max_size=16), unique=True, max_size=6)
+
+
+def expected(rows: list[tuple[bytes, int, int]]) -> bytes:
+    message = GoalStatusArray()
+    for goal_id, stamp_ns, status in rows:
+        row = GoalStatus(status=status)
+        row.goal_info.goal_id.uuid = goal_id  # type: ignore[assignment]
+        row.goal_info.stamp.sec, row.goal_info.stamp.nanosec = divmod(stamp_ns, 10**9)
+        message.status_list.append(row)
+    return message.encode()
+
+
+@given(IDS, st.data())
+def test_rows_are_the_generated_bytes_after_every_change(ids: list[bytes], data: st.DataObject) -> None:
+    rows = StatusRows()
+    model: dict[bytes, tuple[int, int]] = {}
+    assert rows.message() == expected([])
+    for goal_id in ids:
+        stamp = data.draw(st.integers(0, 2**31 * 10**9 - 1))
+        rows.add(goal_id, stamp, 1)
+        model[goal_id] = (stamp, 1)
+    for goal_id in data.draw(st.lists(st.sampled_from(ids), max_size=5)) if ids else []:
+        status = data.draw(st.integers(0, 6))
+        rows.set_status(goal_id, status)
+        model[goal_id] = (model[goal_id][0], status)
+    gone = data.draw(st.lists(st.sampled_from(ids), unique=True)) if ids else []
+    rows.remove(gone)
+    for goal_id in gone:
+        del model[goal_id]
+    message = rows.message()
+    assert message == expected([(goal_id, *row) for goal_id, row in model.items()])
+    for goal_id in ids:
+        assert find_status(message, goal_id) == (model[goal_id][1] if goal_id in model else None)
+        assert find_status(memoryview(message), goal_id) == find_status(message, goal_id)
+
+
+def test_an_id_is_only_found_where_a_row_begins() -> None:
+    rows = StatusRows()
+    rows.add(bytes(16), 0, 3)
+    rows.add(bytes(15) + b"\x01", 0, 2)
+    assert find_status(rows.message(), bytes(15) + b"\x01") == 2
+    assert find_status(rows.message()[:20], bytes(16)) is None
+    assert find_status(b"", bytes(16)) is None

@@ -11,7 +11,6 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from rosidl_py_gen.runtime.actions.states import (
     ZERO_ID,
-    CancelAnswer,
     CancelCode,
     CancelSelection,
     GoalBook,
@@ -19,7 +18,6 @@ from rosidl_py_gen.runtime.actions.states import (
     GoalInfo,
     GoalStatus,
     GoalTransitionError,
-    ResultAnswer,
     UnknownGoalError,
     next_status,
 )
@@ -60,7 +58,7 @@ def gid(number: int) -> bytes:
     return number.to_bytes(16, "big")
 
 
-Book = GoalBook[str, str]
+Book = GoalBook[str]
 
 
 def book(*stamps: int, timeout_ns: int = 100) -> Book:
@@ -79,35 +77,13 @@ def test_a_known_id_is_refused_even_after_the_end() -> None:
     assert goals.accept(gid(1), 8) is None and len(goals) == 1
 
 
-def test_statuses_are_listed_in_the_order_of_acceptance_with_terminal_ones() -> None:
-    goals = book(5, 4, 6)
-    goals.apply(gid(2), E.EXECUTE)
-    goals.finish(gid(2), E.ABORT, "r", 9)
-    assert goals.statuses() == [
-        (GoalInfo(gid(1), 5), S.ACCEPTED),
-        (GoalInfo(gid(2), 4), S.ABORTED),
-        (GoalInfo(gid(3), 6), S.ACCEPTED),
-    ]
-    assert [info.goal_id for info in goals.active()] == [gid(1), gid(3)]
-
-
-def test_results_wait_for_the_end_and_are_there_at_once_afterwards() -> None:
+def test_results_are_there_when_the_goal_has_ended() -> None:
     goals = book(5)
-    assert goals.request_result(gid(9)) == (ResultAnswer.UNKNOWN, None)
-    with pytest.raises(UnknownGoalError):
-        goals.wait_for_result(gid(9), "z")
-    assert goals.request_result(gid(1)) == (ResultAnswer.WAIT, None)
-    goals.wait_for_result(gid(1), "a")
+    assert goals.result(gid(1)) is goals.result(gid(9)) is None
     goals.apply(gid(1), E.EXECUTE)
-    assert goals.request_result(gid(1)) == (ResultAnswer.WAIT, None)
-    goals.wait_for_result(gid(1), "b")
-    goals.wait_for_result(gid(1), "gone")
-    assert goals.waiting() == ["a", "b", "gone"]
-    goals.forget_waiting(gid(1), "gone")
-    goals.forget_waiting(gid(1), "gone")
-    goals.forget_waiting(gid(9), "gone")
-    assert goals.finish(gid(1), E.SUCCEED, "result", 7) == ["a", "b"]
-    assert goals.request_result(gid(1)) == (ResultAnswer.READY, "result") and goals.waiting() == []
+    assert goals.result(gid(1)) is None
+    goals.finish(gid(1), E.SUCCEED, "result", 7)
+    assert goals.result(gid(1)) == "result"
 
 
 def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
@@ -116,7 +92,7 @@ def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
     goals.finish(gid(1), E.SUCCEED, "first", 7)
     with pytest.raises(GoalTransitionError):
         goals.finish(gid(1), E.ABORT, "second", 8)
-    assert goals.request_result(gid(1)) == (ResultAnswer.READY, "first")
+    assert goals.result(gid(1)) == "first"
     with pytest.raises(UnknownGoalError):
         goals.finish(gid(2), E.ABORT, "r", 8)
     with pytest.raises(UnknownGoalError):
@@ -132,7 +108,7 @@ def test_results_are_forgotten_when_their_time_is_over() -> None:
     goals.finish(gid(1), E.SUCCEED, "r", 1000)
     assert goals.expire(1100) == [] and goals.next_expiry_ns() == 1101
     assert goals.expire(1101) == [gid(1)]
-    assert goals.request_result(gid(1))[0] is ResultAnswer.UNKNOWN
+    assert goals.status(gid(1)) is S.UNKNOWN and goals.result(gid(1)) is None
     assert goals.expire(10**9) == [] and gid(2) in goals
     assert goals.accept(gid(1), 2000) is not None
 
@@ -214,7 +190,7 @@ def test_the_answer_to_a_cancel(goal: int, agreed: list[int], ended: list[int], 
         goals.finish(gid(number), E.SUCCEED, "r", 3)
     infos = {number: GoalInfo(gid(number), number) for number in (1, 2)}
     answer = goals.answer_cancel(selection, [infos[number] for number in agreed])
-    assert answer == CancelAnswer(CancelCode(code), tuple(infos[number] for number in chosen))
+    assert answer == (code, tuple(infos[number] for number in chosen))
 
 
 def test_a_goal_named_with_a_stamp_is_one_of_many() -> None:
@@ -222,10 +198,10 @@ def test_a_goal_named_with_a_stamp_is_one_of_many() -> None:
     selection = goals.select_for_cancel(gid(5), 20)
     for number in (1, 2, 5):
         goals.apply(gid(number), E.CANCEL_GOAL)
-    assert goals.answer_cancel(selection, selection.goals) == CancelAnswer(CancelCode.NONE)
+    assert goals.answer_cancel(selection, selection.goals) == (CancelCode.NONE, ())
     only = goals.select_for_cancel(gid(3), 0)
     assert only == CancelSelection(CancelCode.GOAL_TERMINATED, by_id=True)
-    assert goals.answer_cancel(only, ()) == CancelAnswer(CancelCode.GOAL_TERMINATED)
+    assert goals.answer_cancel(only, ()) == (CancelCode.GOAL_TERMINATED, ())
 
 
 class BookAgainstModel(RuleBasedStateMachine):
@@ -235,20 +211,18 @@ class BookAgainstModel(RuleBasedStateMachine):
 
     @initialize(timeout=st.sampled_from([0, 10, 50]))
     def create(self, timeout: int) -> None:
-        self.timeout, self.now, self.tokens = timeout, 100, 0
-        self.book: GoalBook[int, int] = GoalBook(timeout)
+        self.timeout, self.now = timeout, 100
+        self.book: GoalBook[int] = GoalBook(timeout)
         self.model: dict[int, GoalStatus] = {}
         self.stamps: dict[int, int] = {}
         self.ended: dict[int, int] = {}
-        self.waiting: dict[int, list[int]] = {}
-        self.answered: dict[int, int] = {}
 
     @rule(goal=ids)
     def accept(self, goal: int) -> None:
         info = self.book.accept(gid(goal), self.now)
         assert (info is None) == (goal in self.model)
         if info is not None:
-            self.model[goal], self.stamps[goal], self.waiting[goal] = S.ACCEPTED, self.now, []
+            self.model[goal], self.stamps[goal] = S.ACCEPTED, self.now
 
     @rule(goal=ids, event=st.sampled_from(list(E)))
     def happen(self, goal: int, event: GoalEvent) -> None:
@@ -256,7 +230,7 @@ class BookAgainstModel(RuleBasedStateMachine):
         ends = event in (E.SUCCEED, E.ABORT, E.CANCELED)
         try:
             if ends:
-                told = self.book.finish(gid(goal), event, self.now, self.now)
+                self.book.finish(gid(goal), event, self.now, self.now)
             else:
                 assert self.book.apply(gid(goal), event) is target
         except (GoalTransitionError, UnknownGoalError):
@@ -265,26 +239,13 @@ class BookAgainstModel(RuleBasedStateMachine):
         assert target is not None
         self.model[goal] = target
         if ends:
-            assert told == self.waiting[goal]
-            for token in told:
-                assert token not in self.answered
-                self.answered[token] = goal
-            self.waiting[goal], self.ended[goal] = [], self.now
+            self.ended[goal] = self.now
 
     @rule(goal=ids)
     def ask_result(self, goal: int) -> None:
-        self.tokens += 1
-        answer, result = self.book.request_result(gid(goal))
         known = self.model.get(goal, S.UNKNOWN)
         assert self.book.status(gid(goal)) is known
-        if known is S.UNKNOWN:
-            assert answer is ResultAnswer.UNKNOWN
-        elif known.is_terminal:
-            assert answer is ResultAnswer.READY and result == self.ended[goal]
-        else:
-            assert answer is ResultAnswer.WAIT
-            self.book.wait_for_result(gid(goal), self.tokens)
-            self.waiting[goal].append(self.tokens)
+        assert self.book.result(gid(goal)) == (self.ended[goal] if known.is_terminal else None)
 
     @rule(goal=st.integers(0, 5), back=st.integers(0, 60), by_stamp=st.booleans())
     def cancel(self, goal: int, back: int, by_stamp: bool) -> None:
@@ -311,7 +272,8 @@ class BookAgainstModel(RuleBasedStateMachine):
 
     @invariant()
     def agree(self) -> None:
-        assert {int.from_bytes(i.goal_id, "big"): s for i, s in self.book.statuses()} == self.model
+        assert {goal: self.book.status(gid(goal)) for goal in self.model} == self.model
+        assert len(self.book) == len(self.model)
         assert ZERO_ID not in self.book
 
 

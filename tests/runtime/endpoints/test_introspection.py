@@ -8,8 +8,9 @@ import pytest
 from worlds import World, run, until
 
 from rosidl_py_gen import compile_text, get_service
-from rosidl_py_gen.runtime.endpoints.introspection import IntrospectionState
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType, Time
+from rosidl_py_gen.runtime.endpoints.header import IntrospectionState
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.qos import SYSTEM_DEFAULT, InvalidQoSError
 
 AddTwoInts: Any = get_service("example_interfaces/srv/AddTwoInts")

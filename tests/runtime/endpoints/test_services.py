@@ -14,7 +14,7 @@ from std_srvs.srv import Empty, SetBool
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, WouldDeadlockError
-from rosidl_py_gen.runtime.endpoints.header import add_header, split_header
+from rosidl_py_gen.runtime.endpoints.header import header_of, message_of, with_header
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest
 from rosidl_py_gen.runtime.transport.interface import EndpointFound
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
@@ -38,7 +38,7 @@ async def add_slowly(request: AddTwoInts.Request) -> AddTwoInts.Response:
 
 def test_the_header_sits_between_encapsulation_and_message() -> None:
     message = Request(a=1, b=2).encode()
-    wire = add_header(message, 0x1122334455667788, 1)
+    wire = with_header(message, 0x1122334455667788, 1)
     assert wire == bytes.fromhex(
         "00010000"  # XCDR1, little endian
         "8877665544332211"  # the client's number
@@ -46,9 +46,10 @@ def test_the_header_sits_between_encapsulation_and_message() -> None:
         "0100000000000000"  # a
         "0200000000000000"  # b
     )
-    assert split_header(wire) == (0x1122334455667788, 1, message)
+    assert header_of(wire) == (0x1122334455667788, 1, 20) and message_of(wire, 20) == message
     big = bytes.fromhex("00000000 1122334455667788 0000000000000001 07")
-    assert split_header(big) == (0x1122334455667788, 1, b"\0\0\0\0\7")
+    assert header_of(big) == (0x1122334455667788, 1, 20) and message_of(big, 20) == b"\0\0\0\0\7"
+    assert len(with_header(b"\0\1\0\0\7", 1, 1)) == 24, "filled up with zeros, so that nobody has to copy it again"
 
 
 async def test_a_plain_and_an_async_handler_answer(world: World) -> None:
@@ -134,7 +135,7 @@ async def test_late_and_foreign_replies_are_ignored(world: World) -> None:
         task = asyncio.create_task(anext(aiter(server)))
         await client.call(Request(a=1), timeout_s=0.2)
     (await task).respond(Response(sum=1))  # late
-    server._writer.write(add_header(Response(sum=2).encode(), 12345, 1))  # of another client
+    server._writer.write(with_header(Response(sum=2).encode(), 12345, 1))  # of another client
     server._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense
     task = asyncio.create_task(anext(aiter(server)))
     call = asyncio.create_task(client.call(Request(a=3), timeout_s=5))

@@ -8,7 +8,7 @@ import weakref
 from typing import Any
 
 import pytest
-from worlds import World, run, until
+from worlds import World, until
 
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
 from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition, TransitionEvent
@@ -68,33 +68,30 @@ def managed(world: World, cls: type[Managed] = Managed) -> Managed:
     return node
 
 
-def test_the_round_trip_with_its_events(world: World) -> None:
-    async def main() -> None:
-        seen: list[tuple[int, int]] = []
-        stamps: list[int] = []
+async def test_the_round_trip_with_its_events(world: World) -> None:
+    seen: list[tuple[int, int]] = []
+    stamps: list[int] = []
 
-        def note(event: TransitionEvent) -> None:
-            seen.append((event.start_state.id, event.goal_state.id))
-            stamps.append(event.timestamp + event.transition.id)
+    def note(event: TransitionEvent) -> None:
+        seen.append((event.start_state.id, event.goal_state.id))
+        stamps.append(event.timestamp + event.transition.id)
 
-        world.node("listener").create_subscription(TransitionEvent, "/n/transition_event", note, 100)
-        node = managed(world)
-        assert node.state == State.UNCONFIGURED
-        for step in (node.configure, node.activate, node.deactivate, node.cleanup, node.shutdown):
-            assert await step() is Outcome.SUCCESS
-        assert node.state.label == "finalized"
-        assert node.calls == [
-            ("configure", State.UNCONFIGURED),
-            ("activate", State.INACTIVE),
-            ("deactivate", State.ACTIVE),
-            ("cleanup", State.INACTIVE),
-            ("shutdown", State.UNCONFIGURED),
-        ]
-        await until(lambda: len(seen) == 10)
-        expected = [(1, 10), (10, 2), (2, 13), (13, 3), (3, 14), (14, 2), (2, 11), (11, 1), (1, 12), (12, 4)]
-        assert seen == expected and set(stamps) == {0}
-
-    run(main)
+    world.node("listener").create_subscription(TransitionEvent, "/n/transition_event", note, 100)
+    node = managed(world)
+    assert node.state == State.UNCONFIGURED
+    for step in (node.configure, node.activate, node.deactivate, node.cleanup, node.shutdown):
+        assert await step() is Outcome.SUCCESS
+    assert node.state.label == "finalized"
+    assert node.calls == [
+        ("configure", State.UNCONFIGURED),
+        ("activate", State.INACTIVE),
+        ("deactivate", State.ACTIVE),
+        ("cleanup", State.INACTIVE),
+        ("shutdown", State.UNCONFIGURED),
+    ]
+    await until(lambda: len(seen) == 10)
+    expected = [(1, 10), (10, 2), (2, 13), (13, 3), (3, 14), (14, 2), (2, 11), (11, 1), (1, 12), (12, 4)]
+    assert seen == expected and set(stamps) == {0}
 
 
 @pytest.mark.parametrize(
@@ -107,112 +104,94 @@ def test_the_round_trip_with_its_events(world: World) -> None:
         (Outcome.ERROR, Outcome.ERROR, State.FINALIZED),
     ],
 )
-def test_what_a_callback_answers_decides(
+async def test_what_a_callback_answers_decides(
     world: World, answer: Any, outcome: Outcome, state: State, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async def main() -> None:
-        node = managed(world)
-        node.answers["configure"] = answer
-        assert await node.configure() is outcome and node.state is state
-        assert ("no motor" in caplog.text) is isinstance(answer, Exception)
-
-    run(main)
+    node = managed(world)
+    node.answers["configure"] = answer
+    assert await node.configure() is outcome and node.state is state
+    assert ("no motor" in caplog.text) is isinstance(answer, Exception)
 
 
 @pytest.mark.parametrize(
     ("answer", "state"),
     [(True, State.UNCONFIGURED), (False, State.FINALIZED), (Outcome.ERROR, State.FINALIZED)],
 )
-def test_error_processing_may_recover(world: World, answer: Any, state: State) -> None:
-    async def main() -> None:
-        node = managed(world, Recovering)
-        node.answers.update(activate=RuntimeError("x"), error=answer)
-        await node.configure()
-        assert await node.activate() is Outcome.ERROR and node.state is state
-        assert node.calls[-1] == ("error", State.INACTIVE)
-
-    run(main)
+async def test_error_processing_may_recover(world: World, answer: Any, state: State) -> None:
+    node = managed(world, Recovering)
+    node.answers.update(activate=RuntimeError("x"), error=answer)
+    await node.configure()
+    assert await node.activate() is Outcome.ERROR and node.state is state
+    assert node.calls[-1] == ("error", State.INACTIVE)
 
 
-def test_impossible_transitions_name_the_possible_ones(world: World) -> None:
-    async def main() -> None:
-        node = managed(world)
-        with pytest.raises(TransitionError, match="'activate' is not possible in state unconfigured; possible: conf"):
-            await node.activate()
-
-    run(main)
-
-
-def test_the_services(world: World) -> None:
-    async def main() -> None:
-        node = managed(world)
-        other = world.node("other")
-        change = other.create_client(ChangeState, "/n/change_state")
-        get = other.create_client(GetState, "/n/get_state")
-
-        async def request(number: int, label: str = "") -> bool:
-            message = ChangeState.Request(transition=Transition(id=number, label=label))
-            return bool((await change.call(message, timeout_s=5)).success)
-
-        async def state() -> tuple[int, str]:
-            current = (await get.call(GetState.Request(), timeout_s=5)).current_state
-            return current.id, current.label
-
-        assert await state() == (1, "unconfigured")
-        assert await request(1) and await state() == (2, "inactive")
-        assert not await request(1)
-        assert await request(99, "activate") and await state() == (3, "active")
-        node.answers["deactivate"] = False
-        assert not await request(4) and await state() == (3, "active")
-        states = other.create_client(GetAvailableStates, "/n/get_available_states")
-        answer = await states.call(GetAvailableStates.Request(), 5)
-        assert [s.id for s in answer.available_states] == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15]
-        possible = other.create_client(GetAvailableTransitions, "/n/get_available_transitions")
-        rows = (await possible.call(GetAvailableTransitions.Request(), 5)).available_transitions
-        assert [(r.transition.id, r.transition.label, r.start_state.id, r.goal_state.id) for r in rows] == [
-            (4, "deactivate", 3, 14),
-            (7, "shutdown", 3, 12),
-        ]
-        graph = other.create_client(GetAvailableTransitions, "/n/get_transition_graph")
-        assert len((await graph.call(GetAvailableTransitions.Request(), 5)).available_transitions) == 25
-
-    run(main)
-
-
-def test_only_one_transition_at_a_time(world: World) -> None:
-    async def main() -> None:
-        node = managed(world)
-        node.hold = asyncio.Event()
-        first = asyncio.ensure_future(node.configure())
-        await until(lambda: node.state is State.CONFIGURING)
-        with pytest.raises(TransitionError, match="in state configuring; possible: nothing"):
-            await node.shutdown()
-        node.hold.set()
-        assert await first is Outcome.SUCCESS
-
-    run(main)
-
-
-def test_managed_publishers_are_silent_while_inactive(world: World, caplog: pytest.LogCaptureFixture) -> None:
-    async def main() -> None:
-        node = managed(world)
-        heard: list[int] = []
-        world.node("listener").create_subscription(TimeMessage, "t", lambda m: heard.append(m.sec))
-        publisher = node.create_lifecycle_publisher(TimeMessage, "t")
-        publisher.publish(TimeMessage(sec=1))
-        await node.configure()
-        publisher.publish(TimeMessage(sec=2))
-        publisher.publish_raw(TimeMessage(sec=2).encode())
+async def test_impossible_transitions_name_the_possible_ones(world: World) -> None:
+    node = managed(world)
+    with pytest.raises(TransitionError, match="'activate' is not possible in state unconfigured; possible: conf"):
         await node.activate()
-        publisher.publish(TimeMessage(sec=3))
-        publisher.publish_raw(TimeMessage(sec=4).encode())
-        await node.deactivate()
-        publisher.publish(TimeMessage(sec=5))
-        await until(lambda: len(heard) == 2)
-        assert heard == [3, 4] and publisher.silenced == 4
-        assert caplog.text.count("while the node is not active") == 1
 
-    run(main)
+
+async def test_the_services(world: World) -> None:
+    node = managed(world)
+    other = world.node("other")
+    change = other.create_client(ChangeState, "/n/change_state")
+    get = other.create_client(GetState, "/n/get_state")
+
+    async def request(number: int, label: str = "") -> bool:
+        message = ChangeState.Request(transition=Transition(id=number, label=label))
+        return bool((await change.call(message, timeout_s=5)).success)
+
+    async def state() -> tuple[int, str]:
+        current = (await get.call(GetState.Request(), timeout_s=5)).current_state
+        return current.id, current.label
+
+    assert await state() == (1, "unconfigured")
+    assert await request(1) and await state() == (2, "inactive")
+    assert not await request(1)
+    assert await request(99, "activate") and await state() == (3, "active")
+    node.answers["deactivate"] = False
+    assert not await request(4) and await state() == (3, "active")
+    states = other.create_client(GetAvailableStates, "/n/get_available_states")
+    answer = await states.call(GetAvailableStates.Request(), 5)
+    assert [s.id for s in answer.available_states] == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14, 15]
+    possible = other.create_client(GetAvailableTransitions, "/n/get_available_transitions")
+    rows = (await possible.call(GetAvailableTransitions.Request(), 5)).available_transitions
+    assert [(r.transition.id, r.transition.label, r.start_state.id, r.goal_state.id) for r in rows] == [
+        (4, "deactivate", 3, 14),
+        (7, "shutdown", 3, 12),
+    ]
+    graph = other.create_client(GetAvailableTransitions, "/n/get_transition_graph")
+    assert len((await graph.call(GetAvailableTransitions.Request(), 5)).available_transitions) == 25
+
+
+async def test_only_one_transition_at_a_time(world: World) -> None:
+    node = managed(world)
+    node.hold = asyncio.Event()
+    first = asyncio.ensure_future(node.configure())
+    await until(lambda: node.state is State.CONFIGURING)
+    with pytest.raises(TransitionError, match="in state configuring; possible: nothing"):
+        await node.shutdown()
+    node.hold.set()
+    assert await first is Outcome.SUCCESS
+
+
+async def test_managed_publishers_are_silent_while_inactive(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    node = managed(world)
+    heard: list[int] = []
+    world.node("listener").create_subscription(TimeMessage, "t", lambda m: heard.append(m.sec))
+    publisher = node.create_lifecycle_publisher(TimeMessage, "t")
+    publisher.publish(TimeMessage(sec=1))
+    await node.configure()
+    publisher.publish(TimeMessage(sec=2))
+    publisher.publish_raw(TimeMessage(sec=2).encode())
+    await node.activate()
+    publisher.publish(TimeMessage(sec=3))
+    publisher.publish_raw(TimeMessage(sec=4).encode())
+    await node.deactivate()
+    publisher.publish(TimeMessage(sec=5))
+    await until(lambda: len(heard) == 2)
+    assert heard == [3, 4] and publisher.silenced == 4
+    assert caplog.text.count("while the node is not active") == 1
 
 
 def test_the_machine_does_not_keep_its_node_alive(world: World) -> None:

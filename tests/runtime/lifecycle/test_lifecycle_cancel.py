@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from worlds import World, run, until
+from worlds import World, until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition, TransitionEvent
@@ -50,56 +50,47 @@ def slow(world: World) -> Slow:
 
 
 @pytest.mark.parametrize(("recovers", "state"), [(True, State.UNCONFIGURED), (False, State.FINALIZED)])
-def test_a_cancelled_transition_goes_through_error_processing(world: World, recovers: bool, state: State) -> None:
-    async def main() -> None:
-        events: list[tuple[int, int]] = []
-        listener = world.node("listener")
-        seen = listener.create_subscription(TransitionEvent, "/n/transition_event", None, 100)
-        node = slow(world)
-        await seen.wait_for_publishers(5)
-        node.recovers = recovers
-        with pytest.raises(asyncio.TimeoutError):
-            await asyncio.wait_for(node.configure(), 0.05)
-        assert node.state is state and node.log == ["configure", "cancelled", "error from unconfigured"]
-        for _ in range(3):
-            event = await seen.receive(5)
-            events.append((event.start_state.id, event.goal_state.id))
-        assert events == [(1, 10), (10, 15), (15, int(state))]
-        if recovers:
-            node.release.set()
-            assert await node.configure() is Outcome.SUCCESS and await node.shutdown() is Outcome.SUCCESS
-
-    run(main)
+async def test_a_cancelled_transition_goes_through_error_processing(world: World, recovers: bool, state: State) -> None:
+    events: list[tuple[int, int]] = []
+    listener = world.node("listener")
+    seen = listener.create_subscription(TransitionEvent, "/n/transition_event", None, 100)
+    node = slow(world)
+    await seen.wait_for_publishers(5)
+    node.recovers = recovers
+    with pytest.raises(asyncio.TimeoutError):
+        await asyncio.wait_for(node.configure(), 0.05)
+    assert node.state is state and node.log == ["configure", "cancelled", "error from unconfigured"]
+    for _ in range(3):
+        event = await seen.receive(5)
+        events.append((event.start_state.id, event.goal_state.id))
+    assert events == [(1, 10), (10, 15), (15, int(state))]
+    if recovers:
+        node.release.set()
+        assert await node.configure() is Outcome.SUCCESS and await node.shutdown() is Outcome.SUCCESS
 
 
-def test_cancelling_a_second_time_ends_error_processing_too(world: World) -> None:
-    async def main() -> None:
-        node = slow(world)
-        node.error_takes_s = 60
-        task = asyncio.ensure_future(node.configure())
-        await until(lambda: "configure" in node.log)
-        task.cancel()
-        await until(lambda: node.state is State.ERRORPROCESSING)
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-        assert node.state is State.FINALIZED
-
-    run(main)
+async def test_cancelling_a_second_time_ends_error_processing_too(world: World) -> None:
+    node = slow(world)
+    node.error_takes_s = 60
+    task = asyncio.ensure_future(node.configure())
+    await until(lambda: "configure" in node.log)
+    task.cancel()
+    await until(lambda: node.state is State.ERRORPROCESSING)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert node.state is State.FINALIZED
 
 
-def test_a_callback_may_hold_back_the_cancellation(world: World) -> None:
-    async def main() -> None:
-        node = slow(world)
-        node.stubborn = True
-        task = asyncio.ensure_future(node.configure())
-        await until(lambda: "configure" in node.log)
-        task.cancel()
-        with pytest.raises(asyncio.CancelledError):
-            await task
-        assert node.state is State.INACTIVE and node.log == ["configure", "cancelled"]
-
-    run(main)
+async def test_a_callback_may_hold_back_the_cancellation(world: World) -> None:
+    node = slow(world)
+    node.stubborn = True
+    task = asyncio.ensure_future(node.configure())
+    await until(lambda: "configure" in node.log)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert node.state is State.INACTIVE and node.log == ["configure", "cancelled"]
 
 
 class Cancels(Slow):
@@ -112,32 +103,26 @@ class Cancels(Slow):
         raise asyncio.CancelledError
 
 
-def test_a_callback_that_is_cancelled_by_itself_is_an_error_of_the_transition(world: World) -> None:
-    async def main() -> None:
-        node = Cancels("n", world.context())
-        world.nodes.append(node)
-        assert await node.configure() is Outcome.ERROR and node.state is State.UNCONFIGURED
-        client = world.node("other").create_client(ChangeState, "/n/change_state")
-        assert not (await client.call(ChangeState.Request(transition=Transition(id=1)), 5)).success
-        assert node.state is State.UNCONFIGURED and node.log == ["error from unconfigured"] * 2
-
-    run(main)
+async def test_a_callback_that_is_cancelled_by_itself_is_an_error_of_the_transition(world: World) -> None:
+    node = Cancels("n", world.context())
+    world.nodes.append(node)
+    assert await node.configure() is Outcome.ERROR and node.state is State.UNCONFIGURED
+    client = world.node("other").create_client(ChangeState, "/n/change_state")
+    assert not (await client.call(ChangeState.Request(transition=Transition(id=1)), 5)).success
+    assert node.state is State.UNCONFIGURED and node.log == ["error from unconfigured"] * 2
 
 
-def test_closing_the_node_ends_a_transition_that_a_service_began(world: World) -> None:
-    async def main() -> None:
-        node = slow(world)
-        client = world.node("other").create_client(ChangeState, "/n/change_state")
-        call = asyncio.ensure_future(client.call(ChangeState.Request(transition=Transition(id=1)), 5))
-        await until(lambda: "configure" in node.log)
-        node.close()
-        await until(lambda: node.state is State.FINALIZED)
-        assert node.log == ["configure", "cancelled"]
-        call.cancel()
-        with pytest.raises(ClosedError):
-            await node.configure()
-
-    run(main)
+async def test_closing_the_node_ends_a_transition_that_a_service_began(world: World) -> None:
+    node = slow(world)
+    client = world.node("other").create_client(ChangeState, "/n/change_state")
+    call = asyncio.ensure_future(client.call(ChangeState.Request(transition=Transition(id=1)), 5))
+    await until(lambda: "configure" in node.log)
+    node.close()
+    await until(lambda: node.state is State.FINALIZED)
+    assert node.log == ["configure", "cancelled"]
+    call.cancel()
+    with pytest.raises(ClosedError):
+        await node.configure()
 
 
 class ClosesItself(LifecycleNode):
@@ -147,12 +132,9 @@ class ClosesItself(LifecycleNode):
         self.close()
 
 
-def test_a_callback_may_close_the_node(world: World) -> None:
-    async def main() -> None:
-        node = ClosesItself("n", context=world.context())
-        assert await node.shutdown() is Outcome.SUCCESS and node.state is State.FINALIZED
-
-    run(main)
+async def test_a_callback_may_close_the_node(world: World) -> None:
+    node = ClosesItself("n", context=world.context())
+    assert await node.shutdown() is Outcome.SUCCESS and node.state is State.FINALIZED
 
 
 class Answers(LifecycleNode):
@@ -178,14 +160,11 @@ class Answers(LifecycleNode):
         (np.array([1, 2]), Outcome.ERROR, State.UNCONFIGURED),  # has no truth
     ],
 )
-def test_odd_answers(world: World, answer: Any, outcome: Outcome, state: State) -> None:
-    async def main() -> None:
-        node = Answers("n", context=world.context())
-        world.nodes.append(node)
-        node.answer = answer
-        assert await node.configure() is outcome and node.state is state
-
-    run(main)
+async def test_odd_answers(world: World, answer: Any, outcome: Outcome, state: State) -> None:
+    node = Answers("n", context=world.context())
+    world.nodes.append(node)
+    node.answer = answer
+    assert await node.configure() is outcome and node.state is state
 
 
 def test_the_constructor_takes_what_a_node_takes(world: World) -> None:

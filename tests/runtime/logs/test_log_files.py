@@ -15,7 +15,6 @@ from rosidl_py_gen.runtime import Context, MemoryTransport, Node
 from rosidl_py_gen.runtime.logs.file import (
     LogFile,
     LogFileError,
-    log_file_is_wanted,
     log_file_name,
     log_folder,
     program_prefix,
@@ -69,7 +68,7 @@ def files(folder: Path) -> list[Path]:
     ],
 )
 def test_a_file_is_written_only_when_somebody_asks(flags: str, environ: dict[str, str], wanted: bool) -> None:
-    assert log_file_is_wanted(parse_arguments(["p", "--ros-args", *flags.split()]), environ) is wanted
+    assert parse_arguments(["p", "--ros-args", *flags.split()]).logs.wants_file(environ) is wanted
 
 
 @pytest.mark.parametrize(
@@ -152,21 +151,24 @@ def test_disabling_wins(open_node: OpenNode, tmp_path: Path, monkeypatch: pytest
     assert files(tmp_path) == []
 
 
-def test_each_context_has_its_file_and_equal_ones_share_it(open_node: OpenNode, tmp_path: Path) -> None:
+def test_the_first_context_chooses_the_file_and_the_last_one_closes_it(open_node: OpenNode, tmp_path: Path) -> None:
     a, b = open_node("a", "--log-file-name", "one"), open_node("b", "--log-file-name", "one")
     c, d = open_node("c", "--log-file-name", "two"), open_node("d")
     for node in (a, b, c, d):
         node.logger.warning(f"by {node.name}")
-    a.context.close()
-    b.logger.warning("still open")
-    b.context.close()
-    b.logger.warning("nobody's file")
-    one, two = files(tmp_path)
-    assert [line.rpartition("]: ")[2] for line in one.read_text().splitlines()] == ["by a", "by b", "still open"]
-    # A closed node's logger belongs to no node any more.
-    assert [line.rpartition("]: ")[2] for line in two.read_text().splitlines()] == ["by c", "nobody's file"]
-    c.context.close()
+    for node in (a, b, c):
+        node.context.close()
+    d.logger.warning("still open")
+    d.context.close()
+    d.logger.warning("nobody's file")
+    (path,) = files(tmp_path)
+    assert path.name.startswith("one_")
+    first, *lines = [line.rpartition("]: ")[2] for line in path.read_text().splitlines()]
+    assert first.startswith("a process has one console and one log file")
+    assert lines == ["by a", "by b", "by c", "by d", "still open"]
     assert [handler for handler in get_root_logger().handlers if isinstance(handler, LogFile)] == []
+    open_node("e", "--log-file-name", "two").logger.warning("by e")
+    assert [path.name[:4] for path in files(tmp_path)] == ["one_", "two_"]
 
 
 def test_a_file_that_cannot_be_written_is_an_error_that_says_so(
@@ -212,24 +214,21 @@ def test_a_forked_child_does_not_write_its_parents_file(open_node: OpenNode, tmp
 # -------------------------------------------------------------------------------------------------------- switches
 
 
-@pytest.mark.parametrize("quiet_first", [True, False])
-def test_stdout_logs_are_switched_by_context(
-    open_node: OpenNode, capsys: pytest.CaptureFixture[str], quiet_first: bool
+def test_the_first_context_chooses_whether_there_is_a_console(
+    open_node: OpenNode, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    arguments: dict[str, list[str]] = {"quiet": ["--disable-stdout-logs"], "loud": []}
-    order = ("quiet", "loud") if quiet_first else ("loud", "quiet")
-    nodes = {name: open_node(name, *arguments[name]) for name in order}
-    for name in ("quiet", "loud"):
-        nodes[name].logger.warning(f"by {name}")
-        nodes[name].logger.get_child("kid").warning(f"by the kid of {name}")
-    get_logger("of_no_node").warning("by nobody")
-    nodes["loud"].context.close()
-    nodes["quiet"].logger.warning("still quiet")
-    get_logger("of_no_node").warning("only the quiet one is left")
-    nodes["quiet"].context.close()
+    quiet = open_node("quiet", "--disable-stdout-logs")
+    loud = open_node("loud", "--enable-stdout-logs")
+    for node in (quiet, loud):
+        node.logger.warning("not printed")
+        node.context.close()
     get_logger("of_no_node").warning("all are closed")
-    printed = [line.rpartition("]: ")[2] for line in capsys.readouterr().err.splitlines()]
-    assert printed == ["by loud", "by the kid of loud", "by nobody"]
+    assert capsys.readouterr().err == ""
+    loud = open_node("loud")
+    quiet = open_node("quiet", "--disable-stdout-logs")
+    quiet.logger.warning("printed")
+    warning, printed = [line.rpartition("]: ")[2] for line in capsys.readouterr().err.splitlines()]
+    assert warning.startswith("a process has one console") and printed == "printed"
 
 
 def test_a_quiet_node_writes_its_file_and_publishes(

@@ -1,23 +1,61 @@
-"""How data reach the event loop: the loop's own thread waits in DDS, and nothing else suffers from it."""
+"""How data reach the event loop: through a pipe that it watches, and nothing else suffers from it."""
 
 from __future__ import annotations
 
 import asyncio
-import socket
+import ctypes as ct
+import logging
+import os
 import subprocess
 import sys
 import threading
 import time
-from typing import TYPE_CHECKING
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
+from std_srvs.srv import SetBool
 from worlds import ROOT
 
-from rosidl_py_gen.runtime.loop.bridge import DirectSelector
+from rosidl_py_gen.runtime import CallTimeoutError, Context
+from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+from rosidl_py_gen.runtime.transport.cyclone import pipe
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
     from worlds import World
+
+    from rosidl_py_gen.runtime import Node
+
+
+class LoopWithoutReaders(asyncio.SelectorEventLoop):
+    """A loop that cannot watch pipes, like the default one on Windows."""
+
+    def add_reader(self, *_: Any) -> None:  # type: ignore[override]
+        """See `AbstractEventLoop`."""
+        raise NotImplementedError
+
+
+def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
+    """`asyncio.run` on a kind of loop, which serves all contexts; 20 seconds are more than any test needs."""
+
+    async def served() -> None:
+        Context.attach_all()
+        await main
+
+    if kind == "uvloop":
+        loop = pytest.importorskip("uvloop").new_event_loop()
+    else:
+        loop = LoopWithoutReaders() if kind == "no readers" else asyncio.SelectorEventLoop()
+    try:
+        loop.run_until_complete(asyncio.wait_for(served(), 20))
+    finally:
+        loop.close()
+
+
+loops = pytest.mark.parametrize("kind", ["asyncio", "uvloop", "no readers"])
 
 
 def threads() -> list[str]:
@@ -25,17 +63,319 @@ def threads() -> list[str]:
     return sorted(thread.name for thread in threading.enumerate() if thread.name.startswith("rosidl-py-gen"))
 
 
-async def test_one_extra_thread_per_context_and_the_first_one_waits_in_the_loop(dds: World) -> None:
-    dds.node("a")
-    assert threads() == ["rosidl-py-gen helper"]
-    assert isinstance(asyncio.get_running_loop()._selector, DirectSelector)  # type: ignore[attr-defined]
-    dds.node("b")
-    assert threads() == ["rosidl-py-gen helper", "rosidl-py-gen receiver"]
-    for context in dds.contexts:
-        context.close()
+def descriptors() -> int:
+    """How many are open."""
+    return len(os.listdir("/proc/self/fd"))
+
+
+async def eventually(condition: Callable[[], object], timeout_s: float = 5) -> None:
+    """Wait until `condition()` holds."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "it never happened"
+        await asyncio.sleep(0.01)
+
+
+def numbers(node: Node, topic: str = "n", **options: Any) -> list[int]:
+    """What a subscription hears."""
+    heard: list[int] = []
+    node.create_subscription(Int32, topic, lambda message: heard.append(message.data), **options)
+    return heard
+
+
+# --------------------------------------------------------------------------------------------------------- every loop
+
+
+@loops
+def test_three_contexts_on_one_loop_hear_everything(dds: World, kind: str) -> None:
+    nodes = [dds.node(f"n{number}") for number in range(3)]
+    heard = [numbers(node) for node in nodes]
+    publisher = nodes[0].create_publisher(Int32, "n")
+
+    async def main() -> None:
+        await publisher.wait_for_subscribers(timeout_s=5, count=3)
+        for number in range(5):
+            publisher.publish(Int32(data=number))
+            await asyncio.to_thread(publisher.publish, Int32(data=number + 10))
+        await eventually(lambda: all(len(one) == 10 for one in heard))
+        assert threads() == (["rosidl-py-gen receiver"] * 3 if kind == "no readers" else [])
+
+    run_on(kind, main())
+
+
+@loops
+def test_services_and_discovery_work_between_processes_of_one_loop_after_the_other(dds: World, kind: str) -> None:
+    server, caller = dds.pair()
+    client = caller.create_client(SetBool, "set")
+
+    async def main() -> None:
+        service = server.create_service(SetBool, "set", lambda request: SetBool.Response(success=request.data))
+        assert await client.wait_for_service(timeout_s=5)
+        assert (await client.call(SetBool.Request(data=True), timeout_s=5)).success
+        service.close()
+        await eventually(lambda: not client.service_is_available())
+
+    with pytest.raises(CallTimeoutError):
+        client.call_sync(SetBool.Request(), timeout_s=0.05)
+    for each in (kind, "asyncio", kind):
+        run_on(each, main())
+
+
+@loops
+def test_what_arrives_while_no_loop_runs_waits_for_one(dds: World, kind: str) -> None:
+    alice, bob = dds.pair()
+    publisher, heard = alice.create_publisher(Int32, "n"), numbers(bob)
+
+    async def main(number: int) -> None:
+        await publisher.wait_for_subscribers(timeout_s=5)
+        await eventually(lambda: number == 0 or heard)
+
+    run_on("asyncio", main(0))
+    publisher.publish(Int32(data=1))
+    run_on(kind, main(1))
+    assert heard == [1]
+
+
+@loops
+def test_another_thread_may_close_a_context_of_a_running_loop(dds: World, kind: str) -> None:
+    before = descriptors()
+
+    async def main() -> None:
+        for _ in range(3):
+            left, right = dds.context(), dds.context()
+            heard = numbers(dds.node("right", context=right))
+            publisher = dds.node("left", context=left).create_publisher(Int32, "n")
+            await publisher.wait_for_subscribers(timeout_s=5)
+            publisher.publish(Int32(data=1))
+            while not heard:
+                await asyncio.sleep(0.01)
+            await asyncio.to_thread(right.close)
+            await asyncio.to_thread(left.close)
+            await asyncio.sleep(0.01)
+
+    run_on(kind, main())
     assert threads() == []
-    assert not isinstance(asyncio.get_running_loop()._selector, DirectSelector)  # type: ignore[attr-defined]
-    await asyncio.sleep(0.01)
+    assert descriptors() <= before + 1
+
+
+def test_where_pipes_cannot_be_watched_a_thread_reads_from_the_start(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pipe, "_LOOPS_CAN_WATCH", False)  # as on Windows
+    alice, bob = dds.pair()
+    assert threads() == ["rosidl-py-gen receiver"] * 2
+    heard = numbers(bob, qos=1)
+    publisher = alice.create_publisher(Int32, "n")
+    for number in range(20_000):  # more than the pipe holds, before there is a loop
+        publisher.publish(Int32(data=number))
+
+    async def main() -> None:
+        await eventually(lambda: heard)
+
+    run_on("asyncio", main())
+    assert heard == [19_999]
+
+
+def test_uvloop_serves_call_sync_too(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    uvloop = pytest.importorskip("uvloop")
+    monkeypatch.setattr(asyncio, "new_event_loop", uvloop.new_event_loop)
+    node = dds.node("n")
+    node.create_service(SetBool, "set", lambda request: SetBool.Response(success=request.data))
+    assert node.create_client(SetBool, "set").call_sync(SetBool.Request(data=True), timeout_s=5).success
+    assert threads() == []
+
+
+# ---------------------------------------------------------------------------------------------------------- the pipe
+
+
+async def test_a_reader_that_was_named_for_nothing_calls_nobody(dds: World) -> None:
+    alice, bob = dds.pair()
+    publisher, heard = alice.create_publisher(Int32, "n"), numbers(bob)
+    await publisher.wait_for_subscribers(timeout_s=5)
+    publisher.publish(Int32(data=1))
+    await eventually(lambda: heard)
+    participant: Any = bob.context.participant
+    for entity in (*participant._readers, 12345):
+        participant.announce(entity)
+    await asyncio.sleep(0.05)
+    assert heard == [1]
+
+
+def test_what_does_not_fit_the_pipe_is_found_all_the_same(dds: World) -> None:
+    context = dds.context()
+    node = dds.node("n", context=context)
+    participant: Any = context.participant
+    crowd, single = numbers(node, "crowd", qos=1), numbers(node, "single")
+    to_crowd, to_single = node.create_publisher(Int32, "crowd"), node.create_publisher(Int32, "single")
+
+    async def main() -> None:
+        await eventually(lambda: crowd and single)
+
+    for _ in range(2):  # the second time the stream had its error
+        for number in range(17_000):  # 16384 handles fill 64 KiB
+            to_crowd.publish(Int32(data=number))
+        assert pipe._ferror(participant._pipe.stream)
+        to_single.publish(Int32(data=1))
+        run_on("asyncio", main())
+        assert (crowd, single) == ([16_999], [1])
+        assert not pipe._ferror(participant._pipe.stream)
+        crowd.clear()
+        single.clear()
+
+
+def test_deleting_a_reader_waits_for_its_listener(dds: World) -> None:
+    """What the pipe relies on: nobody writes into it any more when it is closed."""
+    node = dds.node("n")
+    subscription, publisher = node.create_subscription(Int32, "n"), node.create_publisher(Int32, "n")
+    entered, left = threading.Event(), threading.Event()
+
+    def slow(_reader: int, _argument: int | None) -> None:
+        entered.set()
+        time.sleep(0.3)
+        left.set()
+
+    api = cyclone._api
+    function = ct.CFUNCTYPE(None, ct.c_int32, ct.c_void_p)(slow)
+    listener = api.create_listener(None)
+    api.lset_data_available_arg(listener, function, None, True)
+    reader: Any = subscription._reader
+    library: Any = cyclone._library
+    assert library.dds_set_listener(reader.entity, ct.c_void_p(listener)) == 0
+    thread = threading.Thread(target=lambda: publisher.publish(Int32(data=1)))
+    thread.start()
+    assert entered.wait(5)
+    subscription.close()
+    assert left.is_set()
+    thread.join()
+    api.delete_listener(listener)
+
+
+def test_contexts_may_come_and_go_during_a_flood() -> None:
+    program = """
+import asyncio, faulthandler, os, sys, threading
+faulthandler.enable()
+from rosidl_py_gen.msgs.rcl_interfaces.msg import IntegerRange as Message
+from rosidl_py_gen.runtime import Context, Node
+
+async def main():
+    stop, heard = threading.Event(), []
+    async with Node("talker") as talker:
+        publisher = talker.create_publisher(Message, "flood")
+        def flood():
+            while not stop.is_set():
+                publisher.publish(Message())
+        thread = threading.Thread(target=flood)
+        thread.start()
+        for number in range(40):
+            async with Context() as context, Node(f"n{number}", context=context) as node:
+                for _ in range(5):
+                    node.create_subscription(Message, "flood", heard.append)
+                await asyncio.sleep(0.01)
+            heard.clear()
+        stop.set()
+        await asyncio.to_thread(thread.join)
+
+asyncio.run(main())
+"""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    run = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+# ------------------------------------------------------------------------------------------------ ordinary callbacks
+
+seen_by = ContextVar("seen_by", default="unset")
+
+
+@loops
+def test_each_callback_has_its_own_context(world: World, kind: str) -> None:
+    alice, bob = world.pair()
+    seen: list[str] = []
+
+    def callback(message: Int32) -> None:
+        seen.append(seen_by.get())
+        seen_by.set(f"message {message.data}")
+
+    bob.create_subscription(Int32, "n", callback)
+    publisher = alice.create_publisher(Int32, "n")
+
+    async def main() -> None:
+        await publisher.wait_for_subscribers(timeout_s=5)
+        seen_by.set("the publisher")  # is not the callback's either
+        for number in range(3):
+            publisher.publish(Int32(data=number))
+            if number:
+                await asyncio.sleep(0.02)
+        await eventually(lambda: len(seen) == 3)
+
+    run_on(kind, main())
+    assert seen == ["unset"] * 3
+
+
+async def test_debug_mode_tells_of_slow_callbacks(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    alice, bob = world.pair()
+    heard: list[int] = []
+
+    def slow(message: Int32) -> None:
+        time.sleep(0.15)
+        heard.append(message.data)
+
+    bob.create_subscription(Int32, "n", slow)
+    publisher = alice.create_publisher(Int32, "n")
+    await publisher.wait_for_subscribers(timeout_s=5)
+    asyncio.get_running_loop().set_debug(True)
+    with caplog.at_level(logging.WARNING, "asyncio"):
+        publisher.publish(Int32(data=1))
+        await eventually(lambda: heard)
+        await asyncio.sleep(0)
+    assert "Executing <Handle Bridge." in caplog.text
+
+
+@loops
+@pytest.mark.parametrize("error", [ValueError, asyncio.CancelledError])
+def test_an_error_of_a_callback_is_logged_and_the_next_message_comes(
+    world: World, kind: str, error: type[BaseException], caplog: pytest.LogCaptureFixture
+) -> None:
+    alice, bob = world.pair()
+    heard: list[int] = []
+
+    def callback(message: Int32) -> None:
+        if message.data == 0:
+            raise error("no")
+        heard.append(message.data)
+
+    bob.create_subscription(Int32, "n", callback)
+    publisher = alice.create_publisher(Int32, "n")
+
+    async def main() -> None:
+        await publisher.wait_for_subscribers(timeout_s=5)
+        for number in range(2):
+            publisher.publish(Int32(data=number))
+        await eventually(lambda: heard == [1])
+
+    run_on(kind, main())
+    assert "the callback of /n failed" in caplog.text
+
+
+def test_ctrl_c_in_a_callback_ends_the_loop(world: World) -> None:
+    alice, bob = world.pair()
+
+    def callback(_: Int32) -> None:
+        raise KeyboardInterrupt
+
+    bob.create_subscription(Int32, "n", callback)
+    publisher = alice.create_publisher(Int32, "n")
+
+    async def main() -> None:
+        await publisher.wait_for_subscribers(timeout_s=5)
+        publisher.publish(Int32(data=1))
+        await asyncio.sleep(10)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_on("asyncio", main())
+
+
+# ------------------------------------------------------------------------------------------------- beside other things
 
 
 async def test_sockets_threads_timers_and_subprocesses_work_beside_dds(dds: World) -> None:
@@ -84,28 +424,6 @@ async def test_a_busy_loop_still_serves_dds_and_an_idle_one_costs_nothing(dds: W
     cpu = time.process_time()
     await asyncio.sleep(1)
     assert time.process_time() - cpu < 0.02
-
-
-async def test_a_readable_socket_that_nobody_reads_does_not_spin_the_helper(dds: World) -> None:
-    dds.node("a")
-    left, right = socket.socketpair()
-    loop = asyncio.get_running_loop()
-    reads = 0
-
-    def readable() -> None:
-        nonlocal reads
-        reads += 1
-        loop.remove_reader(left)
-
-    loop.add_reader(left, readable)
-    right.send(b"x")
-    await asyncio.sleep(0.05)
-    cpu = time.process_time()
-    await asyncio.sleep(0.3)
-    assert reads == 1
-    assert time.process_time() - cpu < 0.05
-    left.close()
-    right.close()
 
 
 def test_importing_the_package_needs_no_cyclonedds_and_using_dds_without_it_says_what_to_do() -> None:

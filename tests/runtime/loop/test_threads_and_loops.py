@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import signal
 import threading
 import time
 from typing import TYPE_CHECKING, Any
@@ -275,13 +273,12 @@ async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     calls = [client.call(AddTwoInts.Request(a=number), timeout_s=10) for number in range(50) for client in clients]
     answers = await asyncio.gather(*calls)
     assert [answer.sum for answer in answers] == [number for number in range(50) for _ in clients]
-    assert clients[0]._line is clients[2]._line
-    assert not clients[0]._line._line
+    assert clients[0]._window is clients[2]._window
+    assert not clients[0]._window._waiting and clients[0]._window._unanswered == 0
 
 
-def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(dds: World) -> None:
-    """Only the main thread may change where signals write to; the place must not vanish meanwhile."""
-    client = dds.node("n").create_client(SetBool, "s")
+def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(world: World) -> None:
+    client = world.node("n").create_client(SetBool, "s")
 
     def call() -> None:
         with pytest.raises(CallTimeoutError):
@@ -290,23 +287,56 @@ def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(dds: World
     async def attach() -> None:
         await client.wait_for_service(timeout_s=0.01)
 
-    def where() -> int:
-        place = signal.set_wakeup_fd(-1)
-        signal.set_wakeup_fd(place)
-        return os.fstat(place).st_ino
-
     loop = asyncio.new_event_loop()
     loop.run_until_complete(attach())
-    before = where()
     thread = threading.Thread(target=call)
     thread.start()
     thread.join(5)
-    assert where() == before
-    dds.contexts[0].close()
+    loop.run_until_complete(attach())
+    world.contexts[0].close()
     loop.close()
-    other = dds.node("other")
 
-    async def again() -> None:
-        other.create_publisher(String, "t")
 
-    asyncio.run(again())
+def test_the_thread_of_waiting_calls_ends_with_the_last_one(world: World) -> None:
+    node = world.node("n")
+    client, heard = node.create_client(SetBool, "s"), []
+    node.create_subscription(String, "t", heard.append)
+    node.create_publisher(String, "t").publish(String())
+
+    def call() -> None:
+        with pytest.raises(CallTimeoutError):
+            client.call_sync(SetBool.Request(), timeout_s=0.2)
+
+    thread = threading.Thread(target=call)
+    thread.start()
+    time.sleep(0.1)
+    assert "rosidl-py-gen portal" in [one.name for one in threading.enumerate()]
+    assert len(heard) == 1  # callbacks run during a call
+    thread.join(5)
+    assert "rosidl-py-gen portal" not in [one.name for one in threading.enumerate()]
+
+
+def test_an_async_callback_that_outlasts_a_waiting_call_goes_on_in_the_next_and_is_cancelled_at_the_end(
+    world: World,
+) -> None:
+    context = world.context()
+    node = world.node("n", context=context)
+    client, steps = node.create_client(SetBool, "s"), []
+
+    async def callback(_: String) -> None:
+        try:
+            for step in range(1000):
+                steps.append(step)
+                await asyncio.sleep(0.01)
+        finally:
+            steps.append(-1)
+
+    node.create_subscription(String, "t", callback)
+    node.create_publisher(String, "t").publish(String())
+    for _ in range(2):
+        before = len(steps)
+        with pytest.raises(CallTimeoutError):
+            client.call_sync(SetBool.Request(), timeout_s=0.1)
+        assert len(steps) > before + 2
+    context.close()
+    assert steps[-1] == -1

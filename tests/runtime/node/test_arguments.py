@@ -48,9 +48,9 @@ def test_every_flag() -> None:
         "--disable-stdout-logs --disable-rosout-logs --disable-external-lib-logs --enable-rosout-logs"
     )
     assert [(rule.node, rule.match) for rule in got.remap_rules] == [(None, "a"), ("n", "c")]
-    assert (got.log_level, got.log_levels) == (10, (("my.node", 30),))
-    assert (got.enclave, got.log_file_name) == ("/e", "pre")
-    assert (got.stdout_logs, got.rosout_logs, got.external_lib_logs) == (False, True, False)
+    assert (got.logs.level, got.logs.levels) == (10, (("my.node", 30),))
+    assert (got.enclave, got.logs.file_name) == ("/e", "pre")
+    assert (got.logs.stdout, got.logs.rosout, got.logs.external_lib) == (False, True, False)
     assert got.overrides_for("/n") == {
         "x": parameter_value(1),
         "y": parameter_value("from file"),

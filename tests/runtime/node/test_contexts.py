@@ -154,7 +154,8 @@ def test_inherited_things_say_that_they_do_not_work_after_a_fork(world: World) -
     for use in uses:
         answer = in_forked_child(use)
         assert answer.startswith("ClosedError: ") and "before this process was forked" in answer, answer
-    assert in_forked_child(node.close) == "None"
+    for end in (node.close, publisher.close, subscription.close):
+        assert in_forked_child(end) == "None"
     assert in_forked_child(node.context.close) == "None"
     assert in_forked_child(lambda: node.logger.warning("from the child")) == "None"
     assert node.get_node_names() == ["/parent"]

@@ -8,7 +8,7 @@ from worlds import World, run
 from rosidl_py_gen import get_action, get_message, type_description, type_hash
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, LoggerLevel
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetLoggerLevels, SetLoggerLevels
-from rosidl_py_gen.runtime.logs.loggers import effective_level
+from rosidl_py_gen.runtime.logs.loggers import get_logger
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError, type_source
 
 
@@ -82,7 +82,7 @@ def test_logger_levels(world: World) -> None:
         )
         results = (await change.call(request, 5)).results
         assert [(r.successful, bool(r.reason)) for r in results] == [(True, False), (False, True)]
-        assert effective_level("svc.a.child") == 40
+        assert get_logger("svc.a.child").getEffectiveLevel() == 40
         ask = other.create_client(GetLoggerLevels, "/n/get_logger_levels")
         levels = (await ask.call(GetLoggerLevels.Request(names=["svc.a", "svc.a.child"]), 5)).levels
         assert [(level.name, level.level) for level in levels] == [("svc.a", 40), ("svc.a.child", 0)]

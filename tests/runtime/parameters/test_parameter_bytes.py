@@ -6,7 +6,7 @@ import pytest
 from worlds import World, run, until
 
 from rosidl_py_gen.runtime.names.dds import reply_name, request_name
-from rosidl_py_gen.runtime.parameters.values import ParameterNotDeclared
+from rosidl_py_gen.runtime.parameters.values import ParameterNotDeclaredError
 from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -26,11 +26,10 @@ def test_setting_one_integer_and_the_event_it_causes(world: World) -> None:
         replies = watcher.create_reader(reply_name("/n/set_parameters"), f"{dds}Response_", DEEP, b"")
         node = world.node("n")
         node.declare_parameter("ab", 1)
+        remote = world.node("other").create_parameter_client("/n")
         events = watcher.create_reader("rt/parameter_events", "rcl_interfaces::msg::dds_::ParameterEvent_", DEEP, b"")
         node.clock.enable_ros_time_override()
         node.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
-        remote = world.node("other").create_parameter_client("/n")
-        events.queue.items.clear()
         await remote.set({"ab": 7}, timeout_s=5)
         await until(lambda: bool(events.queue.items))
         name = "03 00 00 00  61 62 00"  # "ab" with its NUL
@@ -62,7 +61,7 @@ def test_asking_for_an_unknown_parameter_is_answered_with_nothing(world: World) 
         replies = watcher.create_reader(reply_name("/n/get_parameters"), dds, DEEP, b"")
         world.node("n")
         remote = world.node("other").create_parameter_client("/n")
-        with pytest.raises(ParameterNotDeclared):
+        with pytest.raises(ParameterNotDeclaredError):
             await remote.get(["use_sim_time", "nope"], timeout_s=5)
         (reply,) = [bytes(item[0]) for item in replies.queue.items]
         assert (reply[:4] + reply[20:]).hex() == wire("00 00 00 00")

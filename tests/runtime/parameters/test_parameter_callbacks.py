@@ -10,10 +10,11 @@ from typing import Annotated, Any
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.classes import bind_class, update_parameters
+from rosidl_py_gen.runtime.parameters.classes import bind_class
+from rosidl_py_gen.runtime.parameters.live import update_parameters
 from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, ParameterEvent, ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     parameter_value,
@@ -47,12 +48,11 @@ class World:
         return {name: value.value for name, value in self.store.values().items()}
 
 
-@pytest.mark.parametrize("kind", ["pre_set", "on_set"])
+@pytest.mark.parametrize("kind", ["pre-set", "on-set"])
 def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
     world = World("a", "b")
-    add = {"pre_set": world.store.add_pre_set_callback, "on_set": world.store.add_on_set_callback}[kind]
-    remove = add(broken)
-    what = f"the {kind.replace('_', '-')} callback 'broken'"
+    remove = world.store.callbacks.add(kind, broken)
+    what = f"the {kind} callback 'broken'"
     refused = SetResult(False, f"{what} raised KeyError: 'gone'")
     assert world.store.set_atomically([p("a", 2)]) == refused
     assert world.store.set_each([p("a", 2), p("b", 2)]) == [refused, refused]
@@ -63,8 +63,10 @@ def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
 
 def test_a_callback_that_raises_refuses_a_declaration() -> None:
     world = World()
-    world.store.add_on_set_callback(broken)
-    with pytest.raises(InvalidParameterValue, match="cannot be declared as 1: the on-set callback 'broken' raised Key"):
+    world.store.callbacks.add("on-set", broken)
+    with pytest.raises(
+        InvalidParameterValueError, match="cannot be declared as 1: the on-set callback 'broken' raised Key"
+    ):
         world.store.declare("a", parameter_value(1))
     assert not world.store.has("a") and world.events == []
 
@@ -72,9 +74,9 @@ def test_a_callback_that_raises_refuses_a_declaration() -> None:
 def test_a_post_set_callback_that_raises_changes_nothing_and_the_others_still_hear() -> None:
     world = World("a")
     heard: list[str] = []
-    world.store.add_post_set_callback(lambda ps: heard.append("old"))
-    world.store.add_post_set_callback(broken)
-    world.store.add_post_set_callback(lambda ps: heard.append("new"))
+    world.store.callbacks.add("post-set", lambda ps: heard.append("old"))
+    world.store.callbacks.add("post-set", broken)
+    world.store.callbacks.add("post-set", lambda ps: heard.append("new"))
     assert world.store.set_atomically([p("a", 2)]) == OK
     assert world.values() == {"a": 2} and heard == ["new", "old"]
     world.store.declare("b", parameter_value(1))
@@ -96,7 +98,7 @@ def test_an_event_that_cannot_be_published_changes_nothing() -> None:
 )
 def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
     world = World("a")
-    world.store.add_on_set_callback(lambda ps: answer)
+    world.store.callbacks.add("on-set", lambda ps: answer)
     with pytest.raises(CallbackAnswerError, match=r"'<lambda>' returned .*, expected a SetResult with a text"):
         world.store.set_atomically([p("a", 2)])
     with pytest.raises(TypeError):
@@ -106,10 +108,10 @@ def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
 
 def test_what_looks_like_a_result_is_one() -> None:
     world = World("a")
-    remove = world.store.add_on_set_callback(lambda ps: SimpleNamespace(successful=0, reason="as in rclpy"))  # type: ignore[arg-type,return-value]
+    remove = world.store.callbacks.add("on-set", lambda ps: SimpleNamespace(successful=0, reason="as in rclpy"))  # type: ignore[arg-type,return-value]
     assert world.store.set_atomically([p("a", 2)]) == SetResult(False, "as in rclpy")
     remove()
-    world.store.add_on_set_callback(lambda ps: SetResult(1))  # type: ignore[arg-type]
+    world.store.callbacks.add("on-set", lambda ps: SetResult(1))  # type: ignore[arg-type]
     result = world.store.set_atomically([p("a", 2)])
     assert result == OK and result.successful is True
 
@@ -117,7 +119,7 @@ def test_what_looks_like_a_result_is_one() -> None:
 @pytest.mark.parametrize("answer", [None, "text", 5, [1], {"a": 1}, p("a", 2)])
 def test_a_pre_set_callback_must_answer_parameters(answer: Any) -> None:
     world = World("a")
-    world.store.add_pre_set_callback(lambda ps: answer)
+    world.store.callbacks.add("pre-set", lambda ps: answer)
     with pytest.raises(CallbackAnswerError, match=r"returned .*, expected a list of Parameter objects"):
         world.store.set_atomically([p("a", 2)])
     assert world.values() == {"a": 1}
@@ -133,12 +135,12 @@ class Later:
 def test_only_plain_functions_can_be_callbacks(kind: str, callback: Any) -> None:
     store = ParameterStore()
     with pytest.raises(TypeError, match=f"the {kind}-set callback .*(is async, but a set cannot wait|must be a func)"):
-        getattr(store, f"add_{kind}_set_callback")(callback)
+        store.callbacks.add(f"{kind}-set", callback)
 
 
 def test_an_async_function_in_disguise_is_refused_without_a_warning(recwarn: pytest.WarningsRecorder) -> None:
     world = World("a")
-    world.store.add_on_set_callback(lambda ps: later())  # type: ignore[arg-type,return-value]
+    world.store.callbacks.add("on-set", lambda ps: later())  # type: ignore[arg-type,return-value]
     with pytest.raises(CallbackAnswerError, match="returned <coroutine"):
         world.store.set_atomically([p("a", 2)])
     assert not recwarn.list
@@ -175,9 +177,9 @@ def test_a_validator_that_raises_refuses_its_own_field_only() -> None:
     reason = "the validator of 'v' raised ZeroDivisionError: division by zero"
     assert world.store.set_each([p("t", 2), p("v", 0), p("v", 5)]) == [OK, SetResult(False, reason), OK]
     assert world.failures == ["the validator of 'v'"] and len(world.events) == 2
-    with pytest.raises(InvalidParameterValue, match=reason):
+    with pytest.raises(InvalidParameterValueError, match=reason):
         checked.v = 0
-    with pytest.raises(InvalidParameterValue, match=reason):
+    with pytest.raises(InvalidParameterValueError, match=reason):
         update_parameters(checked, v=0, t=7)
     assert (checked.v, checked.t) == (5, 2) and world.values() == {"v": 5, "t": 2, "items": ()}
 
@@ -208,7 +210,9 @@ def test_a_class_validator_that_raises_is_named() -> None:
 
 def test_a_validator_that_raises_at_the_start_declares_nothing() -> None:
     world = World()
-    with pytest.raises(InvalidParameterValue, match=r"cannot be declared: the validator of 'c\.v' raised ZeroDivision"):
+    with pytest.raises(
+        InvalidParameterValueError, match=r"cannot be declared: the validator of 'c\.v' raised ZeroDivision"
+    ):
         bind_class(world.store, Checked, prefix="c", initial=Checked(v=0))
     assert world.values() == {} and world.events == []
 
@@ -236,7 +240,7 @@ def test_validators_cannot_set_parameters() -> None:
 
     checked = bind_class(world.store, Checked, validator=check)
     for value in (5, 6):
-        with pytest.raises(InvalidParameterValue, match="cannot be set or declared by a validator"):
+        with pytest.raises(InvalidParameterValueError, match="cannot be set or declared by a validator"):
             checked.t = value
     assert world.store.get("other").value == 1 and not world.store.has("another") and checked.t == 1
 
@@ -264,7 +268,7 @@ def test_a_validator_cannot_change_what_is_stored() -> None:
 def test_failures_are_logged_with_a_traceback_by_default(caplog: pytest.LogCaptureFixture) -> None:
     store = ParameterStore()
     store.declare("a", parameter_value(1), ParameterDescriptor())
-    store.add_on_set_callback(broken)
+    store.callbacks.add("on-set", broken)
     with caplog.at_level(logging.ERROR):
         assert not store.set_atomically([p("a", 2)]).successful
     assert "the on-set callback 'broken' failed" in caplog.text and 'raise KeyError("gone")' in caplog.text

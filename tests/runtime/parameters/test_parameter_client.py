@@ -15,11 +15,11 @@ from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError
 from rosidl_py_gen.runtime.parameters.store import SetResult
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterName,
-    InvalidParameterValue,
+    InvalidParameterNameError,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
-    ParameterNotDeclared,
+    ParameterNotDeclaredError,
     ParameterType,
     parameter_value,
 )
@@ -142,7 +142,7 @@ def test_one_name_gives_one_answer(world: World) -> None:
         assert (await remote.list("left", timeout_s=5)).names == ("left.pwm",)
         assert (await remote.list(["left"], timeout_s=5)).names == ("left.pwm",)
         for ask in (remote.get, remote.types, remote.describe):
-            with pytest.raises(ParameterNotDeclared, match=r"\['nope'\]"):
+            with pytest.raises(ParameterNotDeclaredError, match=r"\['nope'\]"):
                 await ask("nope", 5)
         assert node.list_parameters("left") == node.list_parameters(["left"])
         assert node.list_parameters("left").names == ("left.pwm",)
@@ -180,12 +180,16 @@ BAD_CALLS: list[tuple[Callable[[Any], object], type[Exception], str]] = [
     (lambda n: n.undeclare_parameter([]), TypeError, "name must be a text"),
     (lambda n: n.list_parameters(5), TypeError, "prefixes must be given as a list of texts, got 5"),
     (lambda n: n.set_parameter(5, 1), TypeError, "name must be a text, got 5"),
-    (lambda n: n.set_parameter("tags", object()), InvalidParameterValue, "parameter 'tags': <object .* no parameter v"),
+    (
+        lambda n: n.set_parameter("tags", object()),
+        InvalidParameterValueError,
+        "parameter 'tags': <object .* no parameter v",
+    ),
     (lambda n: n.set_parameters(["tags"]), TypeError, "expected Parameter objects, found 'tags'"),
     (lambda n: n.set_parameters(5), TypeError, "expected a dict of names and values"),
     (lambda n: n.set_parameters_atomically([Parameter("a", 5)]), TypeError, "must be a ParameterValue"),  # type: ignore[arg-type]
-    (lambda n: n.declare_parameter(5, 1), InvalidParameterName, "must be a text that is not empty, got 5"),
-    (lambda n: n.declare_parameter("x", object()), InvalidParameterValue, "no parameter value"),
+    (lambda n: n.declare_parameter(5, 1), InvalidParameterNameError, "must be a text that is not empty, got 5"),
+    (lambda n: n.declare_parameter("x", object()), InvalidParameterValueError, "no parameter value"),
     (lambda n: n.declare_parameter("x", 1, "text"), TypeError, "'x': the descriptor must be a ParameterDescriptor"),
     (lambda n: n.declare_parameter("x", [], 5), TypeError, "'x': the descriptor must be a ParameterDescriptor"),
     (lambda n: n.declare_parameter("x", [], ParameterDescriptor(type=9)), TypeError, "type of the descriptor must be"),  # type: ignore[arg-type]
@@ -206,7 +210,7 @@ def test_wrong_arguments_are_explained(
 
 
 def test_wrong_overrides_are_explained(world: World) -> None:
-    with pytest.raises(InvalidParameterValue, match="parameter 'a': <object"):
+    with pytest.raises(InvalidParameterValueError, match="parameter 'a': <object"):
         world.node("n", overrides={"a": object()})
     with pytest.raises(TypeError, match="name must be a text, got 5"):
         world.node("n", overrides={5: 1})

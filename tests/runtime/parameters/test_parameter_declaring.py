@@ -10,7 +10,7 @@ import pytest
 from rosidl_py_gen.runtime.parameters.classes import bind_class
 from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
     ParameterType,
@@ -40,7 +40,7 @@ class World:
         self.events: list[ParameterEvent] = []
         self.told: list[str] = []
         self.store = ParameterStore(on_event=self.events.append)
-        self.store.add_post_set_callback(lambda ps: self.told.extend(item.name for item in ps))
+        self.store.callbacks.add("post-set", lambda ps: self.told.extend(item.name for item in ps))
 
     def set(self, **values: object) -> SetResult:
         return self.store.set_atomically([p(name, value) for name, value in values.items()])
@@ -57,7 +57,7 @@ def test_a_callback_after_the_set_may_correct_what_is_declared() -> None:
             if item.name == "speed" and isinstance(item.value.value, float) and item.value.value > 2.0:
                 assert world.set(speed=2.0).successful
 
-    world.store.add_post_set_callback(clamp)
+    world.store.callbacks.add("post-set", clamp)
     drive = bind_class(world.store, Drive)
     assert drive.speed == world.get("speed") == 2.0
     assert [*world.events[0].new, *world.events[-1].changed] == [p("speed", 5.0), p("speed", 2.0)]
@@ -73,7 +73,7 @@ def test_a_callback_before_the_set_may_set_a_field_that_is_declared_already() ->
             assert world.set(speed=1.0).successful
         return SetResult(True)
 
-    world.store.add_on_set_callback(slow_down)
+    world.store.callbacks.add("on-set", slow_down)
     drive = bind_class(world.store, Drive)
     assert (drive.speed, drive.mode) == (1.0, "auto") and world.get("speed") == 1.0
 
@@ -84,16 +84,16 @@ def test_what_a_callback_sets_must_please_the_validator() -> None:
     def slow_down(parameters: list[Parameter]) -> SetResult:
         return world.set(speed=-1.0) if parameters[0].name == "mode" else SetResult(True)
 
-    world.store.add_on_set_callback(slow_down)
-    with pytest.raises(InvalidParameterValue, match="the parameters of Drive cannot be declared: backwards"):
+    world.store.callbacks.add("on-set", slow_down)
+    with pytest.raises(InvalidParameterValueError, match="the parameters of Drive cannot be declared: backwards"):
         bind_class(world.store, Drive, validator=lambda new: "backwards" if new.speed < 0 else None)
     assert world.store.values() == {} and world.events == [] and world.told == []
 
 
 def test_nobody_hears_of_a_class_that_was_refused() -> None:
     world = World()
-    world.store.add_on_set_callback(lambda ps: SetResult(ps[0].name != "gear", "no gear"))
-    with pytest.raises(InvalidParameterValue, match="'gear' cannot be declared as 1: no gear"):
+    world.store.callbacks.add("on-set", lambda ps: SetResult(ps[0].name != "gear", "no gear"))
+    with pytest.raises(InvalidParameterValueError, match="'gear' cannot be declared as 1: no gear"):
         bind_class(world.store, Drive)
     assert world.store.values() == {} and world.events == [] and world.told == []
 
@@ -110,8 +110,8 @@ def test_what_else_happened_meanwhile_is_heard_all_the_same() -> None:
             bind_class(world.store, Lamp)
         return SetResult(parameters[0].name != "gear")
 
-    world.store.add_on_set_callback(refuse_gear)
-    with pytest.raises(InvalidParameterValue):
+    world.store.callbacks.add("on-set", refuse_gear)
+    with pytest.raises(InvalidParameterValueError):
         bind_class(world.store, Drive)
     assert world.events == [ParameterEvent(changed=(p("other", 2),)), ParameterEvent(new=(p("on", True),))]
     assert world.told == ["other", "on"] and set(world.store.values()) == {"other", "on"}
@@ -120,7 +120,7 @@ def test_what_else_happened_meanwhile_is_heard_all_the_same() -> None:
 def test_events_and_callbacks_keep_their_order_and_find_everything_declared() -> None:
     world = World()
     complete: list[bool] = []
-    world.store.add_post_set_callback(lambda ps: complete.append(world.store.has("limit")))
+    world.store.callbacks.add("post-set", lambda ps: complete.append(world.store.has("limit")))
     bind_class(world.store, Drive)
     assert [[item.name for item in event.new] for event in world.events] == [["speed"], ["mode"], ["gear"], []]
     assert world.told == ["speed", "mode", "gear", "limit"] and complete == [True] * 4
@@ -137,7 +137,7 @@ def test_callbacks_after_a_declaration_hold_up_no_other_thread() -> None:
             thread.start()
             thread.join(5)
 
-    world.store.add_post_set_callback(set_elsewhere)
+    world.store.callbacks.add("post-set", set_elsewhere)
     bind_class(world.store, Drive)
     assert results == [SetResult(True)] and world.get("other") == 2 and "other" in world.told
 
@@ -150,7 +150,7 @@ def test_a_field_that_returns_with_its_type_is_followed_again() -> None:
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
     assert drive.speed == 5.0
-    with pytest.raises(InvalidParameterValue, match=r"undeclared parameter\(s\): \['speed'\]"):
+    with pytest.raises(InvalidParameterValueError, match=r"undeclared parameter\(s\): \['speed'\]"):
         drive.speed = 1.0
     world.store.declare("speed", parameter_value(3.0))
     assert drive.speed == 3.0
@@ -164,7 +164,7 @@ def test_a_field_cannot_return_with_another_type(dynamic: bool) -> None:
     drive = bind_class(world.store, Drive)
     world.store.undeclare("speed")
     text = "'speed' cannot be declared as 'y': it shows as Drive.speed, which is of type DOUBLE, not STRING"
-    with pytest.raises(InvalidParameterValue, match=text):
+    with pytest.raises(InvalidParameterValueError, match=text):
         world.store.declare("speed", parameter_value("y"), ParameterDescriptor(dynamic_typing=dynamic))
     assert drive.speed == 5.0 and not world.store.has("speed")
 

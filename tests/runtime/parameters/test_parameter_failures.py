@@ -11,7 +11,7 @@ from worlds import World, run
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import SetParametersResult
 from rosidl_py_gen.runtime.parameters.store import CallbackAnswerError, SetResult
-from rosidl_py_gen.runtime.parameters.values import InvalidParameterValue, Parameter, parameter_value
+from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError, Parameter, parameter_value
 
 
 def reciprocal(value: int) -> str | None:
@@ -43,7 +43,7 @@ def test_a_validator_that_raises_is_answered(world: World, caplog: pytest.LogCap
         assert await remote.set({"t": 11}, timeout_s=5) == [refused]
         assert (checked.t, checked.v) == (2, 1)
         assert node.set_parameters({"v": 0, "t": 4}) == [DIVIDED, OK] and checked.t == 4
-        with pytest.raises(InvalidParameterValue, match="raised ZeroDivisionError"):
+        with pytest.raises(InvalidParameterValueError, match="raised ZeroDivisionError"):
             node.set_parameter("v", 0)
 
     with caplog.at_level(logging.ERROR):

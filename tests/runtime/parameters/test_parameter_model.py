@@ -12,12 +12,12 @@ from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStor
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
-    ParameterAlreadyDeclared,
+    ParameterAlreadyDeclaredError,
     ParameterDescriptor,
-    ParameterImmutable,
-    ParameterNotDeclared,
+    ParameterImmutableError,
+    ParameterNotDeclaredError,
     ParameterType,
     ParameterValue,
     parameter_value,
@@ -74,8 +74,8 @@ class StoreAgainstModel(RuleBasedStateMachine):
     def create(self, allow: bool) -> None:
         self.allow = allow
         self.store = ParameterStore(allow_undeclared=allow, on_event=self.hear)
-        self.store.add_on_set_callback(self.judge)
-        self.store.add_post_set_callback(self.note)
+        self.store.callbacks.add("on-set", self.judge)
+        self.store.callbacks.add("post-set", self.note)
 
     def judge(self, parameters: list[Parameter]) -> SetResult:
         refused = self.refusing and any(parameter.value.value == REFUSED_TEXT for parameter in parameters)
@@ -129,16 +129,16 @@ class StoreAgainstModel(RuleBasedStateMachine):
             self.store.declare(name, given, described)
             assert possible
             self.model[name] = Known(given, given.type, described)
-        except (ParameterAlreadyDeclared, InvalidParameterValue):
+        except (ParameterAlreadyDeclaredError, InvalidParameterValueError):
             assert not possible
 
     @rule(name=NAMES)
     def undeclare(self, name: str) -> None:
         try:
             self.store.undeclare(name)
-        except ParameterNotDeclared:
+        except ParameterNotDeclaredError:
             assert name not in self.model
-        except ParameterImmutable:
+        except ParameterImmutableError:
             assert self.model[name].described.read_only
         else:
             assert not self.model.pop(name).described.read_only

@@ -10,7 +10,7 @@ from worlds import World, run, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.parameters.classes import snapshot, update_parameters
+from rosidl_py_gen.runtime.parameters.live import snapshot, update_parameters
 
 
 @dataclass

@@ -12,12 +12,12 @@ import pytest
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
     INT64_MIN,
-    InvalidParameterValue,
+    InvalidParameterValueError,
     Parameter,
-    ParameterNotDeclared,
+    ParameterNotDeclaredError,
     ParameterType,
     ParameterValue,
-    WrongParameterType,
+    WrongParameterTypeError,
     as_parameters,
     parameter_value,
 )
@@ -94,14 +94,14 @@ def test_inference(value: object, kind: ParameterType, stored: object) -> None:
     ],
 )
 def test_what_is_no_parameter_value(value: object, reason: str) -> None:
-    with pytest.raises(InvalidParameterValue, match=reason):
+    with pytest.raises(InvalidParameterValueError, match=reason):
         parameter_value(value)
 
 
 def test_a_stated_type_decides_for_empty_lists_and_is_checked() -> None:
     assert parameter_value([], T.STRING_ARRAY) == ParameterValue(T.STRING_ARRAY, ())
     assert parameter_value((), T.BYTE_ARRAY) == ParameterValue(T.BYTE_ARRAY, b"")
-    with pytest.raises(InvalidParameterValue, match="1 is of type INTEGER, expected DOUBLE"):
+    with pytest.raises(InvalidParameterValueError, match="1 is of type INTEGER, expected DOUBLE"):
         parameter_value(1, T.DOUBLE)
 
 
@@ -122,10 +122,10 @@ def test_what_is_to_be_set_is_a_dict_or_parameters() -> None:
         ({5: 1}, TypeError, "a parameter's name must be a text, got 5 of type int"),
         ([Parameter("a", 5)], TypeError, "the value of a Parameter must be a ParameterValue"),  # type: ignore[arg-type]
         ([Parameter(5)], TypeError, "a parameter's name must be a text"),  # type: ignore[arg-type]
-        ({"a": object()}, InvalidParameterValue, "parameter 'a': <object .* no parameter value"),
+        ({"a": object()}, InvalidParameterValueError, "parameter 'a': <object .* no parameter value"),
         (
             [Parameter("a", ParameterValue(T.INTEGER, "x"))],
-            InvalidParameterValue,
+            InvalidParameterValueError,
             "parameter 'a': 'x' is of type STRING",
         ),
     ],
@@ -136,5 +136,5 @@ def test_anything_else_to_set_is_explained(values: Any, error: type[Exception], 
 
 
 def test_errors_name_what_is_wrong() -> None:
-    assert str(ParameterNotDeclared(["a", "b"])) == "Invalid access to undeclared parameter(s): ['a', 'b']"
-    assert str(WrongParameterType("a", "DOUBLE", "STRING")) == "parameter 'a' is of type STRING, expected DOUBLE"
+    assert str(ParameterNotDeclaredError(["a", "b"])) == "Invalid access to undeclared parameter(s): ['a', 'b']"
+    assert str(WrongParameterTypeError("a", "DOUBLE", "STRING")) == "parameter 'a' is of type STRING, expected DOUBLE"

@@ -6,22 +6,22 @@ from collections.abc import Callable, Mapping
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.callbacks import Refused
+from rosidl_py_gen.runtime.parameters.callbacks import RefusedError
 from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
     IntRange,
-    InvalidParameterName,
-    InvalidParameterValue,
+    InvalidParameterNameError,
+    InvalidParameterValueError,
     Parameter,
-    ParameterAlreadyDeclared,
+    ParameterAlreadyDeclaredError,
     ParameterDescriptor,
-    ParameterImmutable,
-    ParameterNotDeclared,
+    ParameterImmutableError,
+    ParameterNotDeclaredError,
     ParameterType,
-    ParameterUninitialized,
+    ParameterUninitializedError,
     ParameterValue,
-    WrongParameterType,
+    WrongParameterTypeError,
     parameter_value,
 )
 
@@ -63,21 +63,21 @@ def test_declaring_stores_describes_and_announces() -> None:
 def test_declaring_twice_is_an_error() -> None:
     world = World()
     world.declare("a", 1)
-    with pytest.raises(ParameterAlreadyDeclared, match="'a' is already declared"):
+    with pytest.raises(ParameterAlreadyDeclaredError, match="'a' is already declared"):
         world.declare("a", 1)
 
 
 def test_a_name_is_needed() -> None:
-    with pytest.raises(InvalidParameterName):
+    with pytest.raises(InvalidParameterNameError):
         World().declare("", 1)
 
 
 def test_a_parameter_without_default_needs_a_type_or_dynamic_typing() -> None:
     world = World()
-    with pytest.raises(InvalidParameterValue, match="has no default, so its type is unknown"):
+    with pytest.raises(InvalidParameterValueError, match="has no default, so its type is unknown"):
         world.declare("a")
     world.declare("a", None, ParameterDescriptor(type=ParameterType.DOUBLE))
-    with pytest.raises(ParameterUninitialized):
+    with pytest.raises(ParameterUninitializedError):
         world.get("a")
     assert world.events == [ParameterEvent()]
     assert world.set(p("a", 1)).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.INTEGER'"
@@ -88,14 +88,14 @@ def test_a_parameter_without_default_needs_a_type_or_dynamic_typing() -> None:
 
 
 def test_default_and_descriptor_must_agree() -> None:
-    with pytest.raises(WrongParameterType, match="is of type INTEGER, expected DOUBLE"):
+    with pytest.raises(WrongParameterTypeError, match="is of type INTEGER, expected DOUBLE"):
         World().declare("a", 1, ParameterDescriptor(type=ParameterType.DOUBLE))
 
 
 def test_overrides_replace_defaults_unless_ignored_and_must_have_the_type() -> None:
     world = World({"a": 5, "b": "text", "c": 7})
     assert world.declare("a", 1) == 5
-    with pytest.raises(WrongParameterType, match="'b' is of type STRING, expected INTEGER"):
+    with pytest.raises(WrongParameterTypeError, match="'b' is of type STRING, expected INTEGER"):
         world.declare("b", 1)
     assert not world.store.has("b")
     assert world.store.declare("c", parameter_value(1), ignore_override=True).value == 1
@@ -109,10 +109,14 @@ def test_overrides_replace_defaults_unless_ignored_and_must_have_the_type() -> N
         (ParameterDescriptor(type=2), TypeError, "type of the descriptor must be a ParameterType, got 2"),
         (ParameterDescriptor(description=5), TypeError, "description of the descriptor must be a str, got 5"),
         (ParameterDescriptor(integer_range=(0, 5)), TypeError, "integer_range of the descriptor must be a IntRange"),
-        (ParameterDescriptor(integer_range=IntRange(0, 5, -1)), InvalidParameterValue, "a step that is not negative"),
+        (
+            ParameterDescriptor(integer_range=IntRange(0, 5, -1)),
+            InvalidParameterValueError,
+            "a step that is not negative",
+        ),
         (
             ParameterDescriptor(floating_point_range=FloatRange(-float("inf"), 1.0, 0.5)),
-            InvalidParameterValue,
+            InvalidParameterValueError,
             "steps are counted from the lower end",
         ),
     ],
@@ -126,7 +130,7 @@ def test_a_wrong_descriptor_is_explained(descriptor: object, error: type[Excepti
 
 def test_names_that_cannot_be_sent_are_refused() -> None:
     world = World(allow_undeclared=True)
-    with pytest.raises(InvalidParameterName):
+    with pytest.raises(InvalidParameterNameError):
         world.declare("\ud800", 1)
     assert not world.set(p("\ud800", 1)).successful and world.declare("ä", 1) == 1
 
@@ -141,10 +145,10 @@ def test_overrides_can_be_declared_automatically() -> None:
 
 def test_declaring_out_of_range_or_against_a_callback_is_an_error_and_leaves_nothing() -> None:
     world = World()
-    with pytest.raises(InvalidParameterValue, match=r"out of range. Min: 0, Max: 2, value: 3"):
+    with pytest.raises(InvalidParameterValueError, match=r"out of range. Min: 0, Max: 2, value: 3"):
         world.declare("a", 3, ParameterDescriptor(integer_range=IntRange(0, 2)))
-    world.store.add_on_set_callback(lambda parameters: SetResult(False, "no"))
-    with pytest.raises(InvalidParameterValue, match="cannot be declared as 3: no"):
+    world.store.callbacks.add("on-set", lambda parameters: SetResult(False, "no"))
+    with pytest.raises(InvalidParameterValueError, match="cannot be declared as 3: no"):
         world.declare("a", 3)
     assert not world.store.has("a") and world.events == []
 
@@ -153,7 +157,7 @@ def test_read_only_may_be_declared_but_not_set_nor_undeclared() -> None:
     world = World({"a": 2})
     assert world.declare("a", 1, ParameterDescriptor(read_only=True)) == 2
     assert world.set(p("a", 3)).reason == "Trying to set a read-only parameter: a."
-    with pytest.raises(ParameterImmutable):
+    with pytest.raises(ParameterImmutableError):
         world.store.undeclare("a")
 
 
@@ -201,7 +205,7 @@ def test_dynamic_typing_accepts_any_type_and_unsetting_undeclares() -> None:
     assert world.set(p("a")) == OK
     assert world.events[-1] == ParameterEvent(deleted=(p("a"),))
     assert not world.store.has("a")
-    with pytest.raises(ParameterNotDeclared):
+    with pytest.raises(ParameterNotDeclaredError):
         world.store.describe("a")
 
 
@@ -234,7 +238,7 @@ def test_undeclaring_is_silent_and_needs_a_declared_name() -> None:
     events = len(world.events)
     world.store.undeclare("a")
     assert len(world.events) == events
-    with pytest.raises(ParameterNotDeclared):
+    with pytest.raises(ParameterNotDeclaredError):
         world.store.undeclare("a")
     assert world.declare("a", "other type now") == "other type now"
 
@@ -249,12 +253,12 @@ def test_callbacks_run_in_the_order_of_rclpy() -> None:
             seen.append(f"on{tag}:{world.get('a')}")
             return result
 
-        return world.store.add_on_set_callback(callback)
+        return world.store.callbacks.add("on-set", callback)
 
     on_set("1")
     on_set("2")
-    world.store.add_post_set_callback(lambda ps: seen.append(f"post1:{world.get('a')}"))
-    world.store.add_post_set_callback(lambda ps: seen.append(f"post2:{len(world.events)}"))
+    world.store.callbacks.add("post-set", lambda ps: seen.append(f"post1:{world.get('a')}"))
+    world.store.callbacks.add("post-set", lambda ps: seen.append(f"post2:{len(world.events)}"))
     assert world.set(p("a", 2)) == OK
     assert seen == ["on2:1", "on1:1", "post2:2", "post1:2"]
 
@@ -263,8 +267,8 @@ def test_the_first_refusal_ends_the_asking() -> None:
     world = World()
     world.declare("a", 1)
     asked: list[int] = []
-    world.store.add_on_set_callback(lambda ps: asked.append(1) or OK)  # type: ignore[func-returns-value]
-    remove = world.store.add_on_set_callback(lambda ps: SetResult(False, "because"))
+    world.store.callbacks.add("on-set", lambda ps: asked.append(1) or OK)  # type: ignore[func-returns-value]
+    remove = world.store.callbacks.add("on-set", lambda ps: SetResult(False, "because"))
     assert world.set(p("a", 2)) == SetResult(False, "because") and asked == [] and world.get("a") == 1
     remove()
     remove()
@@ -275,8 +279,8 @@ def test_pre_set_callbacks_replace_the_list() -> None:
     world = World()
     world.declare("a", 1)
     world.declare("b", 1)
-    first = world.store.add_pre_set_callback(lambda ps: [*ps, p("b", 7)])
-    second = world.store.add_pre_set_callback(lambda ps: [])
+    first = world.store.callbacks.add("pre-set", lambda ps: [*ps, p("b", 7)])
+    second = world.store.callbacks.add("pre-set", lambda ps: [])
     assert world.set(p("a", 2)) == OK and world.get("b") == 7
     first()
     assert world.set(p("a", 3)) == SetResult(
@@ -303,7 +307,7 @@ def test_an_optional_parameter_may_be_unset_and_stays_declared_with_its_type() -
 def test_an_empty_list_in_an_override_takes_the_declared_type() -> None:
     world = World({"a": [], "b": []})
     assert world.store.declare("a", parameter_value(["x"])) == parameter_value([], ParameterType.STRING_ARRAY)
-    with pytest.raises(WrongParameterType):
+    with pytest.raises(WrongParameterTypeError):
         world.declare("b", 1)
 
 
@@ -314,12 +318,12 @@ def test_mirrors_are_asked_last_and_commit_before_the_event() -> None:
 
     def prepare(changes: Mapping[str, ParameterValue]) -> Callable[[], None] | None:
         if changes["a"].value == 5:
-            raise Refused("not five")
+            raise RefusedError("not five")
         seen.append(("asked", world.get("a")))
         return lambda: seen.append(("stored", world.get("a"), len(world.events)))
 
-    end = world.store.add_mirror(prepare)
-    remove = world.store.add_on_set_callback(lambda ps: SetResult(False, "no"))
+    end = world.store.callbacks.add("mirror", prepare)
+    remove = world.store.callbacks.add("on-set", lambda ps: SetResult(False, "no"))
     assert not world.set(p("a", 2)).successful and seen == []
     remove()
     assert world.set(p("a", 5)) == SetResult(False, "not five") and world.get("a") == 1

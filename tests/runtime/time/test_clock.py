@@ -6,16 +6,8 @@ import logging
 
 import pytest
 
-from rosidl_py_gen.runtime.time.clock import (
-    Clock,
-    ClockChange,
-    ClockType,
-    ClockTypeError,
-    Duration,
-    Time,
-    TimeJump,
-    TimeRangeError,
-)
+from rosidl_py_gen.runtime.time.clock import Clock, ClockChange, TimeJump
+from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
 
 ROS = ClockType.ROS_TIME
 

@@ -13,8 +13,9 @@ from typing import Any
 import pytest
 from worlds import World, run, until
 
-from rosidl_py_gen.runtime.time.clock import Clock, ClockType, ClockTypeError, Duration, Time, TimeRangeError
-from rosidl_py_gen.runtime.time.sleep import Rate
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.rate import Rate
+from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
 from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
 STEPS = 5

@@ -7,7 +7,6 @@ The peers here are our own, told to speak as Fast DDS peers do; real ones are in
 
 from __future__ import annotations
 
-import _thread
 import asyncio
 import ctypes as ct
 import os
@@ -222,7 +221,7 @@ async def test_calls_in_the_way_of_fast_dds_inside_one_process(dds: World, as_fa
     for number in range(20):
         response = await client.call(SetBool.Request(data=bool(number % 2)), timeout_s=10)
         assert (response.success, len(response.message)) == (bool(number % 2), 999_999 * (number % 2))
-    assert len(client._sent_as) == 20
+    assert client._sent == 20
 
 
 @pytest.mark.parametrize("lossiness", [0, 100], ids=["all packets", "one of ten lost"])
@@ -254,7 +253,7 @@ async def test_nothing_is_kept_of_what_was_sent(dds: World, as_fast_dds: None) -
         assert len(cyclone._fast_dds.outgoing) < 5
         node.context.close()
     assert cyclone._fast_dds.outgoing == {}
-    assert len(types._sent_as) <= 100
+    assert types._by_number == {}
 
 
 async def test_requests_given_up_leave_no_numbers_behind(dds: World, as_fast_dds: None) -> None:
@@ -264,7 +263,7 @@ async def test_requests_given_up_leave_no_numbers_behind(dds: World, as_fast_dds
     for _ in range(5):
         calls = (client.call(SetBool.Request(), timeout_s=0.05) for _ in range(100))
         assert all(isinstance(error, TimeoutError) for error in await asyncio.gather(*calls, return_exceptions=True))
-    assert len(client._sent_as) < 300
+    assert client._sent == 500 and client._by_number == {}
 
 
 async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: None) -> None:
@@ -306,22 +305,6 @@ def test_processes_start_stop_and_fork() -> None:
             assert process.wait(60) == 0
 
 
-def test_a_node_that_is_dropped_in_a_thread_of_the_middleware_is_closed_elsewhere(dds: World) -> None:
-    context = dds.context()
-    nodes = [dds.node("dropped", context=context)]
-    dds.nodes.clear()
-    closed_by: list[str] = []
-    scope = nodes[0].scope
-    remove = scope.discovery.remove_node
-    scope.discovery.remove_node = lambda number: (closed_by.append(threading.current_thread().name), remove(number))[1]  # type: ignore[method-assign]
-    with pytest.warns(ResourceWarning, match="never closed"):
-        _thread.start_new_thread(nodes.clear, ())  # `threading` does not know it, as those of Cyclone
-        deadline = time.monotonic() + 10
-        while not closed_by and time.monotonic() < deadline:
-            time.sleep(0.01)
-    assert closed_by == ["rosidl-py-gen closer"]
-
-
 # --------------------------------------------------------------------------------------------------- what is not known
 
 
@@ -338,7 +321,7 @@ def test_an_unknown_build_is_refused_and_left_alone(dds: World) -> None:
     fast_dds.prepare(type_object(node, REQUEST), "std_srvs::srv::dds_::SetBool_Request_")
     assert place.value == before
     assert fast_dds.refusal is not None and "libddsc.so.12" in fast_dds.refusal
-    assert fast_dds.listener(node.scope.participant.api) is None  # type: ignore[attr-defined]
+    assert fast_dds.listener(node.scope.participant.api, 0) is None  # type: ignore[attr-defined]
 
 
 def test_a_refusal_is_told_once_and_only_where_fast_dds_peers_are() -> None:
@@ -439,7 +422,7 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             with pytest.raises(KeyboardInterrupt):
-                types._send(GetParameterTypes.Request(names=["x"]).encode(), 1)
+                types.ask(GetParameterTypes.Request(names=["x"]), list, list)
         finally:
             signal.signal(signal.SIGINT, before)
             for one in fast_dds._tables.values():

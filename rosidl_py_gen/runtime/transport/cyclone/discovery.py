@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_user_
 from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, EndpointFound, Lost, ParticipantFound
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent
@@ -37,9 +37,12 @@ _TOPICS = (abi.DCPS_PARTICIPANT, abi.DCPS_PUBLICATION, abi.DCPS_SUBSCRIPTION)
 
 
 class DiscoveryReaders:
-    """The three builtin readers of a participant. `fetch` in the waiting thread, `report` in the loop's."""
+    """The three builtin readers of a participant."""
 
-    def __init__(self, api: abi.Api, fast_dds: FastDds, domain_id: int, participant: int) -> None:
+    def __init__(
+        self, api: abi.Api, fast_dds: FastDds, domain_id: int, participant: int, listener: int, stream: int
+    ) -> None:
+        """`listener` puts handles into the pipe behind `stream`; that of participants has one more thing to do."""
         self._api = api
         self._fast_dds = fast_dds
         self._domain_id = domain_id
@@ -47,11 +50,12 @@ class DiscoveryReaders:
         """Writers on Fast DDS that are new."""
         self._readers: dict[int, int] = {}
         for topic in _TOPICS:
-            listener = fast_dds.listener(api) if topic == abi.DCPS_PARTICIPANT else None
-            code = api.create_reader(participant, topic, None, listener)
-            if listener is not None:
-                api.delete_listener(listener)
+            own = fast_dds.listener(api, stream) if topic == abi.DCPS_PARTICIPANT else None
+            code = api.create_reader(participant, topic, None, listener if own is None else own)
+            if own is not None:
+                api.delete_listener(own)
             self._readers[topic] = api.check(code, "create a discovery reader")
+        self.entities = tuple(self._readers.values())
         fast_dds.notice(self._readers[abi.DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self._lock = threading.Lock()
@@ -60,10 +64,6 @@ class DiscoveryReaders:
         self._events: deque[DiscoveryEvent] = deque()
         self._guids: dict[int, bytes] = {}
         self._lost: deque[int] = deque()
-
-    def entities(self) -> Iterator[tuple[int, int]]:
-        """Reader handles, each with a negative number for the waitset."""
-        return ((reader, -number) for number, reader in enumerate(self._readers.values(), start=1))
 
     # ---------------------------------------------------------------------------------------------------- events
 

@@ -16,8 +16,8 @@ import threading
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.node.environment import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObjects
 from rosidl_py_gen.runtime.transport.interface import TransportError
 
@@ -93,15 +93,13 @@ class Domain:
                 self._fast_dds.sweep()
 
     @classmethod
-    def after_fork(cls) -> None:
-        """In the child: leave what was inherited alone, and remember that it is there."""
+    def abandon(cls) -> None:
+        """In a forked child: leave what was inherited alone, and remember that it is there."""
         cls._lock = threading.Lock()
-        cls._forked = cls._forked or bool(cls._open)
+        for domain in cls._open.values():
+            cls._forked = True
+            domain._api.delete_nothing()
         cls._open.clear()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=Domain.after_fork)
 
 
 def _likely_cause(domain_id: int, xml: str) -> str:

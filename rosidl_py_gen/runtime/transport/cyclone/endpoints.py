@@ -11,7 +11,7 @@ import struct
 import threading
 import time
 import weakref
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.cyclone import abi
@@ -19,7 +19,8 @@ from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_ab
 from rosidl_py_gen.runtime.transport.interface import in_fours
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneParticipant
+    from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
+    from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
     from rosidl_py_gen.runtime.transport.interface import Identity, Payload, ReceiveQueue, Sink
 
 _BATCH = 32
@@ -40,13 +41,41 @@ _local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 """Readers of this process by domain and topic, for `CycloneWriter.write`."""
 
 
+class Host(Protocol):
+    """What endpoints need of their participant."""
+
+    api: abi.Api
+    fast_dds: FastDds
+    domain_id: int
+    discovery: DiscoveryReaders
+    buffers: TakeBuffers
+
+    def guid_of(self, entity: int) -> bytes:
+        """The entity's GUID in network order."""
+
+    def type_object(self, type: str) -> int:
+        """The address of what stands for a type that has endpoints."""
+
+    def release_topic(self, topic: str, type: str) -> None:
+        """An endpoint of it is gone."""
+
+    def watch(self, reader: CycloneReader) -> None:
+        """Tell the sink of that reader when something arrived."""
+
+    def unwatch(self, entity: int) -> None:
+        """Undo `watch`."""
+
+    def announce(self, entity: int) -> None:
+        """Tell the sink of that reader: something is in its queue already."""
+
+
 # -------------------------------------------------------------------------------------------------------------- writer
 
 
 class CycloneWriter:
     """See `transport.Writer`."""
 
-    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str) -> None:
+    def __init__(self, owner: Host, entity: int, topic: str, type: str) -> None:
         self._owner = owner
         self._topic = topic
         self._type = type
@@ -75,7 +104,7 @@ class CycloneWriter:
         if code == 0:
             if self._key in _local_readers:
                 for reader in _local_readers.get(self._key, ()):
-                    reader.pull()
+                    reader.fetch()
             return True
         if code == abi.TIMEOUT:
             return False
@@ -136,7 +165,7 @@ class TakeBuffers:
 class CycloneReader:
     """See `transport.Reader`."""
 
-    def __init__(self, owner: CycloneParticipant, entity: int, topic: str, type: str, queue: ReceiveQueue) -> None:
+    def __init__(self, owner: Host, entity: int, topic: str, type: str, queue: ReceiveQueue) -> None:
         self._owner = owner
         self._topic = topic
         self._type = type
@@ -149,11 +178,10 @@ class CycloneReader:
         self._samples = owner.fast_dds.samples(owner.type_object(type))
         self._free = owner.api.free
         self._buffers = owner.buffers
-        self._big_endian = owner.big_endian
         self._push = queue.push
         self._large_bytes = 0
         self.guid = owner.guid_of(entity)
-        self._number = owner.watch(self)
+        owner.watch(self)
         with _local_lock:
             _local_readers[self._key] = (*_local_readers.get(self._key, ()), self)
 
@@ -161,12 +189,7 @@ class CycloneReader:
         """See `transport.Reader`."""
         self.sink = sink
         if sink is not None and (self.fetch() or self.queue.items):
-            self._owner.ready(sink)
-
-    def pull(self) -> None:
-        """Take what a writer of this process has just delivered."""
-        if self.fetch() and self.sink is not None:
-            self._owner.ready(self.sink)
+            self._owner.announce(self.entity)
 
     def fetch(self) -> bool:
         """Move all samples from DDS into the queue; returns whether there were any. From any thread."""
@@ -208,8 +231,6 @@ class CycloneReader:
                 else:
                     data = self._large(pointer, size)
                 if valid:
-                    if self._big_endian:
-                        data = self._with_byte_order(data, writer)
                     self._push((data, source_ns, writer, now))
                     found = True
         return found
@@ -221,12 +242,6 @@ class CycloneReader:
         array = (ct.c_ubyte * size).from_address(pointer)
         weakref.finalize(array, self._free, pointer).atexit = False
         return memoryview(array).cast("B").toreadonly()
-
-    def _with_byte_order(self, data: Payload, writer: int) -> Payload:
-        guid = self.writer_guid(writer)
-        if guid is None or guid[:12] not in self._big_endian:
-            return data
-        return b"\0\0" + bytes(data[2:])
 
     def matched_writers(self) -> list[bytes]:
         """See `transport.Reader`."""
@@ -247,7 +262,7 @@ class CycloneReader:
                 _local_readers[self._key] = left
             else:
                 del _local_readers[self._key]
-        self._owner.unwatch(self, self._number)
+        self._owner.unwatch(entity)
         with self._owner.buffers.lock:
             self.entity = 0
         self._api.delete(entity)

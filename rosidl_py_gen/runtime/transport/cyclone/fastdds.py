@@ -35,6 +35,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from rosidl_py_gen.runtime.transport.cyclone import abi, rtps
+from rosidl_py_gen.runtime.transport.cyclone.pipe import putw
 from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, IDENTITY_BYTES, Lost, identified
 
 if TYPE_CHECKING:
@@ -269,19 +270,25 @@ class FastDds:
 
     # -------------------------------------------------------------------------------------------- participants
 
-    def listener(self, api: abi.Api) -> int | None:
-        """A listener for a reader of participants; to be deleted once the reader has it. None where there is no use."""
+    def listener(self, api: abi.Api, stream: int) -> int | None:
+        """A listener for a reader of participants; to be deleted once the reader has it. None where there is no use.
+
+        Args:
+            stream: of the pipe that gets the reader's name.
+        """
         if self.refusal is not None:
             return None
         listener: int = api.create_listener(None)
-        api.lset_data_available_arg(listener, self._listener_function, None, False)
+        api.lset_data_available_arg(listener, self._listener_function, stream, True)
         return listener
 
-    def notice(self, reader: int, _argument: int | None = None) -> None:
+    def notice(self, reader: int, stream: int | None = None) -> None:
         """That reader of participants has something that nobody has looked at yet; maybe one of Fast DDS."""
         with self._lock:
             self._unread.add(reader)
             self._look_into_received(True)
+        if stream is not None:
+            putw(reader, stream)
 
     def look(self, reader: int) -> None:
         """Somebody is going to take all that reader has, and to call `settle` then."""

@@ -8,9 +8,11 @@ Rules a newcomer would otherwise break:
 
 - Entities are integers. Whoever creates one deletes it in `close`; nothing depends on the garbage collector.
 - A write never blocks: max_blocking_time is 0 and a full writer answers False.
-- Samples are taken into the reader's own queue by whoever comes first: the waiting thread, or, for writers of this
-  process, the writing thread itself. Cyclone delivers inside the process during the write, so taking at once makes
-  KEEP_LAST and `dropped` exact there, whatever the event loop is busy with.
+- Samples are taken into the reader's own queue by whoever comes first: the thread that calls `collect`, or, for writers
+  of this process, the writing thread itself. Cyclone delivers inside the process during the write, so taking at once
+  makes KEEP_LAST and `dropped` exact there, whatever the event loop is busy with.
+- Whoever has something to do is told by the pipe, and by nothing else: a reader that was named and whose queue is not
+  empty, no matter who filled it.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from __future__ import annotations
 import ctypes as ct
 import sys
 import threading
+from contextlib import ExitStack
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING
@@ -28,6 +31,7 @@ from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
 from rosidl_py_gen.runtime.transport.interface import BackendMissingError, ReceiveQueue, effective
 
@@ -38,11 +42,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Sink
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
-_MAX_WOKEN = 256
-_WOKEN_SIZE = ct.c_size_t(_MAX_WOKEN)
-_int64 = ct.c_int64
 _MAX_IDLE_TOPICS = 256
-_GUARD = 0
 
 
 def _load() -> tuple[ModuleType, ct.CDLL]:
@@ -58,10 +58,10 @@ def _load() -> tuple[ModuleType, ct.CDLL]:
             raise ModuleNotFoundError("No module named 'cyclonedds'")
         sys.modules["cyclonedds"] = module_from_spec(spec)
         try:
-            return import_module("cyclonedds._clayer"), import_module("cyclonedds.internal").DDS._dll_handle
+            return import_module("cyclonedds._clayer"), import_module("cyclonedds.internal").load_cyclonedds()
         finally:
             del sys.modules["cyclonedds"]
-    return import_module("cyclonedds._clayer"), import_module("cyclonedds.internal").DDS._dll_handle
+    return import_module("cyclonedds._clayer"), import_module("cyclonedds.internal").load_cyclonedds()
 
 
 try:
@@ -73,7 +73,6 @@ except ImportError as err:
         f"The import failed with: {err}"
     ) from err
 _api = abi.Api(_library)
-_wait = _api.bare_wait
 _fast_dds = FastDds(_library)
 
 
@@ -91,40 +90,35 @@ class CycloneTransport:
 class CycloneParticipant:
     """See `transport.Participant`."""
 
-    must_wait = True
-
     def __init__(self, domain_id: int, user_data: bytes, xml: str) -> None:
         self.api = _api
         self.fast_dds = _fast_dds
         self.domain_id = domain_id
-        self._domain = Domain.join(_api, _fast_dds, domain_id, xml)
         self._closed = False
         self._lock = threading.Lock()
         self._topics: dict[tuple[str, str], list[int]] = {}
         self._idle_topics: dict[tuple[str, str], None] = {}
-        self._ready: dict[Sink, None] = {}
-        self._notify: Callable[[], None] | None = None
-        self._sources: dict[int, CycloneReader] = {}
-        self._next_source = _GUARD + 1
-        self._woken = (ct.c_ssize_t * _MAX_WOKEN)()
+        self._readers: dict[int, CycloneReader] = {}
         self.buffers = TakeBuffers()
-        self.big_endian: set[bytes] = set()
-        try:
+        with ExitStack() as undo:
+            self._pipe = ArrivalPipe()
+            undo.callback(self._pipe.close)
+            self._domain = Domain.join(_api, _fast_dds, domain_id, xml)
+            undo.callback(self._domain.leave)
+            self._listener: int = _api.create_listener(None)
+            undo.callback(_api.delete_listener, self._listener)
+            _api.lset_data_available_arg(self._listener, putw, self._pipe.stream, True)
             with participant_qos(_api, user_data) as qos:
                 what = f"create a participant in domain {domain_id}"
                 self.entity = _api.check(_api.create_participant(domain_id, qos, None), what)
+            undo.callback(_api.delete, self.entity)
             self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
-            self._waitset = _api.check(_api.create_waitset(self.entity), "create a waitset")
-            self._guard = _api.check(_api.create_guardcondition(self.entity), "create a guard condition")
-            _api.check(_api.waitset_attach(self._waitset, self._guard, _GUARD), "attach the guard condition")
-        except BaseException:
-            if hasattr(self, "entity"):
-                _api.delete(self.entity)
-            self._domain.leave()
-            raise
-        self.guid = self.guid_of(self.entity)
-        self.discovery = DiscoveryReaders(_api, _fast_dds, domain_id, self.entity)
+            self.guid = self.guid_of(self.entity)
+            self.discovery = DiscoveryReaders(
+                _api, _fast_dds, domain_id, self.entity, self._listener, self._pipe.stream
+            )
+            self._undo = undo.pop_all()
 
     @property
     def fast_dds_refusal(self) -> str | None:
@@ -143,7 +137,7 @@ class CycloneParticipant:
         """See `transport.Participant`."""
         profile = effective(qos, is_writer=True)
         with endpoint_qos(_api, profile, user_data, is_writer=True) as cqos:
-            entity = self._create(_api.create_writer, self._publisher, topic, type, cqos)
+            entity = self._create(_api.create_writer, self._publisher, topic, type, cqos, None)
         return CycloneWriter(self, entity, topic, type)
 
     def create_reader(
@@ -152,15 +146,17 @@ class CycloneParticipant:
         """See `transport.Participant`."""
         profile = effective(qos, is_writer=False)
         with endpoint_qos(_api, profile, user_data, is_writer=False, ignore_local=ignore_local) as cqos:
-            entity = self._create(_api.create_reader, self._subscriber, topic, type, cqos)
+            entity = self._create(_api.create_reader, self._subscriber, topic, type, cqos, self._listener)
         return CycloneReader(self, entity, topic, type, ReceiveQueue(profile))
 
-    def _create(self, create: Callable[..., int], parent: int, topic: str, type: str, qos: int) -> int:
+    def _create(
+        self, create: Callable[..., int], parent: int, topic: str, type: str, qos: int, listener: int | None
+    ) -> int:
         if self._closed:
             raise ClosedError("this participant is closed")
         handle = self._hold_topic(topic, type)
         try:
-            return _api.check(create(parent, handle, qos, None), f"create an endpoint of {topic} ({type})")
+            return _api.check(create(parent, handle, qos, listener), f"create an endpoint of {topic} ({type})")
         except BaseException:
             self.release_topic(topic, type)
             raise
@@ -195,100 +191,64 @@ class CycloneParticipant:
                     del self._idle_topics[oldest]
                     _api.delete(self._topics.pop(oldest)[0])
 
-    # -------------------------------------------------------------------------------------------------- waiting
+    # ------------------------------------------------------------------------------------------------- arrivals
 
-    def watch(self, reader: CycloneReader) -> int:
-        """Let `wait` look at a reader; returns the number `unwatch` needs."""
-        with self._lock:
-            number = self._next_source
-            self._next_source += 1
-            self._sources[number] = reader
-        _api.set_status_mask(reader.entity, abi.STATUS_DATA_AVAILABLE)
-        _api.check(_api.waitset_attach(self._waitset, reader.entity, number), "attach a reader")
-        return number
+    def watch(self, reader: CycloneReader) -> None:
+        """Let `collect` know a reader."""
+        self._readers[reader.entity] = reader
 
-    def unwatch(self, reader: CycloneReader, number: int) -> None:
+    def unwatch(self, entity: int) -> None:
         """Undo `watch`."""
-        self._sources.pop(number, None)
-        _api.waitset_detach(self._waitset, reader.entity)
+        self._readers.pop(entity, None)
+
+    def announce(self, entity: int) -> None:
+        """Let `collect` look at a reader that nothing may arrive for any more."""
+        self._pipe.put(entity)
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         """See `transport.Participant`."""
         self.discovery.sink = sink
-        for entity, number in self.discovery.entities():
-            _api.set_status_mask(entity, abi.STATUS_DATA_AVAILABLE)
-            _api.check(_api.waitset_attach(self._waitset, entity, number), "watch discovery")
-        self._ready[self.discovery.report] = None
-        if self._notify is not None:
-            self._notify()
+        self._pipe.put(self.discovery.entities[0])
 
     def report_discovery(self) -> None:
         """See `transport.Participant`."""
         self.discovery.report()
 
+    def fileno(self) -> int | None:
+        """See `transport.Participant`."""
+        return self._pipe.fileno()
+
     def set_notify(self, notify: Callable[[], None] | None) -> None:
         """See `transport.Participant`."""
-        self._notify = notify
-        if notify is not None and self._ready:
-            notify()
-
-    def ready(self, sink: Sink) -> None:
-        """Note that `sink` has something to do; called outside of `wait`."""
-        self._ready[sink] = None
-        notify = self._notify
-        if notify is not None:
-            notify()
-
-    def wait(self, timeout_ns: int) -> bool:
-        """See `transport.Participant`."""
-        woken = self._woken
-        count = _wait(self._waitset, woken, _WOKEN_SIZE, _int64(timeout_ns))
-        if count == 1:  # by far the most frequent case
-            reader = self._sources.get(woken[0])
-            if reader is not None:
-                if reader.fetch() and reader.sink is not None:
-                    self._ready[reader.sink] = None
-                return False
-        called = False
-        for number in woken[: max(0, count)]:
-            if number == _GUARD:
-                _api.set_guardcondition(self._guard, False)
-                called = True
-            elif number < 0:
-                self._ready[self.discovery.report] = None
-                self.discovery.fetch()
-            else:
-                reader = self._sources.get(number)
-                if reader is not None and reader.fetch() and reader.sink is not None:
-                    self._ready[reader.sink] = None
-        return called
-
-    def wake(self) -> None:
-        """See `transport.Participant`."""
-        _api.set_guardcondition(self._guard, True)
+        if notify is not None or self._pipe.fileno() is None:
+            self._pipe.read_in_thread(notify)
 
     def collect(self) -> list[Sink]:
         """See `transport.Participant`."""
-        ready = self._ready
-        if len(ready) <= 1:
-            return [ready.popitem()[0]] if ready else []
-        # Another thread may add at any time: take what is there, one by one.
-        return [ready.popitem()[0] for _ in range(len(ready))][::-1]
+        named, readers = self._pipe.read(), self._readers
+        if named is None:
+            named = (*self.discovery.entities, *readers)
+        sinks: list[Sink] = []
+        for entity in named:
+            reader = readers.get(entity)
+            if reader is not None:
+                if (reader.fetch() or reader.queue.items) and reader.sink is not None:
+                    sinks.append(reader.sink)
+            elif entity in self.discovery.entities and self.discovery.report not in sinks:
+                sinks.append(self.discovery.report)
+        return sinks
 
-    def mark_big_endian(self, guid_prefix: bytes) -> None:
+    def abandon(self) -> None:
         """See `transport.Participant`."""
-        self.big_endian.add(guid_prefix)
+        self._closed = True
+        Domain.abandon()
 
     def close(self) -> None:
         """See `transport.Participant`."""
         if self._closed:
             return
         self._closed = True
-        self.wake()
-        self._notify = None
-        for reader in list(self._sources.values()):
+        for reader in list(self._readers.values()):
             reader.close()
-        self._ready.clear()
-        _api.delete(self.entity)
+        self._undo.close()
         self.discovery.close()
-        self._domain.leave()

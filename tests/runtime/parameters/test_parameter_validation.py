@@ -6,11 +6,11 @@ import math
 
 import pytest
 
-from rosidl_py_gen.runtime.parameters.rules import (
-    descriptor_problem,
-    float_range_problem,
-    integer_range_problem,
+from rosidl_py_gen.runtime.parameters.validation import (
+    float_range_reason,
+    integer_range_reason,
     list_names,
+    refusal_reason,
 )
 from rosidl_py_gen.runtime.parameters.values import (
     FloatRange,
@@ -36,7 +36,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     ],
 )
 def test_integer_ranges(value: int, allowed: IntRange, reason: str) -> None:
-    assert integer_range_problem("p", value, allowed) == reason
+    assert integer_range_reason("p", value, allowed) == reason
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_integer_ranges(value: int, allowed: IntRange, reason: str) -> None:
     ],
 )
 def test_float_ranges(value: float, allowed: FloatRange, reason: str) -> None:
-    assert float_range_problem("p", value, allowed) == reason
+    assert float_range_reason("p", value, allowed) == reason
 
 
 INT = ParameterDescriptor("p", ParameterType.INTEGER)
@@ -92,7 +92,7 @@ INT = ParameterDescriptor("p", ParameterType.INTEGER)
     ],
 )
 def test_descriptor_checks(value: object, descriptor: ParameterDescriptor, reason: str) -> None:
-    assert descriptor_problem(Parameter("p", parameter_value(value)), descriptor) == reason
+    assert refusal_reason(Parameter("p", parameter_value(value)), descriptor) == reason
 
 
 NAMES = ["a", "g.x", "g.s.y", "g.s.z", "gg.x", "h.x.y.z"]

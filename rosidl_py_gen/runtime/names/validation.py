@@ -1,8 +1,8 @@
 """Which names ROS allows, and how a name as written becomes a fully qualified one.
 
-Decides validation and expansion (protocol.md 10.1, 10.2). Remap rules live in `remap.py`, the `rt/` and `rq/`
-prefixes of DDS belong to the transport. A name is validated twice: as written, so that the caret points into the
-text the user typed, and again after expansion, because substitutions and namespaces can break it.
+Decides validation and expansion (protocol.md 10.1, 10.2). Remapping is `remap.py`, what DDS calls a name is `dds.py`.
+A name is validated twice: as written, so that the caret points into the text the user typed, and again after expansion,
+because substitutions and namespaces can break it.
 """
 
 from __future__ import annotations
@@ -161,8 +161,3 @@ def expand_name(name: str, node_name: str, namespace: str, what: str = "topic na
         full = f"/{full}" if namespace == "/" else f"{namespace}/{full}"
     validate_full_name(full, what)
     return full
-
-
-def is_hidden(full_name: str) -> bool:
-    """True when tools hide the name: some part begins with ``_`` (a convention of the command line)."""
-    return any(token.startswith("_") for token in full_name.split("/"))

@@ -1,7 +1,7 @@
-"""The rules a parameter value must pass, and which names a listing shows; pure functions.
+"""What a parameter's name, descriptor and value must be, and which names a listing shows; pure functions.
 
-Reason texts (`..._problem`) are seen by `ros2 param` and by other nodes; they equal rclpy's to the letter (protocol.md
-9.4). What is wrong with a declaration (`..._flaw`) is only seen by its author.
+They give the reason against something, an empty text when there is none. Reasons against setting a value are seen by
+`ros2 param` and by other nodes and equal rclpy's to the letter (protocol.md 9.4).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ EMPTY_LIST_REASON = (
 )
 
 
-def descriptor_problem(parameter: Parameter, descriptor: ParameterDescriptor, *, declaring: bool = False) -> str:
+def refusal_reason(parameter: Parameter, descriptor: ParameterDescriptor, *, declaring: bool = False) -> str:
     """Why `parameter` may not be set under `descriptor`; an empty text when it may. Read-only allows declaring."""
     name, value = parameter.name, parameter.value
     if descriptor.read_only and not declaring:
@@ -46,14 +46,14 @@ def descriptor_problem(parameter: Parameter, descriptor: ParameterDescriptor, *,
             return f"Wrong parameter type, expected 'Type.{expected}' got 'Type.{found}'"
     if value.type is ParameterType.INTEGER and descriptor.integer_range is not None:
         assert isinstance(value.value, int)
-        return integer_range_problem(name, value.value, descriptor.integer_range)
+        return integer_range_reason(name, value.value, descriptor.integer_range)
     if value.type is ParameterType.DOUBLE and descriptor.floating_point_range is not None:
         assert isinstance(value.value, float)
-        return float_range_problem(name, value.value, descriptor.floating_point_range)
+        return float_range_reason(name, value.value, descriptor.floating_point_range)
     return ""
 
 
-def integer_range_problem(name: str, value: int, allowed: IntRange) -> str:
+def integer_range_reason(name: str, value: int, allowed: IntRange) -> str:
     """Empty when the value is an end of the range, or strictly inside and on a step counted from the lower end."""
     low, high = sorted((allowed.from_value, allowed.to_value))
     if value in (low, high):
@@ -68,8 +68,8 @@ def integer_range_problem(name: str, value: int, allowed: IntRange) -> str:
     return ""
 
 
-def float_range_problem(name: str, value: float, allowed: FloatRange) -> str:
-    """As `integer_range_problem`, with a relative tolerance of 1e-6 at the ends and at the steps.
+def float_range_reason(name: str, value: float, allowed: FloatRange) -> str:
+    """As `integer_range_reason`, with a relative tolerance of 1e-6 at the ends and at the steps.
 
     Where steps cannot be counted (they are too small, or there is no lower end) any value is on one.
     """
@@ -89,14 +89,14 @@ def float_range_problem(name: str, value: float, allowed: FloatRange) -> str:
     return ""
 
 
-def name_flaw(name: object) -> str:
+def name_reason(name: object) -> str:
     """Why this cannot be the name of a parameter; an empty text when it can."""
     if isinstance(name, str) and name and (name.isascii() or name.encode("utf-8", "ignore").decode() == name):
         return ""
     return f"a parameter's name must be a text that is not empty, got {name!r}"
 
 
-def descriptor_flaw(descriptor: object) -> str:
+def descriptor_reason(descriptor: object) -> str:
     """Which part of a descriptor has the wrong type; an empty text when none has."""
     if not isinstance(descriptor, ParameterDescriptor):
         return f"the descriptor must be a ParameterDescriptor, got {descriptor!r}"
@@ -119,7 +119,7 @@ _DESCRIPTOR_TYPES: dict[str, type] = {
 }
 
 
-def range_flaw(allowed: FloatRange | IntRange | None) -> str:
+def range_reason(allowed: FloatRange | IntRange | None) -> str:
     """Why a range makes no sense or cannot be sent; an empty text when it does and can."""
     if allowed is None:
         return ""

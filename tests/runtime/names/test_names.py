@@ -14,9 +14,8 @@ from rosidl_py_gen.runtime.names.remap import (
     RemapRule,
     parse_remap_rule,
 )
-from rosidl_py_gen.runtime.names.rules import (
+from rosidl_py_gen.runtime.names.validation import (
     expand_name,
-    is_hidden,
     normalize_namespace,
     resolve_node_name,
     validate_full_name,
@@ -128,10 +127,6 @@ def test_namespace_substitution_brings_its_slash() -> None:
 def test_unknown_substitution_is_an_error_that_lists_the_known_ones() -> None:
     with pytest.raises(InvalidNameError, match=r"unknown substitution \{foo\}; known are \{node\}"):
         expand_name("{foo}", "n", "/")
-
-
-def test_hidden_names() -> None:
-    assert is_hidden("/a/_action/x") and not is_hidden("/a_/b")
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,10 @@
+from rosidl_py_gen.cdr.lazy import lazy_exports as lazy_exports
+from rosidl_py_gen.cdr.message import Action as Action
+from rosidl_py_gen.cdr.message import Field as Field
+from rosidl_py_gen.cdr.message import Message as Message
+from rosidl_py_gen.cdr.message import Service as Service
+from rosidl_py_gen.cdr.message import ServiceInfo as ServiceInfo
+from rosidl_py_gen.cdr.message import TypeInfo as TypeInfo
+from rosidl_py_gen.cdr.walk import recover_decode as recover_decode
+from rosidl_py_gen.cdr.walk import recover_encode as recover_encode
+from rosidl_py_gen.cdr.walk import validate as validate

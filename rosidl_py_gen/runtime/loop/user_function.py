@@ -1,0 +1,86 @@
+"""Functions that users hand in, and what may come of calling them.
+
+A function may be plain, async, or plain and answer a coroutine, as a lambda around an async function does. Decides that
+the first is called at once and the others run in a task; that an exception is logged, once, and goes nowhere else; and
+which cancellation is which: one of the task itself ends it, one that comes out of something the function awaited is a
+failure like any other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
+T = TypeVar("T")
+
+
+class Owner(Protocol):
+    """On whose behalf a function is called: the scope of a node."""
+
+    closed: bool
+    """Its tasks are being cancelled."""
+
+    def start(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
+        """Run a coroutine as a task that ends with the owner."""
+
+    def report_failure(self, doing: str) -> None:
+        """Log the exception being handled."""
+
+
+def ignore(answer: object) -> None:
+    """What most callbacks answer means nothing."""
+
+
+class UserFunction:
+    """One function of the user; `what` names it in logs: "the callback of /chatter"."""
+
+    __slots__ = ("_function", "_owner", "is_async", "what")
+
+    def __init__(self, owner: Owner, function: Callable[..., Any], what: str) -> None:
+        self._owner = owner
+        self._function = function
+        self.what = what
+        self.is_async = is_async(function)
+
+    def call(self, *arguments: object, then: Callable[[Any], object] = ignore) -> asyncio.Task[Any] | None:
+        """Call it, on the loop's thread; `then` gets what it answers, and may fail like the function itself.
+
+        Returns:
+            None when all is done, otherwise the task that goes on with it.
+        """
+        if self.is_async:
+            return self._owner.start(self.run(*arguments, then=then))
+        try:
+            answer = self._function(*arguments)
+            if not inspect.iscoroutine(answer):
+                then(answer)
+                return None
+        except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
+            self._owner.report_failure(self.what)
+            return None
+        task = self._owner.start(self._finish(lambda: answer, then))
+        task.add_done_callback(lambda _: answer.close())  # one that was cancelled has not begun it
+        return task
+
+    async def run(self, *arguments: object, then: Callable[[Any], T]) -> T | None:
+        """Call it inside a task of `Owner.start`; what `then` makes of its answer, None when it failed."""
+        return await self._finish(lambda: self._function(*arguments), then)
+
+    async def _finish(self, begin: Callable[[], Any], then: Callable[[Any], T]) -> T | None:
+        # Begun in here, so that a task that is cancelled before leaves no coroutine behind.
+        try:
+            answer = begin()
+            return then(await answer if inspect.isawaitable(answer) else answer)
+        except asyncio.CancelledError:
+            if self._owner.closed or is_own_cancel():
+                raise
+            self._owner.report_failure(self.what)
+        except Exception:
+            self._owner.report_failure(self.what)
+        return None

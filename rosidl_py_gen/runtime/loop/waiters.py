@@ -1,0 +1,98 @@
+"""Tasks that wait until something is so, and whoever wakes them.
+
+Decides what `asyncio.Event` and `asyncio.Condition` leave open here: those who wait may be on different loops and may
+have a time limit that costs no task, whoever wakes them may be in any thread, and a loop that was closed with somebody
+waiting on it disturbs nobody. The state itself belongs to the user of this file; he changes it first and wakes then.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import deque
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.loop.callbacks import current_loop, settle
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class Waiters:
+    """Everybody who waits for one thing, in order of arrival."""
+
+    __slots__ = ("_futures",)
+
+    def __init__(self) -> None:
+        self._futures: deque[asyncio.Future[None]] = deque()
+
+    def __bool__(self) -> bool:
+        """Whether anybody waits."""
+        return any(not future.done() for future in tuple(self._futures))
+
+    async def wait(self, is_so: Callable[[], object], timeout_s: float | None = None) -> bool:
+        """Wait until `is_so()` is true, which is looked at now and after each `wake`; False when the time passed.
+
+        A time limit of 0 lets the loop do once what it has to do.
+        """
+        loop = asyncio.get_running_loop()
+        is_over = False
+
+        def end() -> None:
+            nonlocal is_over
+            is_over = True
+            settle(future, None)
+
+        timer = None if timeout_s is None else loop.call_later(timeout_s, end)
+        try:
+            while True:
+                # Listed before the look: who changes something behind it, in another thread, finds us here.
+                future = loop.create_future()
+                self._futures.append(future)
+                try:
+                    if is_so():
+                        return True
+                    if is_over:
+                        return False
+                    await future
+                finally:
+                    if future in self._futures:
+                        with contextlib.suppress(ValueError):  # woken in this moment
+                            self._futures.remove(future)
+        finally:
+            if timer is not None:
+                timer.cancel()
+
+    def wake(self) -> None:
+        """Let all look again; from any thread."""
+        if not self._futures:
+            return
+        here = current_loop()
+        with contextlib.suppress(IndexError):  # taken off by another thread in this moment
+            while self._futures:
+                future = self._futures.popleft()
+                loop = future.get_loop()
+                if loop is here:
+                    settle(future, None)
+                else:
+                    with contextlib.suppress(RuntimeError):  # closed with somebody waiting
+                        loop.call_soon_threadsafe(settle, future, None)
+
+
+class Latch:
+    """Something that happens once; set and waited for in any thread."""
+
+    __slots__ = ("_waiters", "is_set")
+
+    def __init__(self) -> None:
+        self.is_set = False
+        self._waiters = Waiters()
+
+    def set(self) -> None:
+        """Let it happen; may be called again without effect."""
+        self.is_set = True
+        self._waiters.wake()
+
+    async def wait(self, timeout_s: float | None = None) -> bool:
+        """Return when it has happened, or False when the time passed."""
+        return self.is_set or await self._waiters.wait(lambda: self.is_set, timeout_s)

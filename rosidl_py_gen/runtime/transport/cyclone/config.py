@@ -1,0 +1,88 @@
+"""The configuration of Cyclone that follows from a context's settings, as XML text (protocol.md 10.6, 11.6).
+
+Why localhost mode binds to the loopback interface, which rmw_cyclonedds (Jazzy) does not do: turning multicast off
+stops discovery from leaving the host, but not data to a locator that some discovered peer announces. A transmit socket
+bound to 127.0.0.1 cannot leave at all, the kernel refuses to route that source address through another interface. It
+stays compatible with ROS peers in LOCALHOST range, although they bind to the first real interface:
+
+- their discovery packets go to `localhost`, so we get them over loopback; Cyclone 11 then answers through the interface
+  a packet came in on, and a packet from 127.0.0.1 to the host's own address is delivered over loopback;
+- we announce only 127.0.0.1, and Cyclone accepts loopback locators from a peer that announces nothing else.
+
+A static peer on another host is an explicit wish to leave the host: then we do not bind. Neither do we when
+CYCLONEDDS_URI chooses interfaces.
+"""
+
+from __future__ import annotations
+
+from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSettings
+
+MAX_PARTICIPANT_INDEX = 32
+_LOOPBACK_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
+
+
+def cyclone_xml(settings: DomainSettings, *, process_id: int, extra: str = "") -> str:
+    """The configuration text for Cyclone: ours, then CYCLONEDDS_URI, whose elements win.
+
+    `extra` is XML below ``<Domain>`` that our transport wants to add (tuning); it comes before the user's. In
+    localhost and off mode multicast is turned off once more at the end, so that a CYCLONEDDS_URI written for another
+    mode cannot turn it on. Empty when there is nothing to say.
+
+    Source: protocol.md 10.6, 11.6.
+    """
+    fragments = []
+    body = _domain_elements(settings, process_id) + extra
+    if body:
+        fragments.append(f'<CycloneDDS><Domain Id="any">{body}</Domain></CycloneDDS>')
+    if settings.cyclonedds_uri:
+        fragments.append(settings.cyclonedds_uri)
+        if settings.discovery in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF):
+            fragments.append(f'<CycloneDDS><Domain Id="any">{_general("")}</Domain></CycloneDDS>')
+    return ",".join(fragments)
+
+
+def _domain_elements(settings: DomainSettings, process_id: int) -> str:
+    interfaces = _LOOPBACK_INTERFACE if _binds_to_loopback(settings) else ""
+    match settings.discovery:
+        case DiscoveryRange.SYSTEM_DEFAULT:
+            return ""
+        case DiscoveryRange.SUBNET:
+            return _discovery(settings.static_peers)
+        case DiscoveryRange.LOCALHOST:
+            return _general(interfaces) + _discovery(("localhost", *settings.static_peers))
+        case DiscoveryRange.OFF:
+            tag = f"ros_discovery_off_{process_id}"
+            discovery = f"<Discovery><ParticipantIndex>none</ParticipantIndex><Tag>{tag}</Tag></Discovery>"
+            return _general(interfaces) + discovery
+
+
+_LOOPBACK_INTERFACE = '<Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/></Interfaces>'
+
+
+def _binds_to_loopback(settings: DomainSettings) -> bool:
+    if settings.discovery not in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF):
+        return False
+    if "NetworkInterface" in settings.cyclonedds_uri:
+        return False
+    return all(peer in _LOOPBACK_HOSTS for peer in settings.static_peers)
+
+
+def _general(interfaces: str) -> str:
+    return f"<General>{interfaces}<AllowMulticast>false</AllowMulticast></General>"
+
+
+def _attribute(text: str) -> str:
+    """A quoted XML attribute value; the standard library's helper would load a web client with it."""
+    for char, entity in (("&", "&amp;"), ("<", "&lt;"), (">", "&gt;"), ('"', "&quot;")):
+        text = text.replace(char, entity)
+    return f'"{text}"'
+
+
+def _discovery(peers: tuple[str, ...]) -> str:
+    """Set explicitly what ROS peers expect; Cyclone 11 has other defaults than the 0.10 of ROS."""
+    listed = "".join(f"<Peer address={_attribute(peer)}/>" for peer in peers)
+    return (
+        "<Discovery><ParticipantIndex>auto</ParticipantIndex>"
+        f"<MaxAutoParticipantIndex>{MAX_PARTICIPANT_INDEX}</MaxAutoParticipantIndex>"
+        f"{f'<Peers>{listed}</Peers>' if listed else ''}</Discovery>"
+    )

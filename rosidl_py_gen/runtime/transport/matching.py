@@ -1,0 +1,214 @@
+"""When two quality-of-service profiles match, and what BEST_AVAILABLE becomes.
+
+Decides with values only; texts are those of rmw. Imports `qos.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING, TypeVar
+
+from rosidl_py_gen.runtime.transport.qos import (
+    BEST_AVAILABLE_NS,
+    INFINITE_NS,
+    SERVICES_DEFAULT,
+    UNSPECIFIED_NS,
+    Durability,
+    Liveliness,
+    QoSProfile,
+    Reliability,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+_T = TypeVar("_T")
+
+
+class Compatibility(Enum):
+    """The verdict of `check_compatible`."""
+
+    OK = "ok"
+    WARNING = "warning"
+    ERROR = "error"
+
+
+@dataclass(frozen=True, slots=True)
+class CompatibilityResult:
+    """Verdict and reasons; `reason` is empty when all is well, else fragments that each end in ``;``."""
+
+    compatibility: Compatibility
+    reason: str
+
+    @property
+    def matches(self) -> bool:
+        """False when the two endpoints will certainly not communicate."""
+        return self.compatibility is not Compatibility.ERROR
+
+
+def check_compatible(offered: QoSProfile, requested: QoSProfile) -> CompatibilityResult:
+    """Say whether a publisher with `offered` and a subscription with `requested` communicate, and why not.
+
+    Warnings are looked for only when there is no error, as rmw does. Unlike rmw an infinite duration counts as
+    unspecified: discovered profiles carry infinite ones, and DDS matches them.
+
+    Source: protocol.md 7.6.
+    """
+    errors = [f"ERROR: {text};" for text in _mismatches(offered, requested)]
+    if errors:
+        return CompatibilityResult(Compatibility.ERROR, "".join(errors))
+    warnings = [f"WARNING: {text};" for text in _doubts(offered, requested)]
+    if warnings:
+        return CompatibilityResult(Compatibility.WARNING, "".join(warnings))
+    return CompatibilityResult(Compatibility.OK, "")
+
+
+def _mismatches(offered: QoSProfile, requested: QoSProfile) -> list[str]:
+    found = []
+    if offered.reliability is Reliability.BEST_EFFORT and requested.reliability is Reliability.RELIABLE:
+        found.append("Best effort publisher and reliable subscription")
+    if offered.durability is Durability.VOLATILE and requested.durability is Durability.TRANSIENT_LOCAL:
+        found.append("Volatile publisher and transient local subscription")
+    found += _duration_mismatch(
+        offered.deadline_ns,
+        requested.deadline_ns,
+        "Subscription has a deadline, but publisher does not",
+        "Subscription deadline is less than publisher deadline",
+    )
+    if offered.liveliness is Liveliness.AUTOMATIC and requested.liveliness is Liveliness.MANUAL_BY_TOPIC:
+        found.append("Publisher's liveliness is automatic and subscription's is manual by topic")
+    found += _duration_mismatch(
+        offered.liveliness_lease_ns,
+        requested.liveliness_lease_ns,
+        "Subscription has a liveliness lease duration, but publisher does not",
+        "Subscription liveliness lease duration is less than publisher",
+    )
+    return found
+
+
+def _duration_mismatch(offered_ns: int, requested_ns: int, absent: str, shorter: str) -> list[str]:
+    open_ended = (UNSPECIFIED_NS, INFINITE_NS)
+    if requested_ns in open_ended:
+        return []
+    if offered_ns in open_ended:
+        return [absent]
+    return [shorter] if requested_ns < offered_ns else []
+
+
+_DOUBTS = (
+    (
+        "reliability",
+        Reliability.BEST_EFFORT,
+        Reliability.RELIABLE,
+        "Publisher reliability is {} and subscription reliability is {}",
+        "Reliable subscription, but publisher is {}",
+        "Best effort publisher, but subscription is {}",
+    ),
+    (
+        "durability",
+        Durability.VOLATILE,
+        Durability.TRANSIENT_LOCAL,
+        # "durabilty" is how rmw spells it, and tools compare texts.
+        "Publisher durabilty is {} and subscription durability is {}",
+        "Transient local subscription, but publisher is {}",
+        "Volatile publisher, but subscription is {}",
+    ),
+    (
+        "liveliness",
+        Liveliness.AUTOMATIC,
+        Liveliness.MANUAL_BY_TOPIC,
+        "Publisher liveliness is {} and subscription liveliness is {}",
+        "Subscription's liveliness is manual by topic, but publisher's is {}",
+        "Publisher's liveliness is automatic, but subscription's is {}",
+    ),
+)
+"""Policy, the offer that may be too little, the request that may be too much, and what is said when both are open, the
+offer is open to such a request, the request is open to such an offer."""
+_OPEN = ("SYSTEM_DEFAULT", "UNKNOWN")
+"""What leaves its meaning to the middleware, or was not discovered."""
+
+
+def _doubts(offered: QoSProfile, requested: QoSProfile) -> Iterator[str]:
+    for policy, least, most, both_open, open_offer, open_request in _DOUBTS:
+        offer, request = getattr(offered, policy), getattr(requested, policy)
+        shown = offer.name.lower(), request.name.lower()
+        if offer.name in _OPEN and request.name in _OPEN:
+            yield both_open.format(*shown)
+        elif offer.name in _OPEN and request is most:
+            yield open_offer.format(shown[0])
+        elif request.name in _OPEN and offer is least:
+            yield open_request.format(shown[1])
+
+
+# ---------------------------------------------------------------------------------------------------- best available
+
+
+def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Sequence[QoSProfile]) -> QoSProfile:
+    """Replace the BEST_AVAILABLE policies of a new endpoint by what its discovered `peers` allow.
+
+    `publisher` says which side is created; `peers` are the endpoints of the other side. This happens once, at
+    creation; with no peer a subscription becomes RELIABLE, TRANSIENT_LOCAL and MANUAL_BY_TOPIC, because "all of
+    nobody" holds.
+
+    Source: protocol.md 7.5.
+    """
+    return replace(
+        profile,
+        reliability=_best_reliability(profile.reliability, publisher, peers),
+        durability=_best_durability(profile.durability, publisher, peers),
+        liveliness=_best_liveliness(profile.liveliness, publisher, peers),
+        deadline_ns=_best_duration(profile.deadline_ns, publisher, [peer.deadline_ns for peer in peers]),
+        liveliness_lease_ns=_best_duration(
+            profile.liveliness_lease_ns, publisher, [peer.liveliness_lease_ns for peer in peers]
+        ),
+    )
+
+
+def without_best_available(profile: QoSProfile) -> QoSProfile:
+    """Replace BEST_AVAILABLE policies by those of `SERVICES_DEFAULT`, as services and clients do (7.5)."""
+    default = SERVICES_DEFAULT
+    return replace(
+        profile,
+        reliability=_unless(profile.reliability, Reliability.BEST_AVAILABLE, default.reliability),
+        durability=_unless(profile.durability, Durability.BEST_AVAILABLE, default.durability),
+        liveliness=_unless(profile.liveliness, Liveliness.BEST_AVAILABLE, default.liveliness),
+        deadline_ns=_unless(profile.deadline_ns, BEST_AVAILABLE_NS, default.deadline_ns),
+        liveliness_lease_ns=_unless(profile.liveliness_lease_ns, BEST_AVAILABLE_NS, default.liveliness_lease_ns),
+    )
+
+
+def _best_reliability(wanted: Reliability, publisher: bool, peers: Sequence[QoSProfile]) -> Reliability:
+    if wanted is not Reliability.BEST_AVAILABLE:
+        return wanted
+    if publisher or all(peer.reliability is Reliability.RELIABLE for peer in peers):
+        return Reliability.RELIABLE
+    return Reliability.BEST_EFFORT
+
+
+def _best_durability(wanted: Durability, publisher: bool, peers: Sequence[QoSProfile]) -> Durability:
+    if wanted is not Durability.BEST_AVAILABLE:
+        return wanted
+    if publisher or all(peer.durability is Durability.TRANSIENT_LOCAL for peer in peers):
+        return Durability.TRANSIENT_LOCAL
+    return Durability.VOLATILE
+
+
+def _best_liveliness(wanted: Liveliness, publisher: bool, peers: Sequence[QoSProfile]) -> Liveliness:
+    if wanted is not Liveliness.BEST_AVAILABLE:
+        return wanted
+    manual = [peer.liveliness is Liveliness.MANUAL_BY_TOPIC for peer in peers]
+    return Liveliness.MANUAL_BY_TOPIC if (any(manual) if publisher else all(manual)) else Liveliness.AUTOMATIC
+
+
+def _best_duration(wanted_ns: int, publisher: bool, peers_ns: Sequence[int]) -> int:
+    if wanted_ns != BEST_AVAILABLE_NS:
+        return wanted_ns
+    # An unspecified period is endless for DDS, so it must lose a "smallest" and win a "largest".
+    known = [INFINITE_NS if value == UNSPECIFIED_NS else value for value in peers_ns]
+    best = (min if publisher else max)(known, default=INFINITE_NS)
+    return UNSPECIFIED_NS if best == INFINITE_NS else best
+
+
+def _unless(value: _T, unwanted: _T, default: _T) -> _T:
+    return default if value == unwanted else value

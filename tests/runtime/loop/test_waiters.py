@@ -1,0 +1,107 @@
+"""Waiting until something is so, across threads and loops."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+
+import pytest
+
+from rosidl_py_gen.runtime.loop.waiters import Latch, Waiters
+
+
+def test_a_wake_lets_all_look_and_those_go_on_for_whom_it_is_so() -> None:
+    async def main() -> None:
+        waiters, reached, done = Waiters(), 0, []
+
+        async def wait(number: int) -> None:
+            assert await waiters.wait(lambda: reached >= number)
+            done.append(number)
+
+        tasks = [asyncio.create_task(wait(number)) for number in (2, 1, 1)]
+        await asyncio.sleep(0)
+        assert waiters and done == []
+        reached = 1
+        waiters.wake()
+        await asyncio.sleep(0.01)
+        assert done == [1, 1] and waiters
+        reached = 2
+        waiters.wake()
+        await asyncio.gather(*tasks)
+        assert not waiters
+
+    asyncio.run(main())
+
+
+def test_the_time_limit_holds_however_often_it_is_woken_in_vain() -> None:
+    async def main() -> None:
+        waiters = Waiters()
+        waiting = asyncio.create_task(waiters.wait(lambda: False, 0.05))
+        started = time.monotonic()
+        while not waiting.done():
+            waiters.wake()
+            await asyncio.sleep(0.001)
+        assert not waiting.result() and 0.04 < time.monotonic() - started < 1
+        assert not await waiters.wait(lambda: False, 0) and await waiters.wait(lambda: True, 0)
+        assert not waiters
+
+    asyncio.run(main())
+
+
+def test_one_who_was_cancelled_waits_no_more() -> None:
+    async def main() -> None:
+        waiters = Waiters()
+        waiting = asyncio.create_task(waiters.wait(lambda: False))
+        await asyncio.sleep(0)
+        waiting.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await waiting
+        assert not waiters
+
+    asyncio.run(main())
+
+
+def test_loops_of_other_threads_are_woken_and_closed_ones_forgotten() -> None:
+    latch = Latch()
+    forgotten = asyncio.new_event_loop()
+    abandoned = latch.wait()
+    task = forgotten.create_task(abandoned)
+    forgotten.run_until_complete(asyncio.sleep(0))
+    forgotten.close()
+    outcomes: list[bool] = []
+    threads = [threading.Thread(target=lambda: outcomes.append(asyncio.run(latch.wait(5)))) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    time.sleep(0.05)
+    latch.set()
+    latch.set()
+    for thread in threads:
+        thread.join(5)
+    assert outcomes == [True] * 3
+    with pytest.raises(RuntimeError, match="closed"):
+        task.cancel()
+    task._log_destroy_pending = False
+
+
+def test_no_wake_is_lost_between_the_look_and_the_wait() -> None:
+    """Another thread changes the state, then wakes, as fast as it can."""
+
+    async def main() -> None:
+        waiters, count = Waiters(), 0
+
+        def push() -> None:
+            nonlocal count
+            for _ in range(5000):
+                count += 1
+                waiters.wake()
+
+        thread = threading.Thread(target=push)
+        thread.start()
+        seen = 0
+        while seen < 5000:
+            assert await waiters.wait(lambda: count > seen, 5)  # noqa: B023 - waited for in here
+            seen = count
+        thread.join()
+
+    asyncio.run(main())
