@@ -17,7 +17,7 @@ import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError, current_loop
 from rosidl_py_gen.runtime.node.context import Context
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _coroutine(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, 
 
 
 def _refuse_running_loop(what: str, instead: str) -> None:
-    if asyncio._get_running_loop() is not None:
+    if current_loop() is not None:
         raise LoopMismatchError(
             f"{what} makes an event loop, but one runs here already (Jupyter always has one): write `{instead}` instead"
         )

@@ -10,7 +10,6 @@ Source: protocol.md 8.1, 8.4, 8.5.
 
 from __future__ import annotations
 
-import asyncio
 import uuid
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -41,6 +40,7 @@ from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.scope import require_timeout
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
+from rosidl_py_gen.runtime.loop.bridge import current_loop
 from rosidl_py_gen.runtime.time.values import Time
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 
@@ -200,7 +200,7 @@ class ActionClient(Generic[ActionT_co]):
 
     def run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine of this client from plain code; see `send_goal_sync`."""
-        if self._scope.bridge.in_loop_thread() or asyncio._get_running_loop() is not None:
+        if self._scope.bridge.in_loop_thread() or current_loop() is not None:
             coroutine.close()
             raise WouldDeadlockError(
                 f"a waiting call on action {self.name} from inside the event loop would wait for ever; use 'await' in "

@@ -27,6 +27,7 @@ from rosidl_py_gen.runtime.endpoints.header import (
     split_header,
 )
 from rosidl_py_gen.runtime.endpoints.scope import Throttle, request_numbers, require_timeout
+from rosidl_py_gen.runtime.loop.bridge import current_loop
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, type_name
 from rosidl_py_gen.runtime.transport.qos import History
 
@@ -213,7 +214,7 @@ class Client(Generic[RequestT, ResponseT]):
                 callback in a thread (`asyncio.to_thread`). Otherwise like `call`.
         """
         bridge = self._scope.bridge
-        if bridge.in_loop_thread() or asyncio._get_running_loop() is not None:
+        if bridge.in_loop_thread() or current_loop() is not None:
             raise WouldDeadlockError(
                 f"call_sync on {self.name} from inside the event loop would wait for ever; use "
                 "'await client.call(...)' in an async function, or call it from another thread"

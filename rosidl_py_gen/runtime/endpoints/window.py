@@ -11,6 +11,8 @@ import asyncio
 from collections import deque
 from typing import Any
 
+from rosidl_py_gen.runtime.loop.bridge import current_loop
+
 _PAUSE_S = 0.1
 
 
@@ -66,7 +68,7 @@ class RequestLine:
     def over(self) -> None:
         """A call that had its turn is answered or given up."""
         self._open -= 1
-        if self._open <= 0 and self._line and self._loop is asyncio._get_running_loop():
+        if self._open <= 0 and self._line and self._loop is current_loop():
             self._release()
 
     def _release(self) -> None:

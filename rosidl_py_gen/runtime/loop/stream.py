@@ -11,6 +11,8 @@ import contextlib
 from collections import deque
 from typing import Generic, TypeVar
 
+from rosidl_py_gen.runtime.loop.bridge import current_loop
+
 T = TypeVar("T")
 
 
@@ -50,7 +52,7 @@ class Stream(Generic[T]):
         if not self._waiters:
             return
         waiters, self._waiters = self._waiters, []
-        here = asyncio._get_running_loop()
+        here = current_loop()
         for waiter in waiters:
             loop = waiter.get_loop()
             if loop is here:

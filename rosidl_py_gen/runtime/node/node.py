@@ -20,6 +20,7 @@ from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.timer import Timer
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
+from rosidl_py_gen.runtime.loop.bridge import current_loop
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.rules import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
@@ -102,7 +103,7 @@ class Node(NodeGraph, NodeActions, NodeParameters):
             shared.close_if_unused()
             raise
         self._closed = False
-        self._made_on = id(asyncio._get_running_loop())
+        self._made_on = id(current_loop())
         shared.bridge.adopt_running_loop()
         number = shared.discovery.add_node(self._names.name, self._names.namespace)
         self.scope = Scope(shared, number, self._names.fully_qualified_name)
