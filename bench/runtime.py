@@ -1,8 +1,8 @@
 """Latency, CPU and start-up of the runtime beside a bare loop on the same DDS, two processes, loopback only.
 
-Run `python bench/runtime.py` (about two minutes), `--quick` for a quarter of that, `--rclpy PYTHON` for calls to and
-from rclpy on Fast DDS as well, with a Python that has it. The floor is what cyclonedds-python
-does without us: WaitSet, ddspy_take, ddspy_write. Rounds of floor and runtime alternate, so that both see the same
+Run `python bench/runtime.py` (about four minutes; needs uvloop), `--quick` for a quarter of that, `--rclpy PYTHON` for
+calls to and from rclpy on Fast DDS as well, with a Python that has it. The floor is what cyclonedds-python does without
+us: WaitSet, ddspy_take, ddspy_write. Rounds of floor and runtime alternate, so that both see the same
 machine. Virtual machines have quiet and noisy minutes, up to a factor of three apart; so a ratio is the median over
 rounds of the ratio within one round, and times are shown as the range over all rounds. It prints a table with the
 targets beside the figures and asserts nothing.
@@ -26,6 +26,7 @@ from runtime_common import run_node
 from runtime_floor import floor_ping, floor_pong
 from runtime_rclpy import rows as rclpy_rows
 
+BASES = {"floor": "the floor", "service": "a service call", "callback": "one context"}
 START = """
 import time; start = time.perf_counter()
 from rosidl_py_gen.runtime import Node
@@ -53,10 +54,11 @@ def start_figures(count: int) -> list[list[float]]:
     return [[float(part) for part in run.stdout.split()] for run in runs[1:]]
 
 
-def child(role: str, count: int = 0) -> subprocess.Popen[str]:
-    """Start this file in a role."""
+def child(role: str, count: int = 0, **settings: str) -> subprocess.Popen[str]:
+    """Start this file in a role; `settings` are those of `run_node`."""
     command = [sys.executable, __file__, "--role", role, "--count", str(count)]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    environment = {**os.environ, **settings}
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
 
 
 def figures(process: subprocess.Popen[str]) -> dict[str, float]:
@@ -67,9 +69,9 @@ def figures(process: subprocess.Popen[str]) -> dict[str, float]:
     return found
 
 
-def pair(server: str, client: str, count: int, reporter: int = 1) -> dict[str, float]:
+def pair(server: str, client: str, count: int, reporter: int = 1, **settings: str) -> dict[str, float]:
     """Run two roles against each other; `reporter` says whose figures count."""
-    processes = [child(server, count), child(client, count)]
+    processes = [child(server, count, **settings), child(client, count, **settings)]
     try:
         return figures(processes[reporter])
     finally:
@@ -95,24 +97,32 @@ def table(quick: bool, rclpy: str | None) -> None:
     rounds, trips = (3, 2000) if quick else (10, 3000)
     kinds = {"floor": ("floor_pong", "floor_ping"), "callback": ("callback_pong", "callback_ping")}
     kinds |= {"asyncio": ("stream_pong", "stream_ping"), "service": ("serve", "call")}
+    settings = {f"{kind}, uvloop": {"BENCH_LOOP": "uvloop"} for kind in ("callback", "asyncio", "service")}
+    settings["callback, three contexts"] = {"BENCH_CONTEXTS": "3"}
+    kinds |= {kind: kinds[kind.partition(",")[0]] for kind in settings}
     kinds |= {"action": ("goal_server", "goal_client"), "parameter": ("parameter_server", "parameter_setter")}
     measured: dict[str, list[float]] = {kind: [] for kind in kinds}
     for _ in range(rounds):
         for kind, (server, client) in kinds.items():
-            measured[kind].append(pair(server, client, trips // 4 if kind == "action" else trips)["p50"])
+            count = trips // 4 if kind == "action" else trips
+            measured[kind].append(pair(server, client, count, **settings.get(kind, {}))["p50"])
     print("| Figure | Measured | Target |\n|---|---|---|")
     floor = measured["floor"]
     row("floor: bare WaitSet round trip, String, p50", f"{min(floor):.0f} to {max(floor):.0f} us", "")
     for kind, name, target, base in (
-        ("asyncio", "round trip, asyncio both ends", "1.6x", "floor"),
         ("callback", "round trip, callback style", "1.3x", "floor"),
-        ("service", "service call", "2.5x", "floor"),
+        ("callback, uvloop", "the same on uvloop", "1.3x", "floor"),
+        ("asyncio", "round trip, asyncio both ends", "1.5x", "floor"),
+        ("asyncio, uvloop", "the same on uvloop", "1.5x", "floor"),
+        ("service", "service call", "1.7x", "floor"),
+        ("service, uvloop", "the same on uvloop", "1.7x", "floor"),
+        ("callback, three contexts", "callback style, last of three contexts on a loop", "1.2x", "callback"),
         ("action", "action, goal to result", "4x", "service"),
         ("parameter", "set_parameters of another node", "1.5x", "service"),
     ):
         times = measured[kind]
         ratio = statistics.median(ours / other for ours, other in zip(times, measured[base], strict=True))
-        goal = f"<= {target} {'the floor' if base == 'floor' else 'a service call'}"
+        goal = f"<= {target} {BASES[base]}"
         row(f"{name}, p50", f"{min(times):.0f} to {max(times):.0f} us, {ratio:.2f}x", goal)
     for cells in rclpy_rows(rclpy, rounds, trips // 10, child) if rclpy else ():
         row(*cells)
@@ -123,7 +133,7 @@ def table(quick: bool, rclpy: str | None) -> None:
     cost = pair("listen_cost", "publish_cost", 0)
     row("publish, 100-byte String", f"{cost['ours']:.1f} us = {cost['ours'] / cost['bare']:.2f}x ddspy_write", "<= 3x")
     quiet = figures(child("idle", 5 if quick else 20))
-    row("idle node, 20 subscriptions", f"{quiet['percent']:.2f} % CPU, {quiet['threads']:.0f} thread", "<= 0.2 %, 1")
+    row("idle node, 20 subscriptions", f"{quiet['percent']:.2f} % CPU, {quiet['threads']:.0f} threads", "<= 0.2 %, 0")
     count = 150 if quick else 900
     images = pair("count_images", "send_images", count, reporter=0)
     whole = f"{images['whole']:.0f} of {count} whole, {images['cpu_ms']:.1f} ms CPU each"

@@ -8,6 +8,7 @@ import os
 import resource
 import sys
 from collections.abc import Callable
+from contextlib import AsyncExitStack
 from pathlib import Path
 from typing import Any
 
@@ -44,15 +45,24 @@ def report(**figures: object) -> None:
 
 
 def run_node(main: Callable[[Any, Any], Any], name: str) -> None:
-    """Run `main(node, String)` on an event loop."""
+    """Run `main(node, String)` on an event loop: BENCH_LOOP says which, BENCH_CONTEXTS how many contexts are on it."""
     from rosidl_py_gen import get_message
-    from rosidl_py_gen.runtime import Node
+    from rosidl_py_gen.runtime import Context, Node
 
     async def body() -> None:
-        async with Node(name) as node:
+        async with AsyncExitStack() as stack:
+            for number in range(int(os.environ.get("BENCH_CONTEXTS", "1")) - 1):
+                context = await stack.enter_async_context(Context())
+                await stack.enter_async_context(Node(f"{name}_beside_{number}", context=context))
+            node = await stack.enter_async_context(Node(name))
             await main(node, get_message("std_msgs/msg/String"))
 
-    asyncio.run(body())
+    if os.environ.get("BENCH_LOOP") == "uvloop":
+        import uvloop
+
+        uvloop.run(body())
+    else:
+        asyncio.run(body())
 
 
 async def both_ways(publisher: Any, subscription: Any) -> None:

@@ -20,8 +20,9 @@ class Floor:
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        from rosidl_py_gen.runtime.node.environment import cyclone_xml, read_environment
-        from rosidl_py_gen.runtime.transport.cyclone.participant import _data_type
+        from rosidl_py_gen.runtime.node.environment import read_environment
+        from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
+        from rosidl_py_gen.runtime.transport.cyclone.topics import _DataType
 
         self.clayer = clayer
         qos = Qos(
@@ -30,7 +31,7 @@ class Floor:
             Policy.WriterDataLifecycle(autodispose=False),
             Policy.DataRepresentation(use_cdrv0_representation=True),
         )
-        kind: Any = _data_type("std_msgs::msg::dds_::String_")
+        kind: Any = _DataType("std_msgs::msg::dds_::String_")
         kind.__idl__.populate = kind.__idl__.fill_type_data = lambda: None
         xml = cyclone_xml(read_environment(os.environ), process_id=os.getpid())
         self.domain = Domain(int(DOMAIN), xml)

@@ -1,4 +1,7 @@
-"""The import rules of the package, as data. Imports inside functions count; imports for type checkers may point up."""
+"""The import rules of the package, as data. Imports inside functions count.
+
+Imports for type checkers may point up between the parts, but not between the rooms of the runtime.
+"""
 
 from __future__ import annotations
 
@@ -49,6 +52,27 @@ OWNERS = {
     "cli": "cli",
     "__main__": "cli",
 }
+# The rooms of the runtime, and which others each may import. "" are the files above all rooms.
+_LOW = ("names", "time", "logs", "transport", "loop", "graph", "endpoints")
+ROOMS: dict[str, tuple[str, ...]] = {
+    "names": (),
+    "time": (),
+    "logs": ("names",),
+    "transport": ("logs",),
+    "loop": ("time", "logs", "transport"),
+    "graph": ("names", "logs", "transport", "loop"),
+    "endpoints": ("names", "time", "logs", "transport", "loop", "graph"),
+    "parameters": _LOW,
+    "actions": _LOW,
+    "node": (*_LOW, "parameters", "actions"),
+    "lifecycle": (*_LOW, "node"),
+    "": (*_LOW, "parameters", "actions", "node", "lifecycle"),
+}
+MOST_MODULES = 16
+# Names with an underscore that other modules may use: what generated classes have for the code that calls them.
+GENERATED = {"_TYPE", "_decode", "_encode", "_encode_into", "_FIELDS"}
+# Knows private structures of Cyclone DDS, and says so.
+KNOWS_LAYOUTS = "runtime.transport.cyclone.fastdds"
 # Each foreign thing has one seam: distribution -> modules that may import it.
 SEAMS = {
     "lark": ("spec.parse",),
@@ -212,6 +236,82 @@ def test_nothing_imports_the_node() -> None:
     assert wrong == []
 
 
+RUNTIME = [path for path in FILES if path.is_relative_to(PACKAGE / "runtime")]
+
+
+def room_of(module: str) -> str:
+    """Of a module of the runtime."""
+    room = module.removeprefix("runtime").lstrip(".").split(".")[0]
+    return room if room in ROOMS else ""
+
+
+def test_rooms_import_rooms_below_them() -> None:
+    wrong = []
+    for path in RUNTIME:
+        own = room_of(module_of(path))
+        for one in IMPORTS[path]:
+            target = ours(one)
+            if target is not None and target.split(".")[0] == "runtime" and room_of(target) not in (own, *ROOMS[own]):
+                wrong.append(where(path, one))
+    assert wrong == []
+
+
+def test_every_folder_of_the_runtime_is_a_room_that_can_be_surveyed() -> None:
+    folders = {path.parent.relative_to(PACKAGE / "runtime").parts for path in RUNTIME}
+    assert {parts[0] if parts else "" for parts in folders} == set(ROOMS)
+    for parts in folders:
+        assert len(list(PACKAGE.joinpath("runtime", *parts).glob("*.py"))) <= MOST_MODULES, parts
+
+
+def _private_uses(tree: ast.AST) -> Iterator[ast.Attribute]:
+    """`x._name` where x is neither `self` nor `cls`, and nothing in this file is called `_name`."""
+    known = GENERATED | {
+        name
+        for node in ast.walk(tree)
+        for name in (
+            [node.attr]
+            if isinstance(node, ast.Attribute) and _is_own(node.value) and _is_set(node)
+            else [node.name]
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef)
+            else [node.target.id]
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name)
+            else [target.id for target in node.targets if isinstance(target, ast.Name)]
+            if isinstance(node, ast.Assign)
+            else []
+        )
+    }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and not _is_own(node.value) and node.attr not in known:
+            if node.attr.startswith("_") and not node.attr.endswith("__"):
+                yield node
+
+
+def _is_own(node: ast.AST) -> bool:
+    return isinstance(node, ast.Name) and node.id in ("self", "cls")
+
+
+def _is_set(node: ast.Attribute) -> bool:
+    return isinstance(node.ctx, ast.Store)
+
+
+def test_private_uses_are_found() -> None:
+    source = """
+class A:
+    def __init__(self, other): self._mine = other._mine + other._theirs + self._mine._x
+"""
+    assert {node.attr for node in _private_uses(ast.parse(source))} == {"_theirs", "_x"}
+
+
+def test_nobody_touches_what_is_private_to_others() -> None:
+    wrong = [
+        f"{path.relative_to(PACKAGE.parent)}:{node.lineno}: {ast.unparse(node)}"
+        for path in RUNTIME
+        if module_of(path) != KNOWS_LAYOUTS
+        for node in _private_uses(ast.parse(path.read_text(encoding="utf-8")))
+    ]
+    assert wrong == []
+
+
 def test_generated_code_needs_only_the_middle_and_numpy() -> None:
     wrong = [
         where(path, one)
@@ -266,7 +366,10 @@ def test_imports_form_no_circle() -> None:
     edges: dict[str, set[str]] = {}
     for path, imports in IMPORTS.items():
         own = module_of(path)
-        targets = {target for one in imports if not one.for_typing and (target := ours(one)) is not None}
+        counts_typing = path in RUNTIME  # elsewhere such imports may point up
+        targets = {
+            target for one in imports if (counts_typing or not one.for_typing) and (target := ours(one)) is not None
+        }
         # The package itself loads what a name needs when it is used, so nothing hangs on importing it.
         edges[own] = {target for target in targets if target not in ("", own) and _is_module(f"{NAME}.{target}")}
     assert circles(edges) == []

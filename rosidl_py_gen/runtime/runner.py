@@ -17,7 +17,8 @@ import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError, current_loop
+from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
+from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.node.context import Context
 
 if TYPE_CHECKING:

@@ -20,6 +20,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.loop.portal import Portal
 
 if TYPE_CHECKING:
@@ -34,14 +35,6 @@ _MISMATCH = (
     "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
     "Node(..., context=Context())"
 )
-
-
-def current_loop() -> asyncio.AbstractEventLoop | None:
-    """The loop that runs in this thread, if one does."""
-    try:
-        return asyncio.get_running_loop()
-    except RuntimeError:
-        return None
 
 
 class LoopMismatchError(RosidlError, RuntimeError):

@@ -16,7 +16,7 @@ from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
-from rosidl_py_gen.runtime.loop.bridge import current_loop
+from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
