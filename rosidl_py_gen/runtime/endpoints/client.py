@@ -128,6 +128,8 @@ class Client(Generic[RequestT, ResponseT]):
             carrier,
             endpoint_user_data(service_type.request.type_hash, client_id=client_id),
         )
+        self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
+        """By which replies may call us."""
         self._window = scope.request_window(self._request_topic, pause_s)
         self._outbox = Outbox(scope.bridge, None, scope.report_failure)
         scope.add(self._reader.guid, self._writer.guid)
@@ -343,7 +345,7 @@ class Client(Generic[RequestT, ResponseT]):
                 if self._throttle.passes():
                     self._scope.logger.warning(f"dropped a reply on {self.name}: {err}")
                 continue
-            if client not in (self._writer.handle, self._reader.guid, self._writer.guid):
+            if client not in self._names:
                 continue
             server = self._reader.writer_guid(handle)
             if server is not None and is_foreign(server) and not isinstance(client, bytes):

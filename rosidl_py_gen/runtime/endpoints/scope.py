@@ -160,6 +160,7 @@ class Scope:
             ClosedError: whoever waits is closed, or was meanwhile. TypeError, ValueError: see `Deadline`.
         """
         deadline = Deadline(timeout_s)
+        self.require_open(is_closed(), "what was waited for")
         self.bridge.running_loop()
 
         def is_over() -> bool:

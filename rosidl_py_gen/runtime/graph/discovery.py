@@ -7,14 +7,13 @@ when a quality-of-service mismatch is worth a warning. The state is `state.py`, 
 from __future__ import annotations
 
 import itertools
-import logging
 import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.graph import message as graph_message
 from rosidl_py_gen.runtime.graph.state import Graph, NodeEntities
-from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
+from rosidl_py_gen.runtime.logs.loggers import get_logger, internal_logger, logger_name
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import (
     DISCOVERY_TOPIC,
@@ -32,8 +31,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.state import Endpoint
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant
-
-_log = logging.getLogger(__name__)
 
 _TYPE_HASH = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
@@ -154,7 +151,7 @@ class Discovery:
             try:
                 message = graph_message.decode(data, guid[:12])
             except DecodeError as err:
-                _log.warning("ignored a graph message of participant %s: %s", guid[:12].hex("."), err)
+                internal_logger().warning(f"ignored a graph message of participant {guid[:12].hex('.')}: {err}")
                 continue
             self.graph.set_nodes(message.participant_guid, message.nodes)
         self._changed()

@@ -214,6 +214,11 @@ def get_logger(name: str) -> RosLogger:
     return logger
 
 
+def internal_logger() -> RosLogger:
+    """Where the runtime reports what belongs to no node; below the ROS root, so levels and outputs count for it."""
+    return get_logger("rosidl_py_gen")
+
+
 def node_logger(fully_qualified_node_name: str) -> RosLogger:
     """The logger of a node; raises `InvalidNameError` when the last part is no node name."""
     validate_node_name(fully_qualified_node_name.rpartition("/")[2])

@@ -1,0 +1,90 @@
+"""Samples that DDS does not take at once."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+from rosidl_py_gen.runtime.loop.outbox import Outbox
+from rosidl_py_gen.runtime.transport.interface import TransportError
+
+
+class Line:
+    """A writer that can be stopped, and the loop of whoever runs."""
+
+    def __init__(self) -> None:
+        self.loop: asyncio.AbstractEventLoop | None = None
+        self.is_full = False
+        self.sent: list[int] = []
+
+    def call_soon(self, function: Callable[[], None]) -> None:
+        """See `Bridge`."""
+        if self.loop is not None:
+            self.loop.call_soon(function)
+
+    def write(self, number: int) -> Callable[[], bool]:
+        """A write of one number; 13 is refused."""
+
+        def write() -> bool:
+            if not self.is_full:
+                if number == 13:
+                    raise TransportError("no thirteen")
+                self.sent.append(number)
+            return not self.is_full
+
+        return write
+
+
+def outbox_of(line: Line, depth: int | None = None) -> tuple[Outbox, list[str]]:
+    """An outbox and what it reports."""
+    reports: list[str] = []
+    bridge: Any = line
+    return Outbox(bridge, depth, reports.append), reports
+
+
+def test_what_waits_is_sent_in_order_by_the_loop() -> None:
+    async def main() -> None:
+        line = Line()
+        line.loop = asyncio.get_running_loop()
+        outbox, reports = outbox_of(line)
+        for number in (1, 2, 13, 3):
+            line.is_full = number > 1
+            outbox.send(line.write(number))
+        assert line.sent == [1] and len(outbox.waiting) == 3
+        await asyncio.sleep(0.01)
+        line.is_full = False
+        outbox.send(line.write(4))  # goes behind the others, although there would be room
+        await asyncio.sleep(0.02)
+        assert line.sent == [1, 2, 3, 4] and reports == ["sending what had to wait"] and outbox.dropped == 1
+
+    asyncio.run(main())
+
+
+def test_a_full_one_drops_the_oldest_and_a_closed_one_all() -> None:
+    line = Line()
+    line.is_full = True
+    outbox, _ = outbox_of(line, 2)
+    for number in range(5):
+        outbox.send(line.write(number))
+    line.is_full = False
+    assert outbox.dropped == 3 and outbox.flush() and line.sent == [3, 4]
+    line.is_full = True
+    outbox.send(line.write(5))
+    outbox.close()
+    line.is_full = False
+    assert outbox.flush() and line.sent == [3, 4]
+
+
+def test_what_one_loop_left_behind_another_one_sends_with_the_next() -> None:
+    line = Line()
+    outbox, _ = outbox_of(line)
+
+    async def send(number: int, *, is_full: bool) -> None:
+        line.loop, line.is_full = asyncio.get_running_loop(), is_full
+        outbox.send(line.write(number))
+        await asyncio.sleep(0.01)
+
+    asyncio.run(send(1, is_full=True))
+    asyncio.run(send(2, is_full=False))
+    assert line.sent == [1, 2]
