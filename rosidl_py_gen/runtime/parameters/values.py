@@ -9,9 +9,9 @@ from __future__ import annotations
 import operator
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from rosidl_py_gen.errors import RosidlError
 
@@ -88,8 +88,7 @@ class WrongParameterTypeError(ParameterError, TypeError):
         super().__init__(f"parameter {name!r} is of type {actual}, expected {expected}")
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterValue:
+class ParameterValue(NamedTuple):  # like Parameter made so often that a frozen dataclass would show in every set
     """A value with its type; make one with `parameter_value`, which checks that they fit."""
 
     type: ParameterType = ParameterType.NOT_SET
@@ -101,12 +100,11 @@ class ParameterValue:
         return self.type is not ParameterType.NOT_SET
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
+class Parameter(NamedTuple):
     """A name with a value."""
 
     name: str
-    value: ParameterValue = field(default_factory=ParameterValue)
+    value: ParameterValue = ParameterValue()
 
 
 ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
