@@ -71,6 +71,8 @@ ROOMS: dict[str, tuple[str, ...]] = {
 MOST_MODULES = 16
 # Names with an underscore that other modules may use: what generated classes have for the code that calls them.
 GENERATED = {"_TYPE", "_decode", "_encode", "_encode_into", "_FIELDS"}
+# Functions of the standard library that are public in spite of their names.
+DOCUMENTED = {"sys._getframe", "os._exit"}
 # Knows private structures of Cyclone DDS, and says so.
 KNOWS_LAYOUTS = "runtime.transport.cyclone.fastdds"
 # Each foreign thing has one seam: distribution -> modules that may import it.
@@ -281,9 +283,14 @@ def _private_uses(tree: ast.AST) -> Iterator[ast.Attribute]:
         )
     }
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and not _is_own(node.value) and node.attr not in known:
-            if node.attr.startswith("_") and not node.attr.endswith("__"):
-                yield node
+        if not isinstance(node, ast.Attribute) or _is_own(node.value):
+            continue
+        if _is_private(node.attr) and node.attr not in known and ast.unparse(node) not in DOCUMENTED:
+            yield node
+
+
+def _is_private(name: str) -> bool:
+    return name.startswith("_") and not name.endswith("__")
 
 
 def _is_own(node: ast.AST) -> bool:

@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, G
 from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.loop.callbacks import on_loop, settle
+from rosidl_py_gen.runtime.loop.callbacks import settle
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.values import ClockType, Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
@@ -215,7 +215,7 @@ class ServerGoals:
             finally:
                 self._status.flush()
 
-        return on_loop(self._scope.bridge, call)
+        return self._scope.bridge.run_on_loop(call)
 
     # -------------------------------------------------------------------------------------------- start and end
 

@@ -11,13 +11,14 @@ raises is logged and the others still run.
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import contextlib
 import contextvars
 import itertools
 import logging
 import os
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
@@ -30,7 +31,11 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 _numbers = itertools.count()
+_LOOP_ENDED_S = 0.2
+"""How often a thread that waits for the loop looks whether there still is one."""
 _MISMATCH = (
     "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
     "Node(..., context=Context())"
@@ -174,6 +179,29 @@ class Bridge:
                     loop.call_soon(function)
                 else:
                     loop.call_soon_threadsafe(function)
+
+    def run_on_loop(self, function: Callable[[], T]) -> T:
+        """Run `function` on the loop's thread and return what it returns; here and now when no loop runs (any more)."""
+        loop = self.loop
+        if loop is None or not loop.is_running() or self.in_loop_thread():
+            return function()
+        done: concurrent.futures.Future[T] = concurrent.futures.Future()
+
+        def call() -> None:
+            if done.set_running_or_notify_cancel():
+                try:
+                    done.set_result(function())
+                except BaseException as error:
+                    done.set_exception(error)
+
+        try:
+            loop.call_soon_threadsafe(call)
+        except RuntimeError:  # closed in the meantime
+            return function()
+        while not concurrent.futures.wait((done,), _LOOP_ENDED_S).done:
+            if not loop.is_running() and done.cancel():
+                return function()
+        return done.result()
 
     @property
     def is_running(self) -> bool:

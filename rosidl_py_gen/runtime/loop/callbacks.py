@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import concurrent.futures
 import contextlib
 import contextvars
 import inspect
@@ -13,12 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
-    from rosidl_py_gen.runtime.loop.bridge import Bridge
-
 T = TypeVar("T")
-
-_LOOP_ENDED_S = 0.2
-"""How often a thread that waits for the loop looks whether there still is one."""
 
 _TASKS_KNOW = hasattr(asyncio.Task, "cancelling")
 
@@ -114,27 +108,3 @@ async def in_thread(name: str, function: Callable[..., Any], *arguments: object)
         return outcome
     finally:
         del failure  # its traceback holds this frame
-
-
-def on_loop(bridge: Bridge, function: Callable[[], T]) -> T:
-    """Run `function` on the loop's thread and return what it returns; here and now when no loop runs (any more)."""
-    loop = bridge.loop
-    if loop is None or not loop.is_running() or bridge.in_loop_thread():
-        return function()
-    done: concurrent.futures.Future[T] = concurrent.futures.Future()
-
-    def call() -> None:
-        if done.set_running_or_notify_cancel():
-            try:
-                done.set_result(function())
-            except BaseException as error:
-                done.set_exception(error)
-
-    try:
-        loop.call_soon_threadsafe(call)
-    except RuntimeError:  # closed in the meantime
-        return function()
-    while not concurrent.futures.wait((done,), _LOOP_ENDED_S).done:
-        if not loop.is_running() and done.cancel():
-            return function()
-    return done.result()
