@@ -265,6 +265,8 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         self._closed = True
         self._scope.disown(self)
         self._requests.close()
+        if self._handler is not None:
+            self._handler.close()
         self._outbox.close()
         self._scope.remove(self._reader.guid, self._writer.guid)
         self._reader.close()

@@ -250,3 +250,5 @@ class Subscription(Generic[T]):
         self._scope.remove(self._reader.guid)
         self._reader.close()
         self._waiters.wake()
+        if self._callback is not None:
+            self._callback.close()

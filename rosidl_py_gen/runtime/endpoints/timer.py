@@ -221,6 +221,8 @@ class Timer:
         self._closed = True
         self._scope.disown(self)
         self._forget_start()
+        if self._callback is not None:
+            self._callback.close()
         if self._jumps is not None:
             self._jumps.close()
         bridge = self._scope.bridge

@@ -40,10 +40,11 @@ def ignore(answer: object) -> None:
 class UserFunction:
     """One function of the user; `what` names it in logs: "the callback of /chatter"."""
 
-    __slots__ = ("_function", "_owner", "is_async", "what")
+    __slots__ = ("_closed", "_function", "_owner", "is_async", "what")
 
     def __init__(self, owner: Owner, function: Callable[..., Any], what: str) -> None:
         self._owner = owner
+        self._closed = False
         self._function = function
         self.what = what
         self.is_async = is_async(function)
@@ -78,9 +79,13 @@ class UserFunction:
             answer = begin()
             return then(await answer if inspect.isawaitable(answer) else answer)
         except asyncio.CancelledError:
-            if self._owner.closed or is_own_cancel():
+            if self._closed or self._owner.closed or is_own_cancel():
                 raise
             self._owner.report_failure(self.what)
         except Exception:
             self._owner.report_failure(self.what)
         return None
+
+    def close(self) -> None:
+        """Its endpoint is closed: a cancellation of what it awaits is an end, and no failure any more."""
+        self._closed = True
