@@ -45,20 +45,21 @@ class Waiters:
 
         timer = None if timeout_s is None else loop.call_later(timeout_s, end)
         try:
-            while True:
-                # Listed before the look: who changes something behind it, in another thread, finds us here.
+            while not is_so():
+                if is_over:
+                    return False
+                # Listed before another look: who changes something behind it, in another thread, finds us here.
                 future = loop.create_future()
                 self._futures.append(future)
                 try:
                     if is_so():
                         return True
-                    if is_over:
-                        return False
                     await future
                 finally:
                     if future in self._futures:
                         with contextlib.suppress(ValueError):  # woken in this moment
                             self._futures.remove(future)
+            return True
         finally:
             if timer is not None:
                 timer.cancel()
