@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.names.dds import topic_name
+from rosidl_py_gen.runtime.names.dds import reply_name, topic_name
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
 from rosidl_py_gen.runtime.node.type_description import announced_hash, ask_type_description
 
@@ -69,6 +69,18 @@ class NodeGraph:
     def get_service_names_and_types(self) -> NamesAndTypes:
         """All services, each with its types."""
         return self._look().services()
+
+    def count_services(self, service: str) -> int:
+        """How many servers a service has."""
+        return self._count_at_replies(service, writers=True)
+
+    def count_clients(self, service: str) -> int:
+        """How many clients a service has, those of this node included."""
+        return self._count_at_replies(service, writers=False)
+
+    def _count_at_replies(self, service: str, *, writers: bool) -> int:
+        """Servers write replies and clients read them; rmw counts them there, too."""
+        return len(self._look().on_topic(reply_name(self._names.resolve_service(service)), writers=writers))
 
     # -------------------------------------------------------------------------------------------------------- nodes
 

@@ -273,6 +273,8 @@ async def test_a_closed_node_answers_nothing(world: World) -> None:
         lambda: node.get_subscriptions_info_by_topic("t"),
         lambda: node.count_publishers("t"),
         lambda: node.count_subscribers("t"),
+        lambda: node.count_services("t"),
+        lambda: node.count_clients("t"),
         lambda: node.get_publisher_names_and_types_by_node("n"),
         lambda: node.get_subscriber_names_and_types_by_node("n"),
         lambda: node.get_service_names_and_types_by_node("n"),

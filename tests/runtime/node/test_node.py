@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String
-from worlds import ROOT, domain_id, second_domain_id
+from worlds import ROOT, domain_id, second_domain_id, until
 
 from rosidl_py_gen import get_message, get_service, runtime
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
@@ -118,6 +118,31 @@ async def test_topics_and_services_are_listed_in_all_and_by_node(world: World) -
     assert bob.get_subscriber_names_and_types_by_node("alice") == [("/in", int32)]
     assert bob.get_client_names_and_types_by_node("bob") == [("/add", add)]
     assert bob.get_client_names_and_types_by_node("alice") == []
+
+
+async def test_servers_and_clients_of_a_service_are_counted(world: World) -> None:
+    alice, bob = world.pair()
+    server = alice.create_service(AddTwoInts, "/add")
+    clients = [node.create_client(AddTwoInts, "/add") for node in (alice, bob)]
+    await until(lambda: (bob.count_services("add"), bob.count_clients("add")) == (1, 2))
+    another = bob.create_service(AddTwoInts, "/add")
+    await until(lambda: (alice.count_services("add"), alice.count_clients("add")) == (2, 2))
+    for endpoint in (server, another, clients[1]):
+        endpoint.close()
+    await until(lambda: (bob.count_services("add"), bob.count_clients("add")) == (0, 1))
+    assert (bob.count_services("nobody"), bob.count_clients("nobody")) == (0, 0)
+
+
+async def test_names_of_counted_services_are_expanded_and_remapped_as_services(world: World) -> None:
+    alice = world.node("alice", "/ns")
+    alice.create_service(AddTwoInts, "sum")
+    alice.create_client(AddTwoInts, "~/own")
+    asker = world.node("alice", "/ns", args="--ros-args -r rosservice://add:=sum -r rostopic://sum:=other")
+    await until(lambda: asker.count_services("add") == 1 and asker.count_clients("~/own") == 1)
+    assert (asker.count_services("sum"), asker.count_services("/sum")) == (1, 0)
+    for count in (asker.count_services, asker.count_clients):
+        with pytest.raises(InvalidNameError, match="invalid service name"):
+            count("a//b")
 
 
 def every_nodes_services(node: str) -> list[tuple[str, list[str]]]:
