@@ -86,14 +86,13 @@ class HandlerRunner:
 
     def run(self, goal: ServerGoal[Any]) -> None:
         """Run the handler on a goal that is EXECUTING or CANCELING."""
-        self.start(self._run(goal))
+        task = self._handler.call(goal, then=partial(self._returned, goal))
+        if task is not None:
+            task.add_done_callback(lambda _: self._ended(goal))
 
-    async def _run(self, goal: ServerGoal[Any]) -> None:
-        try:
-            await self._handler.run(goal, then=partial(self._returned, goal))
-        finally:
-            if goal.is_active and not self.closed:
-                goal.abort()
+    def _ended(self, goal: ServerGoal[Any]) -> None:
+        if goal.is_active and not self.closed:
+            goal.abort()
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
         if not self._readiness.is_given():

@@ -10,13 +10,12 @@ while it runs, new messages wait in the queue as its depth allows.
 from __future__ import annotations
 
 import asyncio
-from contextvars import copy_context
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.scope import Throttle
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
-from rosidl_py_gen.runtime.loop.user_function import UserFunction, ignore
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
@@ -202,7 +201,7 @@ class Subscription(Generic[T]):
             found = self._take()
             if found is None:
                 return
-            self._worker = copy_context().run(callback.call, found[0])
+            self._worker = callback.call(found[0])
             if self._worker is not None:
                 self._worker.add_done_callback(lambda _: self._on_data())
                 return
@@ -211,7 +210,7 @@ class Subscription(Generic[T]):
 
     async def _await_back(self, callback: UserFunction) -> None:
         while (found := self._take()) is not None:
-            await callback.run(found[0], then=ignore)
+            await callback.run(found[0])
 
     def _count_undecodable(self, error: DecodeError) -> None:
         self.undecodable += 1

@@ -13,7 +13,6 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
-import contextvars
 import itertools
 import logging
 import os
@@ -57,7 +56,6 @@ class Bridge:
         """Runs coroutines for plain code."""
         self._watched: int | None = None
         """A duplicate of the participant's descriptor, so that either of us may close first."""
-        self._context: contextvars.Context | None = None
         self._scheduled = False
         self._closed = False
         self._closed_reason = "this context is closed"
@@ -112,7 +110,6 @@ class Bridge:
     def _change_to(self, loop: asyncio.AbstractEventLoop) -> None:
         self.detach()
         self.attached = loop
-        self._context = contextvars.copy_context()
         if not self._watch(loop):
             self._participant.set_notify(self._notified)
         for start in list(self._starts.values()):
@@ -226,7 +223,7 @@ class Bridge:
             self._scheduled = True
         schedule = loop.call_soon if current_loop() is loop else loop.call_soon_threadsafe
         try:
-            schedule(self._run_scheduled, context=self._context)
+            schedule(self._run_scheduled)
         except RuntimeError:  # the loop was closed in the meantime
             self._scheduled = False
 

@@ -7,10 +7,11 @@ import contextlib
 import contextvars
 import inspect
 import threading
+import types
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable, Coroutine, Generator
 
 T = TypeVar("T")
 
@@ -62,6 +63,22 @@ def is_own_cancel() -> bool:
 def start_task(loop: asyncio.AbstractEventLoop, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
     """A task that knows whether it was cancelled."""
     return loop.create_task(coroutine) if _TASKS_KNOW else _CountingTask(coroutine, loop=loop)
+
+
+@types.coroutine
+def in_context(context: contextvars.Context, coroutine: Coroutine[Any, Any, T]) -> Generator[Any, Any, T]:
+    """Await a coroutine in a context other than the task's: each of its steps is entered by itself."""
+    step: Callable[[Any], Any] = coroutine.send
+    value: Any = None
+    while True:
+        try:
+            awaited = context.run(step, value)
+        except StopIteration as end:
+            return end.value  # type: ignore[no-any-return]
+        try:
+            step, value = coroutine.send, (yield awaited)
+        except BaseException as error:
+            step, value = coroutine.throw, error
 
 
 class _CountingTask(asyncio.Task[T]):

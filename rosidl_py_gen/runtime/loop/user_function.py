@@ -4,15 +4,20 @@ A function may be plain, async, or plain and answer a coroutine, as a lambda aro
 the first is called at once and the others run in a task; that an exception is logged, once, and goes nowhere else; and
 which cancellation is which: one of the task itself ends it, one that comes out of something the function awaited is a
 failure like any other.
+
+Decides in which `contextvars` context a call runs: in a copy, of its own, of the one in which the function was handed
+in, as `loop.add_reader` does. Where the call comes from (a publisher in the same process, a timer that was reset in its
+callback, the goal that ended before) makes no difference then.
 """
 
 from __future__ import annotations
 
 import asyncio
 import inspect
+from contextvars import copy_context
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from rosidl_py_gen.runtime.loop.callbacks import is_async, is_own_cancel
+from rosidl_py_gen.runtime.loop.callbacks import in_context, is_async, is_own_cancel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -40,11 +45,12 @@ def ignore(answer: object) -> None:
 class UserFunction:
     """One function of the user; `what` names it in logs: "the callback of /chatter"."""
 
-    __slots__ = ("_closed", "_function", "_owner", "is_async", "what")
+    __slots__ = ("_closed", "_context", "_function", "_owner", "is_async", "what")
 
     def __init__(self, owner: Owner, function: Callable[..., Any], what: str) -> None:
         self._owner = owner
         self._closed = False
+        self._context = copy_context()
         self._function = function
         self.what = what
         self.is_async = is_async(function)
@@ -55,8 +61,11 @@ class UserFunction:
         Returns:
             None when all is done, otherwise the task that goes on with it.
         """
+        return self._context.copy().run(self._call, arguments, then)
+
+    def _call(self, arguments: tuple[object, ...], then: Callable[[Any], object]) -> asyncio.Task[Any] | None:
         if self.is_async:
-            return self._owner.start(self.run(*arguments, then=then))
+            return self._owner.start(self._finish(lambda: self._function(*arguments), then))
         try:
             answer = self._function(*arguments)
             if not inspect.iscoroutine(answer):
@@ -69,22 +78,21 @@ class UserFunction:
         task.add_done_callback(lambda _: answer.close())  # one that was cancelled has not begun it
         return task
 
-    async def run(self, *arguments: object, then: Callable[[Any], T]) -> T | None:
-        """Call it inside a task of `Owner.start`; what `then` makes of its answer, None when it failed."""
-        return await self._finish(lambda: self._function(*arguments), then)
+    async def run(self, *arguments: object) -> None:
+        """Call it inside a task of `Owner.start` that goes on with the next call: cheaper than a task for each."""
+        await in_context(self._context.copy(), self._finish(lambda: self._function(*arguments), ignore))
 
-    async def _finish(self, begin: Callable[[], Any], then: Callable[[Any], T]) -> T | None:
+    async def _finish(self, begin: Callable[[], Any], then: Callable[[Any], object]) -> None:
         # Begun in here, so that a task that is cancelled before leaves no coroutine behind.
         try:
             answer = begin()
-            return then(await answer if inspect.isawaitable(answer) else answer)
+            then(await answer if inspect.isawaitable(answer) else answer)
         except asyncio.CancelledError:
             if self._closed or self._owner.closed or is_own_cancel():
                 raise
             self._owner.report_failure(self.what)
         except Exception:
             self._owner.report_failure(self.what)
-        return None
 
     def close(self) -> None:
         """Its endpoint is closed: a cancellation of what it awaits is an end, and no failure any more."""

@@ -2,12 +2,14 @@
 
 Decides what callbacks and validators may be and may answer, and what becomes of one that raises: the set is refused
 with a reason that names the function, and the traceback is logged; a set that is stored already stays. When they are
-called is `store.py`'s. All run on the thread that sets, post-set callbacks without any lock.
+called is `store.py`'s. All run on the thread that sets, post-set callbacks without any lock; each in a copy of the
+`contextvars` context of whoever sets, so that it knows for whom it is called and leaves nothing behind.
 """
 
 from __future__ import annotations
 
 import inspect
+from contextvars import copy_context
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rosidl_py_gen.runtime.loop.callbacks import is_async
@@ -65,7 +67,7 @@ def validate(what: str, validator: Callable[[Any], str | None], value: Any) -> N
 def called(what: str, function: Callable[..., Any], *arguments: object) -> Any:
     """What the function answers; raises `RefusedError` when it raises."""
     try:
-        return function(*arguments)
+        return copy_context().run(function, *arguments)
     except Exception as error:
         raise _raised(what, error) from error
 
@@ -135,7 +137,7 @@ class SetCallbacks:
         result = ACCEPTED
         for callback in reversed(self._functions["on-set"]):
             try:
-                result = callback(list(parameters))
+                result = copy_context().run(callback, list(parameters))
             except Exception as error:
                 raise _raised(f"the on-set callback {_name_of(callback)!r}", error) from error
             if type(result) is not SetResult or type(result.successful) is not bool or type(result.reason) is not str:
@@ -157,7 +159,7 @@ class SetCallbacks:
         """Call the post-set callbacks, the newest first; one that raises is logged and the others still hear."""
         for callback in reversed(self._functions["post-set"]):
             try:
-                callback(list(parameters))
+                copy_context().run(callback, list(parameters))
             except Exception:
                 self._on_failure(f"the post-set callback {_name_of(callback)!r}")
 
