@@ -79,7 +79,7 @@ class World:
         self.kind = kind
         self.transport = MemoryTransport() if kind == "memory" else None
         self.contexts: list[Context] = []
-        self.nodes: list[Node] = []  # a node that nobody holds closes itself
+        self.nodes: list[Node] = []
         self._numbers = itertools.count()
 
     def context(self, *args: str) -> Context:

@@ -55,11 +55,11 @@ class NodeGraph:
 
     def count_publishers(self, topic: str) -> int:
         """How many publishers a topic has, bare DDS ones included."""
-        return len(self.get_publishers_info_by_topic(topic))
+        return self._count(self._dds_topic(topic, no_mangle=False), writers=True)
 
     def count_subscribers(self, topic: str) -> int:
         """How many subscriptions a topic has, bare DDS ones included."""
-        return len(self.get_subscriptions_info_by_topic(topic))
+        return self._count(self._dds_topic(topic, no_mangle=False), writers=False)
 
     def _dds_topic(self, topic: str, no_mangle: bool) -> str:
         return topic if no_mangle else topic_name(self._names.resolve_topic(topic))
@@ -71,16 +71,15 @@ class NodeGraph:
         return self._look().services()
 
     def count_services(self, service: str) -> int:
-        """How many servers a service has."""
-        return self._count_at_replies(service, writers=True)
+        """How many servers a service has: they write replies, where rmw counts them, too."""
+        return self._count(reply_name(self._names.resolve_service(service)), writers=True)
 
     def count_clients(self, service: str) -> int:
-        """How many clients a service has, those of this node included."""
-        return self._count_at_replies(service, writers=False)
+        """How many clients a service has, those of this node included: they read replies."""
+        return self._count(reply_name(self._names.resolve_service(service)), writers=False)
 
-    def _count_at_replies(self, service: str, *, writers: bool) -> int:
-        """Servers write replies and clients read them; rmw counts them there, too."""
-        return len(self._look().on_topic(reply_name(self._names.resolve_service(service)), writers=writers))
+    def _count(self, dds_topic: str, *, writers: bool) -> int:
+        return len(self._look().on_topic(dds_topic, writers=writers))
 
     # -------------------------------------------------------------------------------------------------------- nodes
 

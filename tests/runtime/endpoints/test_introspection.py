@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from worlds import World, run, until
+from worlds import World, until
 
 from rosidl_py_gen import compile_text, get_service
 from rosidl_py_gen.runtime.endpoints.header import IntrospectionState
@@ -33,118 +33,94 @@ async def exchange(world: World, client_state: IntrospectionState, server_state:
     return events, client, server, node, caller
 
 
-def test_contents_show_all_four_steps(world: World) -> None:
-    async def main() -> None:
-        events, *_ = await exchange(world, STATE.CONTENTS, STATE.CONTENTS)
-        await until(lambda: len(events) == 4)
-        by_type = {event.info.event_type: event for event in events}
-        assert sorted(by_type) == [0, 1, 2, 3]
-        assert len({event.info.sequence_number for event in events}) == 1
-        for kind in (0, 1):
-            assert [(r.a, r.b) for r in by_type[kind].request] == [(2, 3)] and by_type[kind].response == []
-        for kind in (2, 3):
-            assert [r.sum for r in by_type[kind].response] == [5] and by_type[kind].request == []
-        gids = [bytes(by_type[kind].info.client_gid) for kind in range(4)]
-        # The two sides do not agree about the client's id, as under rmw_cyclonedds.
-        assert gids[0] == gids[3] != bytes(16) and gids[1] == gids[2] != bytes(16) and gids[0] != gids[1]
-        assert by_type[1].info.stamp.sec == 77 and by_type[0].info.stamp.sec > 1_000_000_000
-
-    run(main)
+async def test_contents_show_all_four_steps(world: World) -> None:
+    events, *_ = await exchange(world, STATE.CONTENTS, STATE.CONTENTS)
+    await until(lambda: len(events) == 4)
+    by_type = {event.info.event_type: event for event in events}
+    assert sorted(by_type) == [0, 1, 2, 3]
+    assert len({event.info.sequence_number for event in events}) == 1
+    for kind in (0, 1):
+        assert [(r.a, r.b) for r in by_type[kind].request] == [(2, 3)] and by_type[kind].response == []
+    for kind in (2, 3):
+        assert [r.sum for r in by_type[kind].response] == [5] and by_type[kind].request == []
+    gids = [bytes(by_type[kind].info.client_gid) for kind in range(4)]
+    # The two sides do not agree about the client's id, as under rmw_cyclonedds.
+    assert gids[0] == gids[3] != bytes(16) and gids[1] == gids[2] != bytes(16) and gids[0] != gids[1]
+    assert by_type[1].info.stamp.sec == 77 and by_type[0].info.stamp.sec > 1_000_000_000
 
 
-def test_metadata_shows_no_contents(world: World) -> None:
-    async def main() -> None:
-        events, *_ = await exchange(world, STATE.OFF, STATE.METADATA)
-        await until(lambda: len(events) == 2)
-        assert [event.info.event_type for event in events] == [1, 2]
-        assert all(event.request == [] and event.response == [] for event in events)
-
-    run(main)
+async def test_metadata_shows_no_contents(world: World) -> None:
+    events, *_ = await exchange(world, STATE.OFF, STATE.METADATA)
+    await until(lambda: len(events) == 2)
+    assert [event.info.event_type for event in events] == [1, 2]
+    assert all(event.request == [] and event.response == [] for event in events)
 
 
-def test_it_can_be_changed_and_switched_off(world: World) -> None:
-    async def main() -> None:
-        events, client, server, node, caller = await exchange(world, STATE.METADATA, STATE.METADATA)
-        server.configure_introspection(node.clock, SYSTEM_DEFAULT, STATE.OFF)
-        client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.CONTENTS)
-        await until(lambda: len(events) == 4)
-        await client.call(AddTwoInts.Request(a=1), timeout_s=5)
-        await until(lambda: len(events) == 6)
-        assert [len(event.request) for event in events[4:]] == [1, 0]
-        client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.OFF)
-        client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.OFF)
-        assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
-        assert len(events) == 6
-
-    run(main)
+async def test_it_can_be_changed_and_switched_off(world: World) -> None:
+    events, client, server, node, caller = await exchange(world, STATE.METADATA, STATE.METADATA)
+    server.configure_introspection(node.clock, SYSTEM_DEFAULT, STATE.OFF)
+    client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.CONTENTS)
+    await until(lambda: len(events) == 4)
+    await client.call(AddTwoInts.Request(a=1), timeout_s=5)
+    await until(lambda: len(events) == 6)
+    assert [len(event.request) for event in events[4:]] == [1, 0]
+    client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.OFF)
+    client.configure_introspection(caller.clock, SYSTEM_DEFAULT, STATE.OFF)
+    assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
+    assert len(events) == 6
 
 
 @pytest.mark.parametrize("state", [STATE.METADATA, STATE.CONTENTS])
-def test_closing_endpoints_with_introspection_is_clean(world: World, state: IntrospectionState) -> None:
-    async def main() -> None:
-        _, client, server, node, caller = await exchange(world, state, state)
-        client.close()
-        server.close()
-        caller.close()
-        node.close()
-
-    run(main)
+async def test_closing_endpoints_with_introspection_is_clean(world: World, state: IntrospectionState) -> None:
+    _, client, server, node, caller = await exchange(world, state, state)
+    client.close()
+    server.close()
+    caller.close()
+    node.close()
 
 
 @pytest.mark.parametrize("state", [0, 1, 2, 3, "METADATA", None, True])
-def test_something_else_than_a_state_is_refused(world: World, state: Any) -> None:
-    async def main() -> None:
-        events, client, server, node, _ = await exchange(world, STATE.OFF, STATE.METADATA)
-        await until(lambda: len(events) == 2)
-        for endpoint in (client, server):
-            with pytest.raises(TypeError, match=r"^state must be one of IntrospectionState.OFF, .*, got "):
-                endpoint.configure_introspection(node.clock, SYSTEM_DEFAULT, state)
-        assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
-        await until(lambda: len(events) == 4)  # the server goes on as it was
-        assert all(event.request == [] for event in events)
-
-    run(main)
+async def test_something_else_than_a_state_is_refused(world: World, state: Any) -> None:
+    events, client, server, node, _ = await exchange(world, STATE.OFF, STATE.METADATA)
+    await until(lambda: len(events) == 2)
+    for endpoint in (client, server):
+        with pytest.raises(TypeError, match=r"^state must be one of IntrospectionState.OFF, .*, got "):
+            endpoint.configure_introspection(node.clock, SYSTEM_DEFAULT, state)
+    assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
+    await until(lambda: len(events) == 4)  # the server goes on as it was
+    assert all(event.request == [] for event in events)
 
 
 @pytest.mark.parametrize("clock", [None, 5, "ros", ClockType.ROS_TIME])
-def test_something_else_than_a_clock_is_refused(world: World, clock: Any) -> None:
-    async def main() -> None:
-        _, client, server, *_ = await exchange(world, STATE.OFF, STATE.OFF)
-        for endpoint in (client, server):
-            for state in STATE:
-                with pytest.raises(TypeError, match=r"^clock must be a Clock such as node.clock, got "):
-                    endpoint.configure_introspection(clock, SYSTEM_DEFAULT, state)
-        with pytest.raises(InvalidQoSError):
-            client.configure_introspection(Clock(), "deep", STATE.METADATA)
-        assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
-
-    run(main)
+async def test_something_else_than_a_clock_is_refused(world: World, clock: Any) -> None:
+    _, client, server, *_ = await exchange(world, STATE.OFF, STATE.OFF)
+    for endpoint in (client, server):
+        for state in STATE:
+            with pytest.raises(TypeError, match=r"^clock must be a Clock such as node.clock, got "):
+                endpoint.configure_introspection(clock, SYSTEM_DEFAULT, state)
+    with pytest.raises(InvalidQoSError):
+        client.configure_introspection(Clock(), "deep", STATE.METADATA)
+    assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
 
 
-def test_another_clock_counts_from_the_next_event_on(world: World) -> None:
-    async def main() -> None:
-        events, client, server, *_ = await exchange(world, STATE.OFF, STATE.METADATA)
-        await until(lambda: len(events) == 2)
-        later = Clock(system_ns=lambda: 99_000_000_000)
-        server.configure_introspection(later, SYSTEM_DEFAULT, STATE.METADATA)
-        await client.call(AddTwoInts.Request(a=1), timeout_s=5)
-        await until(lambda: len(events) == 4)
-        assert [event.info.stamp.sec for event in events] == [77, 77, 99, 99]
-
-    run(main)
+async def test_another_clock_counts_from_the_next_event_on(world: World) -> None:
+    events, client, server, *_ = await exchange(world, STATE.OFF, STATE.METADATA)
+    await until(lambda: len(events) == 2)
+    later = Clock(system_ns=lambda: 99_000_000_000)
+    server.configure_introspection(later, SYSTEM_DEFAULT, STATE.METADATA)
+    await client.call(AddTwoInts.Request(a=1), timeout_s=5)
+    await until(lambda: len(events) == 4)
+    assert [event.info.stamp.sec for event in events] == [77, 77, 99, 99]
 
 
-def test_services_compiled_from_text_can_be_watched(world: World) -> None:
-    async def main() -> None:
-        ask: Any = compile_text("my_pkg/srv/Ask", "string question\n---\nint8 answer")
-        events: list[Any] = []
-        node = world.node("n")
-        node.create_subscription(ask.Event, "/ask/_service_event", events.append, 10)
-        node.create_service(ask, "ask", lambda request: ask.Response(answer=42))
-        client = node.create_client(ask, "ask")
-        client.configure_introspection(node.clock, SYSTEM_DEFAULT, STATE.CONTENTS)
-        await client.call(ask.Request(question="?"), timeout_s=5)
-        await until(lambda: len(events) == 2)
-        assert events[0].request[0].question == "?" and events[1].response[0].answer == 42
-
-    run(main)
+async def test_services_compiled_from_text_can_be_watched(world: World) -> None:
+    ask: Any = compile_text("my_pkg/srv/Ask", "string question\n---\nint8 answer")
+    events: list[Any] = []
+    node = world.node("n")
+    node.create_subscription(ask.Event, "/ask/_service_event", events.append, 10)
+    node.create_service(ask, "ask", lambda request: ask.Response(answer=42))
+    client = node.create_client(ask, "ask")
+    client.configure_introspection(node.clock, SYSTEM_DEFAULT, STATE.CONTENTS)
+    await client.call(ask.Request(question="?"), timeout_s=5)
+    await until(lambda: len(events) == 2)
+    assert events[0].request[0].question == "?" and events[1].response[0].answer == 42

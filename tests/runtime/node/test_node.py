@@ -82,8 +82,8 @@ async def test_endpoints_are_described_with_node_type_hash_and_qos(world: World)
     alice.create_subscription(String, "/topic", qos=QoSProfile().keep_all().best_effort())
     assert await publisher.wait_for_subscribers(timeout_s=5)
     assert await bob.wait_for_node("/alice", timeout_s=5)
-    await settled(lambda: bob.count_publishers("/topic") == 1 and bob.count_subscribers("/topic") == 1)
-    await settled(lambda: bob.get_publishers_info_by_topic("/topic")[0].node_name == "alice")
+    await until(lambda: bob.count_publishers("/topic") == 1 and bob.count_subscribers("/topic") == 1)
+    await until(lambda: bob.get_publishers_info_by_topic("/topic")[0].node_name == "alice")
     (info,) = bob.get_publishers_info_by_topic("topic")
     assert (info.node_name, info.node_namespace, info.topic_type) == ("alice", "/", "std_msgs/msg/String")
     assert info.topic_type_hash == String._TYPE.hash
@@ -106,14 +106,14 @@ async def test_topics_and_services_are_listed_in_all_and_by_node(world: World) -
     string, int32, add = ["std_msgs/msg/String"], ["std_msgs/msg/Int32"], ["example_interfaces/srv/AddTwoInts"]
     log, event = ["rcl_interfaces/msg/Log"], ["rcl_interfaces/msg/ParameterEvent"]
     common = [("/parameter_events", event), ("/rosout", log)]
-    await settled(lambda: len(bob.get_topic_names_and_types()) == 4)
+    await until(lambda: len(bob.get_topic_names_and_types()) == 4)
     assert bob.get_topic_names_and_types() == [("/in", int32), ("/out", string), *common]
     assert ("rq/addRequest", ["example_interfaces::srv::dds_::AddTwoInts_Request_"]) in bob.get_topic_names_and_types(
         no_demangle=True
     )
     of_alice, of_bob = every_nodes_services("/alice"), every_nodes_services("/bob")
     assert bob.get_service_names_and_types() == [("/add", add), *of_alice, *of_bob]
-    await settled(lambda: bob.get_service_names_and_types_by_node("alice") == [("/add", add), *of_alice])
+    await until(lambda: bob.get_service_names_and_types_by_node("alice") == [("/add", add), *of_alice])
     assert bob.get_publisher_names_and_types_by_node("alice") == [("/out", string), *common]
     assert bob.get_subscriber_names_and_types_by_node("alice") == [("/in", int32)]
     assert bob.get_client_names_and_types_by_node("bob") == [("/add", add)]
@@ -252,7 +252,7 @@ async def test_options_of_a_node(memory: World) -> None:
     )
     assert node.get_parameter("a", int) == 1
     names = ["/n/get_logger_levels", "/n/get_type_description", "/n/set_logger_levels"]
-    await settled(lambda: [name for name, _ in node.get_service_names_and_types_by_node("n")] == names)
+    await until(lambda: [name for name, _ in node.get_service_names_and_types_by_node("n")] == names)
     node.close()
 
 
@@ -263,7 +263,7 @@ async def test_incompatible_qos_is_explained_once_with_both_nodes(
     with caplog.at_level(logging.WARNING):
         alice.create_publisher(String, "s", QoSProfile().best_effort())
         bob.create_subscription(String, "s", qos=QoSProfile().reliable())
-        await settled(lambda: "incompatible" in caplog.text)
+        await until(lambda: "incompatible" in caplog.text)
         await asyncio.sleep(0.1)
         bob.create_publisher(String, "unrelated")
         await asyncio.sleep(0.1)
@@ -291,7 +291,7 @@ async def test_best_available_follows_the_peers_at_creation(world: World) -> Non
 
     alice, bob = world.pair()
     alice.create_publisher(String, "s", QoSProfile().best_effort())
-    await settled(lambda: bob.count_publishers("s") == 1)
+    await until(lambda: bob.count_publishers("s") == 1)
     subscription = bob.create_subscription(String, "s", qos=BEST_AVAILABLE)
     assert subscription.qos.reliability is Reliability.BEST_EFFORT
     assert subscription.qos.durability is Durability.VOLATILE
@@ -378,13 +378,3 @@ async def test_two_contexts_of_different_dds_domains_do_not_meet() -> None:
         assert sorted(first.get_node_names()) == ["/first", "/near"]
         assert far.get_node_names() == ["/far"]
         assert far.count_publishers("s") == 0
-
-
-async def settled(condition: object, timeout_s: float = 5.0) -> None:
-    """Wait until `condition()` holds."""
-    assert callable(condition)
-    for _ in range(int(timeout_s / 0.01)):
-        if condition():
-            return
-        await asyncio.sleep(0.01)
-    raise AssertionError("it never happened")

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 import pytest
-from worlds import World, run, until
+from worlds import World, until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.parameters.values import InvalidParameterValueError
@@ -30,29 +30,25 @@ async def settle() -> None:
         await asyncio.sleep(0)
 
 
-def test_use_sim_time_is_live(world: World) -> None:
+async def test_use_sim_time_is_live(world: World) -> None:
     """r2r reads it once and never again (r2r.md A8)."""
-
-    async def main() -> None:
-        node, source = world.node("n"), world.node("source").create_sim_time_publisher()
-        remote = world.node("other").create_parameter_client("/n")
-        assert node.clock.now() > ros(1_000_000_000)
-        assert (await remote.set({"use_sim_time": True}, 5))[0].successful
-        assert node.clock.now() == ros(0)  # until the first /clock
-        assert await source.wait_for_subscribers(5)
-        source.set_time(ros(100))
-        await until(lambda: node.clock.now() == ros(100))
-        source.advance(2.5)
-        await until(lambda: node.clock.now() == ros(102.5))
-        source.advance(-50)
-        await until(lambda: node.clock.now() == ros(52.5))
-        assert (await remote.set({"use_sim_time": False}, 5))[0].successful
-        assert node.clock.now() > ros(1_000_000_000)
-        await until(lambda: source._publisher.subscription_count == 0)
-        assert (await remote.set({"use_sim_time": True}, 5))[0].successful
-        assert node.clock.now() == ros(0)
-
-    run(main)
+    node, source = world.node("n"), world.node("source").create_sim_time_publisher()
+    remote = world.node("other").create_parameter_client("/n")
+    assert node.clock.now() > ros(1_000_000_000)
+    assert (await remote.set({"use_sim_time": True}, 5))[0].successful
+    assert node.clock.now() == ros(0)  # until the first /clock
+    assert await source.wait_for_subscribers(5)
+    source.set_time(ros(100))
+    await until(lambda: node.clock.now() == ros(100))
+    source.advance(2.5)
+    await until(lambda: node.clock.now() == ros(102.5))
+    source.advance(-50)
+    await until(lambda: node.clock.now() == ros(52.5))
+    assert (await remote.set({"use_sim_time": False}, 5))[0].successful
+    assert node.clock.now() > ros(1_000_000_000)
+    await until(lambda: source._publisher.subscription_count == 0)
+    assert (await remote.set({"use_sim_time": True}, 5))[0].successful
+    assert node.clock.now() == ros(0)
 
 
 @pytest.mark.parametrize("value", [1, "true", 1.0, [True]])
@@ -80,101 +76,86 @@ def test_it_can_be_given_at_the_start(world: World) -> None:
     assert node.clock.ros_time_is_active and node.clock.now_ns() == 0
 
 
-def test_timers_follow_simulated_time(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n", args="--ros-args -p use_sim_time:=true")
-        source = world.node("source").create_sim_time_publisher()
-        assert await source.wait_for_subscribers(5)
-        calls: list[float] = []
-        timer = node.create_timer(10.0, lambda: calls.append(node.clock.now().seconds))
+async def test_timers_follow_simulated_time(world: World) -> None:
+    node = world.node("n", args="--ros-args -p use_sim_time:=true")
+    source = world.node("source").create_sim_time_publisher()
+    assert await source.wait_for_subscribers(5)
+    calls: list[float] = []
+    timer = node.create_timer(10.0, lambda: calls.append(node.clock.now().seconds))
+    await settle()
+    assert calls == []
+    for now in (100, 105, 111, 155):
+        source.set_time(ros(now))
+        await until(partial(reads, node.clock, now))
         await settle()
-        assert calls == []
-        for now in (100, 105, 111, 155):
-            source.set_time(ros(now))
-            await until(partial(reads, node.clock, now))
-            await settle()
-        # Created at 0: due at the first time, then on the grid of that one, missed periods skipped.
-        assert calls == [100, 111, 155] and timer.missed == 9 + 3
-
-    run(main)
+    # Created at 0: due at the first time, then on the grid of that one, missed periods skipped.
+    assert calls == [100, 111, 155] and timer.missed == 9 + 3
 
 
-def test_sleeping_by_simulated_time(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n", args="--ros-args -p use_sim_time:=true")
-        source = world.node("source").create_sim_time_publisher()
-        assert await source.wait_for_subscribers(5)
-        until_task = asyncio.ensure_future(node.clock.sleep_until(ros(110)))
-        for_task = asyncio.ensure_future(node.clock.sleep_for(5))
-        zero_task = asyncio.ensure_future(node.clock.sleep_until(ros(0)))
-        await settle()
-        assert not (until_task.done() or for_task.done() or zero_task.done())
-        source.set_time(ros(100))
-        await zero_task
-        await settle()
-        assert not (until_task.done() or for_task.done())
-        source.set_time(ros(106))
-        await for_task
-        source.set_time(ros(50))
-        await until(partial(reads, node.clock, 50))
-        await settle()
-        assert not until_task.done()
-        source.set_time(ros(110))
-        await until_task
-        assert node.clock._handles == []
-
-    run(main)
+async def test_sleeping_by_simulated_time(world: World) -> None:
+    node = world.node("n", args="--ros-args -p use_sim_time:=true")
+    source = world.node("source").create_sim_time_publisher()
+    assert await source.wait_for_subscribers(5)
+    until_task = asyncio.ensure_future(node.clock.sleep_until(ros(110)))
+    for_task = asyncio.ensure_future(node.clock.sleep_for(5))
+    zero_task = asyncio.ensure_future(node.clock.sleep_until(ros(0)))
+    await settle()
+    assert not (until_task.done() or for_task.done() or zero_task.done())
+    source.set_time(ros(100))
+    await zero_task
+    await settle()
+    assert not (until_task.done() or for_task.done())
+    source.set_time(ros(106))
+    await for_task
+    source.set_time(ros(50))
+    await until(partial(reads, node.clock, 50))
+    await settle()
+    assert not until_task.done()
+    source.set_time(ros(110))
+    await until_task
+    assert node.clock._handles == []
 
 
-def test_sleeping_by_real_clocks(world: World) -> None:
-    async def main() -> None:
-        for kind in ClockType:
-            clock = Clock(kind)
-            start = clock.now()
-            assert await clock.sleep_for(0.02)
-            assert clock.now() - start >= Duration(seconds=0.02)
-            assert await clock.sleep_until(start)
-            assert await clock.sleep_for(Duration(seconds=-1))
-        with pytest.raises(ClockTypeError, match="cannot sleep until a ROS_TIME"):
-            await Clock(ClockType.STEADY_TIME).sleep_until(ros(1))
-
-    run(main)
+async def test_sleeping_by_real_clocks(world: World) -> None:
+    for kind in ClockType:
+        clock = Clock(kind)
+        start = clock.now()
+        assert await clock.sleep_for(0.02)
+        assert clock.now() - start >= Duration(seconds=0.02)
+        assert await clock.sleep_until(start)
+        assert await clock.sleep_for(Duration(seconds=-1))
+    with pytest.raises(ClockTypeError, match="cannot sleep until a ROS_TIME"):
+        await Clock(ClockType.STEADY_TIME).sleep_until(ros(1))
 
 
-def test_a_publisher_with_a_rate_runs_by_itself(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n", args="--ros-args -p use_sim_time:=true")
-        source = world.node("source").create_sim_time_publisher(rate=1000.0, start=ros(50), period_s=0.002)
-        await until(lambda: node.clock.now() > ros(55))
-        source.rate = 0
-        await asyncio.sleep(0.02)
-        stopped = source.now
-        await asyncio.sleep(0.02)
-        assert source.now == stopped
-        source.close()
-        source.close()
-        with pytest.raises(ClosedError):
-            source.rate = 1
-
-    run(main)
+async def test_a_publisher_with_a_rate_runs_by_itself(world: World) -> None:
+    node = world.node("n", args="--ros-args -p use_sim_time:=true")
+    source = world.node("source").create_sim_time_publisher(rate=1000.0, start=ros(50), period_s=0.002)
+    await until(lambda: node.clock.now() > ros(55))
+    source.rate = 0
+    await asyncio.sleep(0.02)
+    stopped = source.now
+    await asyncio.sleep(0.02)
+    assert source.now == stopped
+    source.close()
+    source.close()
+    with pytest.raises(ClosedError):
+        source.rate = 1
 
 
-def test_the_rate_of_a_publisher_can_be_set_later(world: World) -> None:
-    async def main() -> None:
-        source = world.node("source").create_sim_time_publisher(start=ros(50), period_s=0.002)
-        await asyncio.sleep(0.1)
-        assert source.now == ros(50)
-        source.rate = 1.0
-        await until(lambda: source.now > ros(50))
-        assert source.now < ros(50.09)  # the time before it ran does not count
-        source.rate = 10_000.0
-        await until(lambda: source.now > ros(70))
-        source.rate = 0
-        stopped = source.now
-        await asyncio.sleep(0.02)
-        assert source.now == stopped and source.rate == 0
-
-    run(main)
+async def test_the_rate_of_a_publisher_can_be_set_later(world: World) -> None:
+    source = world.node("source").create_sim_time_publisher(start=ros(50), period_s=0.002)
+    await asyncio.sleep(0.1)
+    assert source.now == ros(50)
+    source.rate = 1.0
+    await until(lambda: source.now > ros(50))
+    assert source.now < ros(50.09)  # the time before it ran does not count
+    source.rate = 10_000.0
+    await until(lambda: source.now > ros(70))
+    source.rate = 0
+    stopped = source.now
+    await asyncio.sleep(0.02)
+    assert source.now == stopped and source.rate == 0
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import sys
 from typing import Any
 
 import pytest
-from worlds import World, run, until
+from worlds import World, until
 
 from rosidl_py_gen import compile_text, get_message, type_hash
 from rosidl_py_gen.errors import InvalidNameError
@@ -35,114 +35,93 @@ async def names_and_encodings(asker: Any, cls: Any) -> list[tuple[str, str, str]
     return [(source.type_name, source.encoding, source.raw_file_contents) for source in got.type_sources]
 
 
-def test_a_type_compiled_from_text_is_described_and_hides_no_other(world: World) -> None:
-    async def main() -> None:
-        node, asker = world.node("n"), world.node("asker")
-        node.create_publisher(Foo, "foo")
-        node.create_subscription(get_message("std_msgs/msg/Bool"), "after", lambda message: None)
-        got = await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)
-        (field,) = got.type_description.type_description.fields
-        assert (field.name, field.type.type_id) == ("x", 6)
-        assert await names_and_encodings(asker, Foo) == [("my_pkg/msg/Foo", "msg", "")]
-        ((_, encoding, text),) = await names_and_encodings(asker, get_message("std_msgs/msg/Bool"))
-        assert encoding == "msg" and "bool data" in text
-        with pytest.raises(TypeDescriptionError, match=NOT_IN_USE):
-            await asker.get_type_description("/n", "", "RIHS01_" + "0" * 64, timeout_s=5)
-
-    run(main)
+async def test_a_type_compiled_from_text_is_described_and_hides_no_other(world: World) -> None:
+    node, asker = world.node("n"), world.node("asker")
+    node.create_publisher(Foo, "foo")
+    node.create_subscription(get_message("std_msgs/msg/Bool"), "after", lambda message: None)
+    got = await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)
+    (field,) = got.type_description.type_description.fields
+    assert (field.name, field.type.type_id) == ("x", 6)
+    assert await names_and_encodings(asker, Foo) == [("my_pkg/msg/Foo", "msg", "")]
+    ((_, encoding, text),) = await names_and_encodings(asker, get_message("std_msgs/msg/Bool"))
+    assert encoding == "msg" and "bool data" in text
+    with pytest.raises(TypeDescriptionError, match=NOT_IN_USE):
+        await asker.get_type_description("/n", "", "RIHS01_" + "0" * 64, timeout_s=5)
 
 
-def test_services_and_actions_compiled_from_text_are_described(world: World) -> None:
-    async def main() -> None:
-        node, asker = world.node("n"), world.node("asker")
-        node.create_client(Ask, "ask")
-        node.create_action_server(Walk, "walk", lambda goal: None)
-        for cls in (Ask, Ask.Request, Walk, Walk.SendGoal, Walk.GetResult, Walk.FeedbackMessage):
-            sources = await names_and_encodings(asker, cls)
-            assert sources[0][0] == cls._TYPE.name
-        sources = await names_and_encodings(asker, Walk)
-        implicit = {name for name, encoding, _ in sources if encoding == "implicit"}
-        assert {"my_pkg/action/Walk_Goal", "my_pkg/action/Walk_SendGoal"} <= implicit
-        with pytest.raises(TypeDescriptionError, match=NOT_IN_USE):
-            await asker.get_type_description("/n", "", type_hash(Walk.Goal), timeout_s=5)
-
-    run(main)
+async def test_services_and_actions_compiled_from_text_are_described(world: World) -> None:
+    node, asker = world.node("n"), world.node("asker")
+    node.create_client(Ask, "ask")
+    node.create_action_server(Walk, "walk", lambda goal: None)
+    for cls in (Ask, Ask.Request, Walk, Walk.SendGoal, Walk.GetResult, Walk.FeedbackMessage):
+        sources = await names_and_encodings(asker, cls)
+        assert sources[0][0] == cls._TYPE.name
+    sources = await names_and_encodings(asker, Walk)
+    implicit = {name for name, encoding, _ in sources if encoding == "implicit"}
+    assert {"my_pkg/action/Walk_Goal", "my_pkg/action/Walk_SendGoal"} <= implicit
+    with pytest.raises(TypeDescriptionError, match=NOT_IN_USE):
+        await asker.get_type_description("/n", "", type_hash(Walk.Goal), timeout_s=5)
 
 
-def test_what_every_node_has_is_in_use_too(world: World) -> None:
-    async def main() -> None:
-        world.node("n", args="--ros-args -p use_sim_time:=true")
-        asker = world.node("asker")
-        for cls in (Log, ParameterEvent, Clock, GetParameters, GetParameters.Response):
-            assert (await names_and_encodings(asker, cls))[0][0] == cls._TYPE.name
-
-    run(main)
+async def test_what_every_node_has_is_in_use_too(world: World) -> None:
+    world.node("n", args="--ros-args -p use_sim_time:=true")
+    asker = world.node("asker")
+    for cls in (Log, ParameterEvent, Clock, GetParameters, GetParameters.Response):
+        assert (await names_and_encodings(asker, cls))[0][0] == cls._TYPE.name
 
 
-def test_two_types_of_one_name_are_told_apart(world: World) -> None:
-    async def main() -> None:
-        node, asker, string = world.node("n"), world.node("asker"), get_message("std_msgs/msg/String")
-        world.node("neighbour").create_publisher(string, "elsewhere")
-        node.create_publisher(OddString, "odd")
-        # The bundled file of that name defines something else, so its text is not given out.
-        assert await names_and_encodings(asker, OddString) == [("std_msgs/msg/String", "msg", "")]
-        with pytest.raises(TypeDescriptionError, match=NOT_IN_USE):
-            await asker.get_type_description("/n", "", type_hash(string), timeout_s=5)
-
-    run(main)
+async def test_two_types_of_one_name_are_told_apart(world: World) -> None:
+    node, asker, string = world.node("n"), world.node("asker"), get_message("std_msgs/msg/String")
+    world.node("neighbour").create_publisher(string, "elsewhere")
+    node.create_publisher(OddString, "odd")
+    # The bundled file of that name defines something else, so its text is not given out.
+    assert await names_and_encodings(asker, OddString) == [("std_msgs/msg/String", "msg", "")]
+    with pytest.raises(TypeDescriptionError, match=NOT_IN_USE):
+        await asker.get_type_description("/n", "", type_hash(string), timeout_s=5)
 
 
 def fields_of(got: Any) -> list[tuple[str, int]]:
     return [(field.name, field.type.type_id) for field in got.type_description.type_description.fields]
 
 
-def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> None:
-    async def main() -> None:
-        node, asker, string = world.node("n", "/ns"), world.node("asker", "/ns"), get_message("std_msgs/msg/String")
-        asker.create_publisher(string, "elsewhere")  # neither the asker's nor a neighbour's type of that name counts
-        world.node("neighbour", "/ns").create_publisher(string, "elsewhere")
-        node.create_subscription(OddString, "odd", lambda message: None)
-        got = await asker.get_type_description("n", "std_msgs/msg/String", timeout_s=5)
-        assert fields_of(got) == [("not_a_string", 6)]
-        node.create_client(Ask, "ask")
-        got = await asker.get_type_description("/ns/n", "my_pkg/srv/Ask_Request", include_type_sources=False)
-        assert (fields_of(got), got.type_sources) == ([("question", 17)], [])
-        node.create_action_server(Walk, "walk", lambda goal: None)
-        got = await asker.get_type_description("/ns/n", "my_pkg/action/Walk_FeedbackMessage", None, timeout_s=5)
-        assert [name for name, _ in fields_of(got)] == ["goal_id", "feedback"]
-
-    run(main)
+async def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> None:
+    node, asker, string = world.node("n", "/ns"), world.node("asker", "/ns"), get_message("std_msgs/msg/String")
+    asker.create_publisher(string, "elsewhere")  # neither the asker's nor a neighbour's type of that name counts
+    world.node("neighbour", "/ns").create_publisher(string, "elsewhere")
+    node.create_subscription(OddString, "odd", lambda message: None)
+    got = await asker.get_type_description("n", "std_msgs/msg/String", timeout_s=5)
+    assert fields_of(got) == [("not_a_string", 6)]
+    node.create_client(Ask, "ask")
+    got = await asker.get_type_description("/ns/n", "my_pkg/srv/Ask_Request", include_type_sources=False)
+    assert (fields_of(got), got.type_sources) == ([("question", 17)], [])
+    node.create_action_server(Walk, "walk", lambda goal: None)
+    got = await asker.get_type_description("/ns/n", "my_pkg/action/Walk_FeedbackMessage", None, timeout_s=5)
+    assert [name for name, _ in fields_of(got)] == ["goal_id", "feedback"]
 
 
-def test_a_node_that_comes_later_is_waited_for(world: World) -> None:
-    async def main() -> None:
-        asker = world.node("asker")
-        asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
-        await asyncio.sleep(0.1)
-        world.node("n").create_publisher(Foo, "foo")
-        assert fields_of(await asking) == [("x", 6)]
-        with pytest.raises(CallTimeoutError, match=r"no node /nobody appeared in 0\.1 s"):
-            await asker.get_type_description("/nobody", "my_pkg/msg/Foo", timeout_s=0.1)
-
-    run(main)
+async def test_a_node_that_comes_later_is_waited_for(world: World) -> None:
+    asker = world.node("asker")
+    asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
+    await asyncio.sleep(0.1)
+    world.node("n").create_publisher(Foo, "foo")
+    assert fields_of(await asking) == [("x", 6)]
+    with pytest.raises(CallTimeoutError, match=r"no node /nobody appeared in 0\.1 s"):
+        await asker.get_type_description("/nobody", "my_pkg/msg/Foo", timeout_s=0.1)
 
 
-def test_several_announced_hashes_are_an_error_that_lists_them(world: World) -> None:
-    async def main() -> None:
-        node, string = world.node("n"), get_message("std_msgs/msg/String")
-        node.create_publisher(string, "plain")
-        announce_writer(node, "std_msgs::msg::dds_::String_", "odd", type_hash(OddString))
-        asker = world.node("asker")
-        await until(lambda: asker.count_publishers("odd") == asker.count_publishers("plain") == 1)
-        listed = sorted([f"{type_hash(string)} (/plain)", f"{type_hash(OddString)} (/odd)"])
-        words = f"/n announces 2 type hashes for std_msgs/msg/String: {', '.join(listed)}; say which by type_hash"
-        await until(lambda: len(asker.get_publisher_names_and_types_by_node("n")) == 4)
-        with pytest.raises(TypeDescriptionError, match=f"^{re.escape(words)}$"):
-            await asker.get_type_description("/n", "std_msgs/msg/String", timeout_s=5)
-        got = await asker.get_type_description("/n", "std_msgs/msg/String", type_hash(string), timeout_s=5)
-        assert fields_of(got) == [("data", 17)]
-
-    run(main)
+async def test_several_announced_hashes_are_an_error_that_lists_them(world: World) -> None:
+    node, string = world.node("n"), get_message("std_msgs/msg/String")
+    node.create_publisher(string, "plain")
+    announce_writer(node, "std_msgs::msg::dds_::String_", "odd", type_hash(OddString))
+    asker = world.node("asker")
+    await until(lambda: asker.count_publishers("odd") == asker.count_publishers("plain") == 1)
+    listed = sorted([f"{type_hash(string)} (/plain)", f"{type_hash(OddString)} (/odd)"])
+    words = f"/n announces 2 type hashes for std_msgs/msg/String: {', '.join(listed)}; say which by type_hash"
+    await until(lambda: len(asker.get_publisher_names_and_types_by_node("n")) == 4)
+    with pytest.raises(TypeDescriptionError, match=f"^{re.escape(words)}$"):
+        await asker.get_type_description("/n", "std_msgs/msg/String", timeout_s=5)
+    got = await asker.get_type_description("/n", "std_msgs/msg/String", type_hash(string), timeout_s=5)
+    assert fields_of(got) == [("data", 17)]
 
 
 @pytest.mark.parametrize(
@@ -155,25 +134,19 @@ def test_several_announced_hashes_are_an_error_that_lists_them(world: World) -> 
         ("my_pkg/msg/Bad", r"/n announces no type hash for my_pkg/msg/Bad \(/bad\)"),
     ],
 )
-def test_no_announced_hash_is_an_error_that_says_what_to_ask_for(world: World, wanted: str, words: str) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        node.create_client(Ask, "ask")
-        announce_writer(node, "my_pkg::msg::dds_::Old_", "old", "")
-        announce_writer(node, "my_pkg::msg::dds_::Bad_", "bad", "RIHS01_nonsense")
-        with pytest.raises(TypeDescriptionError, match=f"^{words}"):
-            await world.node("asker").get_type_description("/n", wanted, timeout_s=5)
-
-    run(main)
+async def test_no_announced_hash_is_an_error_that_says_what_to_ask_for(world: World, wanted: str, words: str) -> None:
+    node = world.node("n")
+    node.create_client(Ask, "ask")
+    announce_writer(node, "my_pkg::msg::dds_::Old_", "old", "")
+    announce_writer(node, "my_pkg::msg::dds_::Bad_", "bad", "RIHS01_nonsense")
+    with pytest.raises(TypeDescriptionError, match=f"^{words}"):
+        await world.node("asker").get_type_description("/n", wanted, timeout_s=5)
 
 
-def test_without_a_hash_the_type_needs_a_name(world: World) -> None:
-    async def main() -> None:
-        world.node("n")
-        with pytest.raises(InvalidNameError, match='"String" is not an interface name'):
-            await world.node("asker").get_type_description("/n", "String", timeout_s=5)
-
-    run(main)
+async def test_without_a_hash_the_type_needs_a_name(world: World) -> None:
+    world.node("n")
+    with pytest.raises(InvalidNameError, match='"String" is not an interface name'):
+        await world.node("asker").get_type_description("/n", "String", timeout_s=5)
 
 
 def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> None:
@@ -191,87 +164,74 @@ def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> Non
         ("_sources", "Failed to populate TypeSource_Sequence to response."),
     ],
 )
-def test_a_failure_is_answered_and_logged(
+async def test_a_failure_is_answered_and_logged(
     world: World, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, broken: str, reason: str
 ) -> None:
     def fail(_: object) -> None:
         raise RuntimeError("disk on fire")
 
-    async def main() -> None:
-        world.node("n").create_publisher(Foo, "foo")
-        monkeypatch.setattr(type_description_service, broken, fail)
-        with caplog.at_level(logging.ERROR), pytest.raises(TypeDescriptionError, match=reason):
-            await world.node("asker").get_type_description("/n", "", type_hash(Foo), timeout_s=5)
-        assert "disk on fire" in caplog.text
-
-    run(main)
+    world.node("n").create_publisher(Foo, "foo")
+    monkeypatch.setattr(type_description_service, broken, fail)
+    with caplog.at_level(logging.ERROR), pytest.raises(TypeDescriptionError, match=reason):
+        await world.node("asker").get_type_description("/n", "", type_hash(Foo), timeout_s=5)
+    assert "disk on fire" in caplog.text
 
 
-def test_a_description_that_fits_no_message_is_answered_too(world: World) -> None:
+async def test_a_description_that_fits_no_message_is_answered_too(world: World) -> None:
     long = f"my_pkg/Long{'g' * 250}"  # type_name and nested_type_name are string<=255
     outer: Any = compile_text("my_pkg/msg/Outer", f"{long} inner\n{'=' * 80}\nMSG: {long}\nint32 x")
-
-    async def main() -> None:
-        world.node("n").create_publisher(outer, "outer")
-        with pytest.raises(TypeDescriptionError, match="Failed to populate TypeDescription to response"):
-            await world.node("asker").get_type_description("/n", "", type_hash(outer), timeout_s=5)
-
-    run(main)
+    world.node("n").create_publisher(outer, "outer")
+    with pytest.raises(TypeDescriptionError, match="Failed to populate TypeDescription to response"):
+        await world.node("asker").get_type_description("/n", "", type_hash(outer), timeout_s=5)
 
 
-def test_the_first_question_does_not_import_the_compiler(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def main() -> None:
-        world.node("n").create_publisher(Foo, "foo")
-        asker = world.node("asker")
-        monkeypatch.setitem(sys.modules, "rosidl_py_gen.dynamic", None)  # importing it fails from here on
-        for cls in (Foo, Log, GetParameters):
-            await asker.get_type_description("/n", "", type_hash(cls), timeout_s=5)
-
-    run(main)
+async def test_the_first_question_does_not_import_the_compiler(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    world.node("n").create_publisher(Foo, "foo")
+    asker = world.node("asker")
+    monkeypatch.setitem(sys.modules, "rosidl_py_gen.dynamic", None)  # importing it fails from here on
+    for cls in (Foo, Log, GetParameters):
+        await asker.get_type_description("/n", "", type_hash(cls), timeout_s=5)
 
 
-def test_the_answer_byte_by_byte(world: World) -> None:
-    async def main() -> None:
-        watcher = world.node("watcher").scope.participant
-        dds = "type_description_interfaces::srv::dds_::GetTypeDescription_Response_"
-        replies = watcher.create_reader(reply_name("/n/get_type_description"), dds, QoSProfile().keep_all(), b"")
-        world.node("n").create_publisher(Foo, "foo")
-        asker = world.node("asker")
-        await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)
-        await until(lambda: len(replies.queue.items) == 1)
-        with pytest.raises(TypeDescriptionError):
-            await asker.get_type_description("/n", "my_pkg/msg/Foo", "RIHS01_", timeout_s=5)
-        await until(lambda: len(replies.queue.items) == 2)
-        name = "0f 00 00 00  6d 79 5f 70 6b 67 2f 6d 73 67 2f 46 6f 6f 00"  # "my_pkg/msg/Foo" and its NUL
-        empty = "01 00 00 00  00"
-        success = (
-            "00 01 00 00",  # CDR, little endian
-            "01  00 00 00",  # successful; pad to 4
-            empty + "00 00 00",  # failure_reason; pad to 12
-            name + "00",  # type_description.type_description.type_name ends at 31; pad to 32
-            "01 00 00 00",  # one field
-            "02 00 00 00  78 00",  # name "x" ends at 42
-            "06  00 00 00 00 00",  # type_id int32; pad to 48
-            "00" * 16,  # capacity, string_capacity
-            empty + "00 00 00",  # nested_type_name ends at 69; pad to 72
-            empty + "00 00 00",  # default_value ends at 77; pad to 80
-            "00 00 00 00",  # no referenced types
-            "01 00 00 00",  # one source
-            name + "00",  # type_name ends at 107; pad to 108
-            "04 00 00 00  6d 73 67 00",  # encoding "msg"
-            empty + "00 00 00",  # raw_file_contents: no file defines it; ends at 121; pad to 124
-            "00 00 00 00",  # no extra_information
-        )
-        reason = b"Failed to parse type hash\0"  # 26 bytes
-        failure = (
-            "00 01 00 00",
-            "00  00 00 00",
-            "1a 00 00 00" + reason.hex() + "00 00",  # ends at 34; pad to 36
-            empty + "00 00 00",  # type_name ends at 41; pad to 44
-            "00 00 00 00" * 4,  # no fields, references, sources, extra information
-        )
-        for expected, item in zip((success, failure), replies.queue.items, strict=True):
-            reply = bytes(item[0])
-            assert (reply[:4] + reply[20:]).hex() == "".join(expected).replace(" ", "")
-
-    run(main)
+async def test_the_answer_byte_by_byte(world: World) -> None:
+    watcher = world.node("watcher").scope.participant
+    dds = "type_description_interfaces::srv::dds_::GetTypeDescription_Response_"
+    replies = watcher.create_reader(reply_name("/n/get_type_description"), dds, QoSProfile().keep_all(), b"")
+    world.node("n").create_publisher(Foo, "foo")
+    asker = world.node("asker")
+    await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)
+    await until(lambda: len(replies.queue.items) == 1)
+    with pytest.raises(TypeDescriptionError):
+        await asker.get_type_description("/n", "my_pkg/msg/Foo", "RIHS01_", timeout_s=5)
+    await until(lambda: len(replies.queue.items) == 2)
+    name = "0f 00 00 00  6d 79 5f 70 6b 67 2f 6d 73 67 2f 46 6f 6f 00"  # "my_pkg/msg/Foo" and its NUL
+    empty = "01 00 00 00  00"
+    success = (
+        "00 01 00 00",  # CDR, little endian
+        "01  00 00 00",  # successful; pad to 4
+        empty + "00 00 00",  # failure_reason; pad to 12
+        name + "00",  # type_description.type_description.type_name ends at 31; pad to 32
+        "01 00 00 00",  # one field
+        "02 00 00 00  78 00",  # name "x" ends at 42
+        "06  00 00 00 00 00",  # type_id int32; pad to 48
+        "00" * 16,  # capacity, string_capacity
+        empty + "00 00 00",  # nested_type_name ends at 69; pad to 72
+        empty + "00 00 00",  # default_value ends at 77; pad to 80
+        "00 00 00 00",  # no referenced types
+        "01 00 00 00",  # one source
+        name + "00",  # type_name ends at 107; pad to 108
+        "04 00 00 00  6d 73 67 00",  # encoding "msg"
+        empty + "00 00 00",  # raw_file_contents: no file defines it; ends at 121; pad to 124
+        "00 00 00 00",  # no extra_information
+    )
+    reason = b"Failed to parse type hash\0"  # 26 bytes
+    failure = (
+        "00 01 00 00",
+        "00  00 00 00",
+        "1a 00 00 00" + reason.hex() + "00 00",  # ends at 34; pad to 36
+        empty + "00 00 00",  # type_name ends at 41; pad to 44
+        "00 00 00 00" * 4,  # no fields, references, sources, extra information
+    )
+    for expected, item in zip((success, failure), replies.queue.items, strict=True):
+        reply = bytes(item[0])
+        assert (reply[:4] + reply[20:]).hex() == "".join(expected).replace(" ", "")

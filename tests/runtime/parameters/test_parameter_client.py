@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from worlds import World, run
+from worlds import World
 
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError
@@ -47,50 +47,42 @@ class Lists:
 EMPTY = {"flags": [], "numbers": [], "reals": [], "tags": [], "unset": [], "blob": b""}
 
 
-def test_empty_lists_get_the_type_of_the_remote_parameter(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        lists = node.declare_parameters(Lists)
-        remote = world.node("other").create_parameter_client("/n")
-        assert await remote.set(EMPTY, timeout_s=5) == [OK] * 6
-        assert lists == Lists([], [], [], [], [], b"")
-        lists.tags = ["b"]
-        assert await remote.set_atomically({"tags": [], "numbers": [2]}, timeout_s=5) == OK
-        assert (lists.tags, lists.numbers) == ([], [2])
-        assert await remote.set([Parameter("tags", parameter_value([]))], 5) == [OK]
-        undeclared = SetResult(False, "Invalid access to undeclared parameter(s): ['nope']")
-        assert await remote.set({"nope": [], "tags": []}, 5) == [undeclared, OK]
-        refused = "Wrong parameter type, expected 'Type.INTEGER' got 'Type.BYTE_ARRAY'"
-        assert await remote.set({"left.pwm": []}, 5) == [SetResult(False, refused)]
-
-    run(main)
+async def test_empty_lists_get_the_type_of_the_remote_parameter(world: World) -> None:
+    node = world.node("n")
+    lists = node.declare_parameters(Lists)
+    remote = world.node("other").create_parameter_client("/n")
+    assert await remote.set(EMPTY, timeout_s=5) == [OK] * 6
+    assert lists == Lists([], [], [], [], [], b"")
+    lists.tags = ["b"]
+    assert await remote.set_atomically({"tags": [], "numbers": [2]}, timeout_s=5) == OK
+    assert (lists.tags, lists.numbers) == ([], [2])
+    assert await remote.set([Parameter("tags", parameter_value([]))], 5) == [OK]
+    undeclared = SetResult(False, "Invalid access to undeclared parameter(s): ['nope']")
+    assert await remote.set({"nope": [], "tags": []}, 5) == [undeclared, OK]
+    refused = "Wrong parameter type, expected 'Type.INTEGER' got 'Type.BYTE_ARRAY'"
+    assert await remote.set({"left.pwm": []}, 5) == [SetResult(False, refused)]
 
 
-def test_all_questions_for_empty_lists_share_one_timeout(world: World) -> None:
-    async def main() -> None:
-        remote = world.node("other").create_parameter_client("/gone")
-        start = asyncio.get_running_loop().time()
-        with pytest.raises(CallTimeoutError):
-            await remote.set({"a": [], "b": [], "c": []}, timeout_s=0.1)
-        assert asyncio.get_running_loop().time() - start < 1
-
-    run(main)
+async def test_all_questions_for_empty_lists_share_one_timeout(world: World) -> None:
+    remote = world.node("other").create_parameter_client("/gone")
+    start = asyncio.get_running_loop().time()
+    with pytest.raises(CallTimeoutError):
+        await remote.set({"a": [], "b": [], "c": []}, timeout_s=0.1)
+    assert asyncio.get_running_loop().time() - start < 1
 
 
-def test_what_is_dumped_is_loaded_back_with_empty_lists(world: World, tmp_path_factory: pytest.TempPathFactory) -> None:
+async def test_what_is_dumped_is_loaded_back_with_empty_lists(
+    world: World, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     path = tmp_path_factory.mktemp("yaml") / "p.yaml"
-
-    async def main() -> None:
-        node = world.node("n")
-        lists = node.declare_parameters(Lists, initial=Lists([], [], [], [], [], b""))
-        remote = world.node("other").create_parameter_client("/n")
-        await asyncio.to_thread(path.write_text, await remote.dump_yaml(timeout_s=5), encoding="utf-8")
-        lists.flags, lists.numbers, lists.reals, lists.tags, lists.blob = [True], [1], [1.0], ["a"], b"x"
-        results = await remote.load_yaml(path, timeout_s=5)
-        del results["start_type_description_service"]  # read-only
-        assert set(results.values()) == {OK} and lists == Lists([], [], [], [], [], b"")
-
-    run(main)
+    node = world.node("n")
+    lists = node.declare_parameters(Lists, initial=Lists([], [], [], [], [], b""))
+    remote = world.node("other").create_parameter_client("/n")
+    await asyncio.to_thread(path.write_text, await remote.dump_yaml(timeout_s=5), encoding="utf-8")
+    lists.flags, lists.numbers, lists.reals, lists.tags, lists.blob = [True], [1], [1.0], ["a"], b"x"
+    results = await remote.load_yaml(path, timeout_s=5)
+    del results["start_type_description_service"]  # read-only
+    assert set(results.values()) == {OK} and lists == Lists([], [], [], [], [], b"")
 
 
 @pytest.mark.parametrize(
@@ -103,70 +95,58 @@ def test_what_is_dumped_is_loaded_back_with_empty_lists(world: World, tmp_path_f
         ("", "has parameters of no node at all"),
     ],
 )
-def test_a_file_without_anything_for_the_node_is_an_error(world: World, tmp_path: Path, text: str, reason: str) -> None:
+async def test_a_file_without_anything_for_the_node_is_an_error(
+    world: World, tmp_path: Path, text: str, reason: str
+) -> None:
     path = tmp_path / "p.yaml"
     path.write_text(text, encoding="utf-8")
-
-    async def main() -> None:
-        world.node("n")
-        remote = world.node("other").create_parameter_client("/n")
-        with pytest.raises(ParameterFileError, match=f"nothing for /n; the file {reason}"):
-            await remote.load_yaml(path, timeout_s=5)
-
-    run(main)
+    world.node("n")
+    remote = world.node("other").create_parameter_client("/n")
+    with pytest.raises(ParameterFileError, match=f"nothing for /n; the file {reason}"):
+        await remote.load_yaml(path, timeout_s=5)
 
 
-def test_a_section_without_parameters_is_no_error(world: World, tmp_path: Path) -> None:
+async def test_a_section_without_parameters_is_no_error(world: World, tmp_path: Path) -> None:
     path = tmp_path / "p.yaml"
     path.write_text("/n:\n  ros__parameters: {}\n", encoding="utf-8")
-
-    async def main() -> None:
-        world.node("n")
-        assert await world.node("other").create_parameter_client("/n").load_yaml(path, timeout_s=5) == {}
-
-    run(main)
+    world.node("n")
+    assert await world.node("other").create_parameter_client("/n").load_yaml(path, timeout_s=5) == {}
 
 
 # ------------------------------------------------------------------------------------------------------------ names
 
 
-def test_one_name_gives_one_answer(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        node.declare_parameters(Lists)
-        remote = world.node("other").create_parameter_client("/n")
-        assert await remote.get("left.pwm", 5) == 10 and await remote.get(["left.pwm"], 5) == [10]
-        assert await remote.types("tags", 5) is T.STRING_ARRAY and await remote.types(("tags",), 5) == [T.STRING_ARRAY]
-        assert (await remote.describe("tags", 5)).name == "tags"
-        assert [item.name for item in await remote.describe(["tags", "blob"], 5)] == ["tags", "blob"]
-        assert (await remote.list("left", timeout_s=5)).names == ("left.pwm",)
-        assert (await remote.list(["left"], timeout_s=5)).names == ("left.pwm",)
-        for ask in (remote.get, remote.types, remote.describe):
-            with pytest.raises(ParameterNotDeclaredError, match=r"\['nope'\]"):
-                await ask("nope", 5)
-        assert node.list_parameters("left") == node.list_parameters(["left"])
-        assert node.list_parameters("left").names == ("left.pwm",)
-
-    run(main)
+async def test_one_name_gives_one_answer(world: World) -> None:
+    node = world.node("n")
+    node.declare_parameters(Lists)
+    remote = world.node("other").create_parameter_client("/n")
+    assert await remote.get("left.pwm", 5) == 10 and await remote.get(["left.pwm"], 5) == [10]
+    assert await remote.types("tags", 5) is T.STRING_ARRAY and await remote.types(("tags",), 5) == [T.STRING_ARRAY]
+    assert (await remote.describe("tags", 5)).name == "tags"
+    assert [item.name for item in await remote.describe(["tags", "blob"], 5)] == ["tags", "blob"]
+    assert (await remote.list("left", timeout_s=5)).names == ("left.pwm",)
+    assert (await remote.list(["left"], timeout_s=5)).names == ("left.pwm",)
+    for ask in (remote.get, remote.types, remote.describe):
+        with pytest.raises(ParameterNotDeclaredError, match=r"\['nope'\]"):
+            await ask("nope", 5)
+    assert node.list_parameters("left") == node.list_parameters(["left"])
+    assert node.list_parameters("left").names == ("left.pwm",)
 
 
-def test_remote_names_must_be_texts(world: World) -> None:
-    async def main() -> None:
-        world.node("n")
-        remote: Any = world.node("other").create_parameter_client("/n")
-        for ask in (remote.get, remote.types, remote.describe):
-            with pytest.raises(TypeError, match="a parameter's name must be a text, got 5 of type int"):
-                await ask([5], 5)
-            with pytest.raises(TypeError, match="must be given as a list of texts, got 5"):
-                await ask(5, 5)
-        with pytest.raises(TypeError, match="prefixes must be given as a list of texts, got 5"):
-            await remote.list(5, timeout_s=5)
-        with pytest.raises(TypeError, match="a parameter's name must be a text, got 5"):
-            await remote.set({5: 1}, 5)
-        with pytest.raises(TypeError, match="expected a dict of names and values"):
-            await remote.set("a", 5)
-
-    run(main)
+async def test_remote_names_must_be_texts(world: World) -> None:
+    world.node("n")
+    remote: Any = world.node("other").create_parameter_client("/n")
+    for ask in (remote.get, remote.types, remote.describe):
+        with pytest.raises(TypeError, match="a parameter's name must be a text, got 5 of type int"):
+            await ask([5], 5)
+        with pytest.raises(TypeError, match="must be given as a list of texts, got 5"):
+            await ask(5, 5)
+    with pytest.raises(TypeError, match="prefixes must be given as a list of texts, got 5"):
+        await remote.list(5, timeout_s=5)
+    with pytest.raises(TypeError, match="a parameter's name must be a text, got 5"):
+        await remote.set({5: 1}, 5)
+    with pytest.raises(TypeError, match="expected a dict of names and values"):
+        await remote.set("a", 5)
 
 
 BAD_CALLS: list[tuple[Callable[[Any], object], type[Exception], str]] = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from worlds import World, run, until
+from worlds import World, until
 
 from rosidl_py_gen.runtime import (
     IntRange,
@@ -62,70 +62,58 @@ def wire(*parts: str) -> str:
     return text + "0" * (-len(text) % 8)
 
 
-def test_describe_parameters(world: World) -> None:
-    async def main() -> None:
-        tap = Wiretap(world, "describe_parameters", "DescribeParameters")
-        tap.node.declare_parameter("ab", 3, ParameterDescriptor(description="d", integer_range=IntRange(1, 9, 2)))
-        request, reply, found = await tap.exchange(lambda: tap.remote.describe(["ab"], 5))
-        assert request == wire(ONE, AB)
-        # Name ends at 11, type; description 12-18, pad to 20; no constraints 20-25; read_only, dynamic_typing, pad to
-        # 28; no float range; one integer range, its numbers at 40 (8-byte aligned).
-        assert reply == wire(
-            *(ONE, AB, "02"),
-            *("02 00 00 00  64 00", "00 00", "01 00 00 00  00", "00 00", "00"),
-            *(NONE, ONE, NONE),
-            *("01 00 00 00 00 00 00 00", "09 00 00 00 00 00 00 00", "02 00 00 00 00 00 00 00"),
-        )
-        assert found == [ParameterDescriptor("ab", ParameterType.INTEGER, "d", integer_range=IntRange(1, 9, 2))]
-
-    run(main)
+async def test_describe_parameters(world: World) -> None:
+    tap = Wiretap(world, "describe_parameters", "DescribeParameters")
+    tap.node.declare_parameter("ab", 3, ParameterDescriptor(description="d", integer_range=IntRange(1, 9, 2)))
+    request, reply, found = await tap.exchange(lambda: tap.remote.describe(["ab"], 5))
+    assert request == wire(ONE, AB)
+    # Name ends at 11, type; description 12-18, pad to 20; no constraints 20-25; read_only, dynamic_typing, pad to
+    # 28; no float range; one integer range, its numbers at 40 (8-byte aligned).
+    assert reply == wire(
+        *(ONE, AB, "02"),
+        *("02 00 00 00  64 00", "00 00", "01 00 00 00  00", "00 00", "00"),
+        *(NONE, ONE, NONE),
+        *("01 00 00 00 00 00 00 00", "09 00 00 00 00 00 00 00", "02 00 00 00 00 00 00 00"),
+    )
+    assert found == [ParameterDescriptor("ab", ParameterType.INTEGER, "d", integer_range=IntRange(1, 9, 2))]
 
 
-def test_get_parameter_types(world: World) -> None:
-    async def main() -> None:
-        tap = Wiretap(world, "get_parameter_types", "GetParameterTypes")
-        tap.node.declare_parameter("ab", 3)
-        tap.node.declare_parameter("c", ["x"])
-        request, reply, found = await tap.exchange(lambda: tap.remote.types(["ab", "c"], 5))
-        assert request == wire("02 00 00 00", AB, "00", "02 00 00 00  63 00")
-        assert reply == wire("02 00 00 00", "02 09")
-        assert found == [ParameterType.INTEGER, ParameterType.STRING_ARRAY]
-
-    run(main)
+async def test_get_parameter_types(world: World) -> None:
+    tap = Wiretap(world, "get_parameter_types", "GetParameterTypes")
+    tap.node.declare_parameter("ab", 3)
+    tap.node.declare_parameter("c", ["x"])
+    request, reply, found = await tap.exchange(lambda: tap.remote.types(["ab", "c"], 5))
+    assert request == wire("02 00 00 00", AB, "00", "02 00 00 00  63 00")
+    assert reply == wire("02 00 00 00", "02 09")
+    assert found == [ParameterType.INTEGER, ParameterType.STRING_ARRAY]
 
 
-def test_list_parameters(world: World) -> None:
-    async def main() -> None:
-        tap = Wiretap(world, "list_parameters", "ListParameters")
-        tap.node.declare_parameter("g.b", 3)
-        request, reply, found = await tap.exchange(lambda: tap.remote.list(["g"], 1, 5))
-        # One prefix, which ends at 10; the depth is a uint64 at 16.
-        assert request == wire(ONE, "02 00 00 00  67 00", "00 00 00 00 00 00", "01 00 00 00 00 00 00 00")
-        # Names, then prefixes.
-        assert reply == wire(ONE, "04 00 00 00  67 2e 62 00", ONE, "02 00 00 00  67 00")
-        assert (found.names, found.prefixes) == (("g.b",), ("g",))
-
-    run(main)
+async def test_list_parameters(world: World) -> None:
+    tap = Wiretap(world, "list_parameters", "ListParameters")
+    tap.node.declare_parameter("g.b", 3)
+    request, reply, found = await tap.exchange(lambda: tap.remote.list(["g"], 1, 5))
+    # One prefix, which ends at 10; the depth is a uint64 at 16.
+    assert request == wire(ONE, "02 00 00 00  67 00", "00 00 00 00 00 00", "01 00 00 00 00 00 00 00")
+    # Names, then prefixes.
+    assert reply == wire(ONE, "04 00 00 00  67 2e 62 00", ONE, "02 00 00 00  67 00")
+    assert (found.names, found.prefixes) == (("g.b",), ("g",))
 
 
-def test_get_parameters(world: World) -> None:
-    async def main() -> None:
-        tap = Wiretap(world, "get_parameters", "GetParameters")
-        tap.node.declare_parameter("ab", 0.5)
-        tap.node.declare_parameter("c", ["x"])
-        request, reply, found = await tap.exchange(lambda: tap.remote.get(["ab", "c"], 5))
-        assert request == wire("02 00 00 00", AB, "00", "02 00 00 00  63 00")
-        assert reply == wire(
-            "02 00 00 00",
-            # The first: type 3, bool; pad to 8; integer 0; double 0.5; string "" 24-29, pad to 32; no arrays, to 52.
-            *("03 00", "00 00", "00" * 8, "00 00 00 00 00 00 e0 3f", "01 00 00 00  00", "00 00 00", NONE * 5),
-            # The second: type 9, bool; pad to 56; integer 0; double 0; string "" 72-77, pad to 80; no arrays but one
-            # of texts.
-            *("09 00", "00 00", "00" * 16, "01 00 00 00  00", "00 00 00", NONE * 4, ONE, "02 00 00 00  78 00"),
-        )
-        assert found == [0.5, ("x",)]
-
-    run(main)
+async def test_get_parameters(world: World) -> None:
+    tap = Wiretap(world, "get_parameters", "GetParameters")
+    tap.node.declare_parameter("ab", 0.5)
+    tap.node.declare_parameter("c", ["x"])
+    request, reply, found = await tap.exchange(lambda: tap.remote.get(["ab", "c"], 5))
+    assert request == wire("02 00 00 00", AB, "00", "02 00 00 00  63 00")
+    assert reply == wire(
+        "02 00 00 00",
+        # The first: type 3, bool; pad to 8; integer 0; double 0.5; string "" 24-29, pad to 32; no arrays, to 52.
+        *("03 00", "00 00", "00" * 8, "00 00 00 00 00 00 e0 3f", "01 00 00 00  00", "00 00 00", NONE * 5),
+        # The second: type 9, bool; pad to 56; integer 0; double 0; string "" 72-77, pad to 80; no arrays but one
+        # of texts.
+        *("09 00", "00 00", "00" * 16, "01 00 00 00  00", "00 00 00", NONE * 4, ONE, "02 00 00 00  78 00"),
+    )
+    assert found == [0.5, ("x",)]
 
 
 def integer(number: str) -> str:
@@ -133,32 +121,26 @@ def integer(number: str) -> str:
     return wire(AB, "02 00", "00 00 00", number, "00" * 8, "01 00 00 00  00", "00 00 00", NONE * 5)
 
 
-def test_set_parameters_atomically(world: World) -> None:
-    async def main() -> None:
-        tap = Wiretap(world, "set_parameters_atomically", "SetParametersAtomically")
-        tap.node.declare_parameter("ab", 3)
-        request, reply, found = await tap.exchange(lambda: tap.remote.set_atomically({"ab": 7}, 5))
-        assert request == wire(ONE, integer("07 00 00 00 00 00 00 00"))
-        # A single result: successful, pad to 4, an empty reason.
-        assert reply == wire("01", "00 00 00", "01 00 00 00  00")
-        assert found == SetResult(True)
-
-    run(main)
+async def test_set_parameters_atomically(world: World) -> None:
+    tap = Wiretap(world, "set_parameters_atomically", "SetParametersAtomically")
+    tap.node.declare_parameter("ab", 3)
+    request, reply, found = await tap.exchange(lambda: tap.remote.set_atomically({"ab": 7}, 5))
+    assert request == wire(ONE, integer("07 00 00 00 00 00 00 00"))
+    # A single result: successful, pad to 4, an empty reason.
+    assert reply == wire("01", "00 00 00", "01 00 00 00  00")
+    assert found == SetResult(True)
 
 
-def test_a_refusal_carries_its_reason(world: World) -> None:
-    async def main() -> None:
-        tap = Wiretap(world, "set_parameters", "SetParameters")
-        tap.node.declare_parameter("ab", 3, ParameterDescriptor(read_only=True))
-        request, reply, found = await tap.exchange(lambda: tap.remote.set({"ab": -1}, 5))
-        assert request == wire(ONE, integer("ff ff ff ff ff ff ff ff"))
-        text = wire(
-            "54 72 79 69 6e 67 20 74 6f 20 73 65 74 20 61 20",  # "Trying to set a "
-            "72 65 61 64 2d 6f 6e 6c 79 20 70 61 72 61 6d 65",  # "read-only parame"
-            "74 65 72 3a 20 61 62 2e",  # "ter: ab."
-        )
-        assert reply == wire(ONE, "00", "00 00 00", "29 00 00 00", text, "00")
-        assert found == [SetResult(False, "Trying to set a read-only parameter: ab.")]
-        assert tap.node.get_parameter("ab") == parameter_value(3).value
-
-    run(main)
+async def test_a_refusal_carries_its_reason(world: World) -> None:
+    tap = Wiretap(world, "set_parameters", "SetParameters")
+    tap.node.declare_parameter("ab", 3, ParameterDescriptor(read_only=True))
+    request, reply, found = await tap.exchange(lambda: tap.remote.set({"ab": -1}, 5))
+    assert request == wire(ONE, integer("ff ff ff ff ff ff ff ff"))
+    text = wire(
+        "54 72 79 69 6e 67 20 74 6f 20 73 65 74 20 61 20",  # "Trying to set a "
+        "72 65 61 64 2d 6f 6e 6c 79 20 70 61 72 61 6d 65",  # "read-only parame"
+        "74 65 72 3a 20 61 62 2e",  # "ter: ab."
+    )
+    assert reply == wire(ONE, "00", "00 00 00", "29 00 00 00", text, "00")
+    assert found == [SetResult(False, "Trying to set a read-only parameter: ab.")]
+    assert tap.node.get_parameter("ab") == parameter_value(3).value

@@ -67,18 +67,15 @@ def broken(*_: object) -> Any:
         ("on", lambda ps: SetResult(False, "caf\udce9 \U0001f916"), "caf? \U0001f916"),
     ],
 )
-def test_callbacks_that_fail_are_answered(world: World, kind: str, callback: Any, reason: str) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        node.declare_parameter("a", 1)
-        getattr(node, f"add_{kind}_set_callback")(callback)
-        remote = world.node("other").create_parameter_client("/n")
-        (first,) = await remote.set({"a": 2}, timeout_s=5)
-        second = await remote.set_atomically({"a": 2}, timeout_s=5)
-        assert first == second and not first.successful and reason in first.reason
-        assert node.get_parameter("a", int) == 1
-
-    run(main)
+async def test_callbacks_that_fail_are_answered(world: World, kind: str, callback: Any, reason: str) -> None:
+    node = world.node("n")
+    node.declare_parameter("a", 1)
+    getattr(node, f"add_{kind}_set_callback")(callback)
+    remote = world.node("other").create_parameter_client("/n")
+    (first,) = await remote.set({"a": 2}, timeout_s=5)
+    second = await remote.set_atomically({"a": 2}, timeout_s=5)
+    assert first == second and not first.successful and reason in first.reason
+    assert node.get_parameter("a", int) == 1
 
 
 def test_a_wrong_answer_is_a_type_error_for_code_of_the_node(world: World) -> None:

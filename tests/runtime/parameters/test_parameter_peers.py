@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from worlds import World, run, take
+from worlds import World, take
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Parameter as ParameterMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterValue as ValueMessage
@@ -28,60 +28,50 @@ DYNAMIC = ParameterDescriptor(dynamic_typing=True)
 
 
 @pytest.mark.parametrize("number", [10, 77, 255])
-def test_a_type_that_does_not_exist_is_refused_and_undeclares_nothing(world: World, number: int) -> None:
+async def test_a_type_that_does_not_exist_is_refused_and_undeclares_nothing(world: World, number: int) -> None:
     """rclpy and rclcpp raise an error, so that nobody answers; NOT_SET, which undeclares, it is not either."""
-
-    async def main() -> None:
-        node, other = world.node("n"), world.node("other")
-        node.declare_parameter("d", 1, DYNAMIC)
-        node.declare_parameter("e", 1)
-        strange = ParameterMessage(name="d", value=ValueMessage(type=number))
-        fine = ParameterMessage(name="e", value=ValueMessage(type=2, integer_value=5))
-        reason = f"parameter 'd' cannot be set: {number} is no parameter type"
-        change = other.create_client(SetParametersAtomically, "/n/set_parameters_atomically")
-        answer = await change.call(SetParametersAtomically.Request(parameters=[fine, strange]), 5)
-        assert (answer.result.successful, answer.result.reason) == (False, reason)
-        assert node.get_parameters(["d", "e"]) == [1, 1]
-        each = other.create_client(SetParameters, "/n/set_parameters")
-        results = (await each.call(SetParameters.Request(parameters=[strange, fine]), 5)).results
-        assert [(item.successful, item.reason) for item in results] == [(False, reason), (True, "")]
-        assert node.get_parameters(["d", "e"]) == [1, 5]
-
-    run(main)
+    node, other = world.node("n"), world.node("other")
+    node.declare_parameter("d", 1, DYNAMIC)
+    node.declare_parameter("e", 1)
+    strange = ParameterMessage(name="d", value=ValueMessage(type=number))
+    fine = ParameterMessage(name="e", value=ValueMessage(type=2, integer_value=5))
+    reason = f"parameter 'd' cannot be set: {number} is no parameter type"
+    change = other.create_client(SetParametersAtomically, "/n/set_parameters_atomically")
+    answer = await change.call(SetParametersAtomically.Request(parameters=[fine, strange]), 5)
+    assert (answer.result.successful, answer.result.reason) == (False, reason)
+    assert node.get_parameters(["d", "e"]) == [1, 1]
+    each = other.create_client(SetParameters, "/n/set_parameters")
+    results = (await each.call(SetParameters.Request(parameters=[strange, fine]), 5)).results
+    assert [(item.successful, item.reason) for item in results] == [(False, reason), (True, "")]
+    assert node.get_parameters(["d", "e"]) == [1, 5]
 
 
-def test_an_empty_answer_says_that_one_is_missing_but_not_which(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n", "/ns")
-        node.declare_parameter("a", 1)
-        node.declare_parameter("unset", None, ParameterDescriptor(type=ParameterType.BOOL))
-        remote = world.node("other").create_parameter_client("/ns/n")
-        text = r"^at least one of \['a', 'unset'\] is undeclared or has no value on /ns/n$"
-        with pytest.raises(ParameterNotDeclaredError, match=text) as caught:
-            await remote.get(["a", "unset"], 5)
-        assert caught.value.names == ("a", "unset")
-        text = r"^at least one of \['a', 'nope'\] is undeclared or has no value on /ns/n$"
-        for ask in (remote.types, remote.describe):
-            with pytest.raises(ParameterNotDeclaredError, match=text):
-                await ask(["a", "nope"], 5)
-
-    run(main)
+async def test_an_empty_answer_says_that_one_is_missing_but_not_which(world: World) -> None:
+    node = world.node("n", "/ns")
+    node.declare_parameter("a", 1)
+    node.declare_parameter("unset", None, ParameterDescriptor(type=ParameterType.BOOL))
+    remote = world.node("other").create_parameter_client("/ns/n")
+    text = r"^at least one of \['a', 'unset'\] is undeclared or has no value on /ns/n$"
+    with pytest.raises(ParameterNotDeclaredError, match=text) as caught:
+        await remote.get(["a", "unset"], 5)
+    assert caught.value.names == ("a", "unset")
+    text = r"^at least one of \['a', 'nope'\] is undeclared or has no value on /ns/n$"
+    for ask in (remote.types, remote.describe):
+        with pytest.raises(ParameterNotDeclaredError, match=text):
+            await ask(["a", "nope"], 5)
 
 
-def test_closed_streams_are_not_kept(world: World) -> None:
-    async def main() -> None:
-        remote = world.node("other").create_parameter_client("/n")
-        kept = remote.events()
-        for _ in range(3):
-            remote.events().close()
-        assert kept in remote._streams and len(remote._streams) == 2  # the newest is let go with the next
-        remote.close()
-        with pytest.raises(StopAsyncIteration):
-            await take(kept)
-        with pytest.raises(ClosedError, match="the parameter client of /n of node /other is closed"):
-            remote.events()
-
-    run(main)
+async def test_closed_streams_are_not_kept(world: World) -> None:
+    remote = world.node("other").create_parameter_client("/n")
+    kept = remote.events()
+    for _ in range(3):
+        remote.events().close()
+    assert kept in remote._streams and len(remote._streams) == 2  # the newest is let go with the next
+    remote.close()
+    with pytest.raises(StopAsyncIteration):
+        await take(kept)
+    with pytest.raises(ClosedError, match="the parameter client of /n of node /other is closed"):
+        remote.events()
 
 
 @pytest.mark.parametrize(
@@ -130,17 +120,14 @@ def test_values_that_do_not_fit_their_type_are_stored_nowhere(world: World, odd:
     assert node.get_parameter("d") == 1 and not node.has_parameter("new")
 
 
-def test_a_pre_set_callback_that_answers_bare_values_refuses_a_remote_set(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        node.declare_parameter("a", 1)
-        node.add_pre_set_callback(lambda parameters: [Parameter("a", 5)])  # type: ignore[arg-type]
-        remote = world.node("other").create_parameter_client("/n")
-        (result,) = await remote.set({"a": 2}, 5)
-        assert not result.successful and "the value of a Parameter must be a ParameterValue" in result.reason
-        assert await remote.get("a", 5) == 1
-
-    run(main)
+async def test_a_pre_set_callback_that_answers_bare_values_refuses_a_remote_set(world: World) -> None:
+    node = world.node("n")
+    node.declare_parameter("a", 1)
+    node.add_pre_set_callback(lambda parameters: [Parameter("a", 5)])  # type: ignore[arg-type]
+    remote = world.node("other").create_parameter_client("/n")
+    (result,) = await remote.set({"a": 2}, 5)
+    assert not result.successful and "the value of a Parameter must be a ParameterValue" in result.reason
+    assert await remote.get("a", 5) == 1
 
 
 def test_values_that_fit_are_made_with_parameter_value(world: World) -> None:

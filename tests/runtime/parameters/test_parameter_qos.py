@@ -28,22 +28,19 @@ def test_the_profiles_are_those_of_ros() -> None:
     assert policies(PARAMETERS) == policies(PARAMETER_EVENTS) == expected
 
 
-def test_parameter_events_are_announced_with_depth_1000(world: World) -> None:
-    async def main() -> None:
-        node, other = world.node("n"), world.node("other")
-        stream = other.parameter_events()
-        await until(lambda: len(other.get_publishers_info_by_topic("/parameter_events")) == 2)
-        await until(lambda: len(node.get_subscriptions_info_by_topic("/parameter_events")) == 1)
-        found = [
-            *other.get_publishers_info_by_topic("/parameter_events"),
-            *node.get_subscriptions_info_by_topic("/parameter_events"),
-        ]
-        for info in found:
-            assert policies(info.qos_profile) == (History.KEEP_LAST, 1000, Reliability.RELIABLE, Durability.VOLATILE)
-            assert info.topic_type == "rcl_interfaces/msg/ParameterEvent"
-        stream.close()
-
-    run(main)
+async def test_parameter_events_are_announced_with_depth_1000(world: World) -> None:
+    node, other = world.node("n"), world.node("other")
+    stream = other.parameter_events()
+    await until(lambda: len(other.get_publishers_info_by_topic("/parameter_events")) == 2)
+    await until(lambda: len(node.get_subscriptions_info_by_topic("/parameter_events")) == 1)
+    found = [
+        *other.get_publishers_info_by_topic("/parameter_events"),
+        *node.get_subscriptions_info_by_topic("/parameter_events"),
+    ]
+    for info in found:
+        assert policies(info.qos_profile) == (History.KEEP_LAST, 1000, Reliability.RELIABLE, Durability.VOLATILE)
+        assert info.topic_type == "rcl_interfaces/msg/ParameterEvent"
+    stream.close()
 
 
 @pytest.mark.parametrize("service", SERVICES)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import pytest
-from worlds import World, run, take, until
+from worlds import World, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Parameter as ParameterMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
@@ -91,60 +91,54 @@ def test_the_type_description_service_can_be_switched_off(world: World) -> None:
     assert "/n/get_type_description" not in dict(node.get_service_names_and_types())
 
 
-def test_raw_services_answer_as_rclpy_does(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        node.declare_parameter("a", 1)
-        node.declare_parameter("g.b", "x")
-        other = world.node("other")
-        get = other.create_client(GetParameters, "/n/get_parameters")
-        answer = await get.call(GetParameters.Request(names=["g.b", "a"]), 5)
-        assert [value.type for value in answer.values] == [4, 2]
-        assert (await get.call(GetParameters.Request(names=["a", "nope"]), 5)).values == []
-        types = other.create_client(GetParameterTypes, "/n/get_parameter_types")
-        assert list((await types.call(GetParameterTypes.Request(names=["a", "g.b"]), 5)).types) == [2, 4]
-        listing = other.create_client(ListParameters, "/n/list_parameters")
-        found = (await listing.call(ListParameters.Request(prefixes=["g"]), 5)).result
-        assert (found.names, found.prefixes) == (["g.b"], ["g"])
-        change = other.create_client(SetParameters, "/n/set_parameters")
-        request = SetParameters.Request(
-            parameters=[
-                ParameterMessage(name="a", value=ValueMessage(type=4, string_value="no")),
-                ParameterMessage(name="a", value=ValueMessage(type=2, integer_value=5)),
-                ParameterMessage(name="x", value=ValueMessage(type=2)),
-            ]
-        )
-        results = (await change.call(request, 5)).results
-        assert [(r.successful, r.reason) for r in results] == [
-            (False, "Wrong parameter type, expected 'Type.INTEGER' got 'Type.STRING'"),
-            (True, ""),
-            (False, "Invalid access to undeclared parameter(s): ['x']"),
+async def test_raw_services_answer_as_rclpy_does(world: World) -> None:
+    node = world.node("n")
+    node.declare_parameter("a", 1)
+    node.declare_parameter("g.b", "x")
+    other = world.node("other")
+    get = other.create_client(GetParameters, "/n/get_parameters")
+    answer = await get.call(GetParameters.Request(names=["g.b", "a"]), 5)
+    assert [value.type for value in answer.values] == [4, 2]
+    assert (await get.call(GetParameters.Request(names=["a", "nope"]), 5)).values == []
+    types = other.create_client(GetParameterTypes, "/n/get_parameter_types")
+    assert list((await types.call(GetParameterTypes.Request(names=["a", "g.b"]), 5)).types) == [2, 4]
+    listing = other.create_client(ListParameters, "/n/list_parameters")
+    found = (await listing.call(ListParameters.Request(prefixes=["g"]), 5)).result
+    assert (found.names, found.prefixes) == (["g.b"], ["g"])
+    change = other.create_client(SetParameters, "/n/set_parameters")
+    request = SetParameters.Request(
+        parameters=[
+            ParameterMessage(name="a", value=ValueMessage(type=4, string_value="no")),
+            ParameterMessage(name="a", value=ValueMessage(type=2, integer_value=5)),
+            ParameterMessage(name="x", value=ValueMessage(type=2)),
         ]
+    )
+    results = (await change.call(request, 5)).results
+    assert [(r.successful, r.reason) for r in results] == [
+        (False, "Wrong parameter type, expected 'Type.INTEGER' got 'Type.STRING'"),
+        (True, ""),
+        (False, "Invalid access to undeclared parameter(s): ['x']"),
+    ]
 
-    run(main)
 
-
-def test_the_answer_comes_before_the_events_it_caused(world: World) -> None:
-    async def main() -> None:
-        node, other = world.node("n"), world.node("other")
-        node.declare_parameter("a", 1)
-        events, client = other.parameter_events("/n"), other.create_parameter_client("/n")
-        assert await events.wait_for_publishers(5) and await client.wait_for_services(5)
-        await until(lambda: _event_publisher(node).has_subscriptions)
-        written: list[str] = []
-        for writer, name in ((_event_publisher(node)._writer, "event"), (_set_service(node)._writer, "answer")):
-            _note_writes(writer, name, written)
-        _event_publisher(node)._write = _event_publisher(node)._writer.write
-        assert (await client.set({"a": 2}, 5))[0].successful
-        await until(lambda: len(written) == 2)
-        assert written == ["answer", "event"]
-        written.clear()
-        node.set_parameter("a", 3)
-        await until(lambda: written == ["event"])
-        await asyncio.to_thread(node.set_parameter, "a", 4)
-        assert written == ["event"] * 2  # at once where no loop runs that could have an answer to send
-
-    run(main)
+async def test_the_answer_comes_before_the_events_it_caused(world: World) -> None:
+    node, other = world.node("n"), world.node("other")
+    node.declare_parameter("a", 1)
+    events, client = other.parameter_events("/n"), other.create_parameter_client("/n")
+    assert await events.wait_for_publishers(5) and await client.wait_for_services(5)
+    await until(lambda: _event_publisher(node).has_subscriptions)
+    written: list[str] = []
+    for writer, name in ((_event_publisher(node)._writer, "event"), (_set_service(node)._writer, "answer")):
+        _note_writes(writer, name, written)
+    _event_publisher(node)._write = _event_publisher(node)._writer.write
+    assert (await client.set({"a": 2}, 5))[0].successful
+    await until(lambda: len(written) == 2)
+    assert written == ["answer", "event"]
+    written.clear()
+    node.set_parameter("a", 3)
+    await until(lambda: written == ["event"])
+    await asyncio.to_thread(node.set_parameter, "a", 4)
+    assert written == ["event"] * 2  # at once where no loop runs that could have an answer to send
 
 
 def _event_publisher(node: Any) -> Any:
@@ -167,27 +161,24 @@ def _note_writes(writer: Any, name: str, written: list[str]) -> None:
     writer.write = noted
 
 
-def test_events_say_who_when_and_what(world: World) -> None:
-    async def main() -> None:
-        listener = world.node("listener")
-        seen = listener.create_subscription(EventMessage, "/parameter_events", None, 100)
-        node = world.node("n", "/ns")
-        node.declare_parameter("a", 1)
-        node.declare_parameter("d", 1, ParameterDescriptor(dynamic_typing=True))
-        assert node.set_parameters_atomically({"a": 2, "d": None}).successful
-        messages = [await seen.receive(5) for _ in range(5)]
-        assert {m.node for m in messages} == {"/ns/n"} and messages[0].stamp.sec > 0
-        assert [[p.name for p in m.new_parameters] for m in messages[:4]] == [
-            ["use_sim_time"],
-            ["start_type_description_service"],
-            ["a"],
-            ["d"],
-        ]
-        last = messages[4]
-        assert [(p.name, p.value.integer_value) for p in last.changed_parameters] == [("a", 2)]
-        assert [(p.name, p.value.type) for p in last.deleted_parameters] == [("d", 0)]
-
-    run(main)
+async def test_events_say_who_when_and_what(world: World) -> None:
+    listener = world.node("listener")
+    seen = listener.create_subscription(EventMessage, "/parameter_events", None, 100)
+    node = world.node("n", "/ns")
+    node.declare_parameter("a", 1)
+    node.declare_parameter("d", 1, ParameterDescriptor(dynamic_typing=True))
+    assert node.set_parameters_atomically({"a": 2, "d": None}).successful
+    messages = [await seen.receive(5) for _ in range(5)]
+    assert {m.node for m in messages} == {"/ns/n"} and messages[0].stamp.sec > 0
+    assert [[p.name for p in m.new_parameters] for m in messages[:4]] == [
+        ["use_sim_time"],
+        ["start_type_description_service"],
+        ["a"],
+        ["d"],
+    ]
+    last = messages[4]
+    assert [(p.name, p.value.integer_value) for p in last.changed_parameters] == [("a", 2)]
+    assert [(p.name, p.value.type) for p in last.deleted_parameters] == [("d", 0)]
 
 
 @dataclass
@@ -196,98 +187,82 @@ class Drive:
     name: str = "x"
 
 
-def test_a_remote_client_drives_a_dataclass(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        drive = node.declare_parameters(Drive)
-        remote = world.node("other").create_parameter_client("/n")
-        assert await remote.wait_for_services(timeout_s=5)
-        assert await remote.get("speed", timeout_s=5) == 1.0
-        assert await remote.set({"speed": 1.5, "name": "y"}, timeout_s=5) == [SetResult(True), SetResult(True)]
-        assert (drive.speed, drive.name) == (1.5, "y")
-        refused = await remote.set_atomically({"name": "z", "speed": 9.0})
-        assert refused == SetResult(False, "Parameter speed out of range Min: 0.0, Max: 2.0, value: 9.0")
-        assert drive.name == "y"
-        drive.speed = 0.5
-        assert await remote.get(["speed", "name"]) == [0.5, "y"]
-        assert await remote.types(["speed", "name"]) == [ParameterType.DOUBLE, ParameterType.STRING]
-        (described,) = await remote.describe(["speed"])
-        assert (described.description, described.floating_point_range) == ("in m/s", FloatRange(0.0, 2.0))
-        assert "speed" in (await remote.list()).names
-        with pytest.raises(ParameterNotDeclaredError, match="'nope'"):
-            await remote.get("nope")
-        with pytest.raises(ParameterNotDeclaredError):
-            await remote.types(["nope"])
-
-    run(main)
+async def test_a_remote_client_drives_a_dataclass(world: World) -> None:
+    node = world.node("n")
+    drive = node.declare_parameters(Drive)
+    remote = world.node("other").create_parameter_client("/n")
+    assert await remote.wait_for_services(timeout_s=5)
+    assert await remote.get("speed", timeout_s=5) == 1.0
+    assert await remote.set({"speed": 1.5, "name": "y"}, timeout_s=5) == [SetResult(True), SetResult(True)]
+    assert (drive.speed, drive.name) == (1.5, "y")
+    refused = await remote.set_atomically({"name": "z", "speed": 9.0})
+    assert refused == SetResult(False, "Parameter speed out of range Min: 0.0, Max: 2.0, value: 9.0")
+    assert drive.name == "y"
+    drive.speed = 0.5
+    assert await remote.get(["speed", "name"]) == [0.5, "y"]
+    assert await remote.types(["speed", "name"]) == [ParameterType.DOUBLE, ParameterType.STRING]
+    (described,) = await remote.describe(["speed"])
+    assert (described.description, described.floating_point_range) == ("in m/s", FloatRange(0.0, 2.0))
+    assert "speed" in (await remote.list()).names
+    with pytest.raises(ParameterNotDeclaredError, match="'nope'"):
+        await remote.get("nope")
+    with pytest.raises(ParameterNotDeclaredError):
+        await remote.types(["nope"])
 
 
 @pytest.mark.parametrize("value", ALL_TYPES[1:])
-def test_every_type_can_be_set_and_read_remotely(world: World, value: object) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        node.declare_parameter("p", None, ParameterDescriptor(dynamic_typing=True))
-        remote = world.node("other").create_parameter_client("n")
-        assert await remote.set({"p": value}, 5) == [SetResult(True)]
-        assert await remote.get("p", 5) == parameter_value(value).value
-
-    run(main)
+async def test_every_type_can_be_set_and_read_remotely(world: World, value: object) -> None:
+    node = world.node("n")
+    node.declare_parameter("p", None, ParameterDescriptor(dynamic_typing=True))
+    remote = world.node("other").create_parameter_client("n")
+    assert await remote.set({"p": value}, 5) == [SetResult(True)]
+    assert await remote.get("p", 5) == parameter_value(value).value
 
 
-def test_yaml_out_and_in(world: World, tmp_path_factory: pytest.TempPathFactory) -> None:
+async def test_yaml_out_and_in(world: World, tmp_path_factory: pytest.TempPathFactory) -> None:
     path = tmp_path_factory.mktemp("yaml") / "p.yaml"
-
-    async def main() -> None:
-        node = world.node("n", "/ns")
-        node.declare_parameter("a.b", [1, 2])
-        node.declare_parameter("text", "yes")
-        node.declare_parameter("unset", None, ParameterDescriptor(type=ParameterType.BOOL))
-        remote = world.node("other").create_parameter_client("/ns/n")
-        text = await remote.dump_yaml(timeout_s=5)
-        assert text == (
-            "/ns/n:\n  ros__parameters:\n    use_sim_time: false\n    start_type_description_service: true\n"
-            '    a:\n      b: [1, 2]\n    text: "yes"\n'
-        )
-        await asyncio.to_thread(Path(path).write_text, text.replace("[1, 2]", "[3]"), encoding="utf-8")
-        results = await remote.load_yaml(path, timeout_s=5)
-        assert results["a.b"] == SetResult(True) and node.get_parameter("a.b", list[int]) == [3]
-        assert not results["start_type_description_service"].successful
-
-    run(main)
+    node = world.node("n", "/ns")
+    node.declare_parameter("a.b", [1, 2])
+    node.declare_parameter("text", "yes")
+    node.declare_parameter("unset", None, ParameterDescriptor(type=ParameterType.BOOL))
+    remote = world.node("other").create_parameter_client("/ns/n")
+    text = await remote.dump_yaml(timeout_s=5)
+    assert text == (
+        "/ns/n:\n  ros__parameters:\n    use_sim_time: false\n    start_type_description_service: true\n"
+        '    a:\n      b: [1, 2]\n    text: "yes"\n'
+    )
+    await asyncio.to_thread(Path(path).write_text, text.replace("[1, 2]", "[3]"), encoding="utf-8")
+    results = await remote.load_yaml(path, timeout_s=5)
+    assert results["a.b"] == SetResult(True) and node.get_parameter("a.b", list[int]) == [3]
+    assert not results["start_type_description_service"].successful
 
 
-def test_a_stream_of_another_nodes_events(world: World) -> None:
-    async def main() -> None:
-        node, noise, other = world.node("n"), world.node("noise"), world.node("other")
-        remote = other.create_parameter_client("/n")
-        events, everything = remote.events(), other.parameter_events()
-        await events.wait_for_publishers(5)
-        noise.declare_parameter("b", 1)
-        node.declare_parameter("a", 1)
-        got = await take(events)
-        assert (got.node, got.event.new) == ("/n", (Parameter("a", parameter_value(1)),))
-        assert [(await take(everything)).node for _ in range(2)] == ["/noise", "/n"]
-        remote.close()
-        remote.close()
-        with pytest.raises(StopAsyncIteration):
-            await take(events)
-
-    run(main)
+async def test_a_stream_of_another_nodes_events(world: World) -> None:
+    node, noise, other = world.node("n"), world.node("noise"), world.node("other")
+    remote = other.create_parameter_client("/n")
+    events, everything = remote.events(), other.parameter_events()
+    await events.wait_for_publishers(5)
+    noise.declare_parameter("b", 1)
+    node.declare_parameter("a", 1)
+    got = await take(events)
+    assert (got.node, got.event.new) == ("/n", (Parameter("a", parameter_value(1)),))
+    assert [(await take(everything)).node for _ in range(2)] == ["/noise", "/n"]
+    remote.close()
+    remote.close()
+    with pytest.raises(StopAsyncIteration):
+        await take(events)
 
 
-def test_own_changes_as_a_stream(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        changes = node.parameter_changes()
-        node.declare_parameter("a", 1)
-        node.set_parameter("a", 2)
-        assert [await take(changes), await take(changes)] == [("a", 1), ("a", 2)]
-        changes.close()
-        node.set_parameter("a", 3)
-        with pytest.raises(StopAsyncIteration):
-            await take(changes)
-
-    run(main)
+async def test_own_changes_as_a_stream(world: World) -> None:
+    node = world.node("n")
+    changes = node.parameter_changes()
+    node.declare_parameter("a", 1)
+    node.set_parameter("a", 2)
+    assert [await take(changes), await take(changes)] == [("a", 1), ("a", 2)]
+    changes.close()
+    node.set_parameter("a", 3)
+    with pytest.raises(StopAsyncIteration):
+        await take(changes)
 
 
 def test_plain_api(world: World) -> None:
@@ -317,24 +292,18 @@ def test_command_line_and_constructor_overrides(world: World) -> None:
     assert not node.has_parameter("c")
 
 
-def test_a_remote_node_that_is_not_there_is_a_timeout(world: World) -> None:
-    async def main() -> None:
-        remote = world.node("other").create_parameter_client("/gone")
-        assert not await remote.wait_for_services(timeout_s=0.05)
-        with pytest.raises(CallTimeoutError):
-            await remote.get("a", timeout_s=0.05)
-
-    run(main)
+async def test_a_remote_node_that_is_not_there_is_a_timeout(world: World) -> None:
+    remote = world.node("other").create_parameter_client("/gone")
+    assert not await remote.wait_for_services(timeout_s=0.05)
+    with pytest.raises(CallTimeoutError):
+        await remote.get("a", timeout_s=0.05)
 
 
-def test_closing_the_node_takes_everything_along(world: World) -> None:
-    async def main() -> None:
-        node = world.node("n")
-        other = world.node("other")
-        remote = other.create_parameter_client("/n")
-        assert await remote.wait_for_services(5)
-        node.close()
-        await until(lambda: not remote._get.service_is_available())
-        assert "/n" not in other.get_node_names()
-
-    run(main)
+async def test_closing_the_node_takes_everything_along(world: World) -> None:
+    node = world.node("n")
+    other = world.node("other")
+    remote = other.create_parameter_client("/n")
+    assert await remote.wait_for_services(5)
+    node.close()
+    await until(lambda: not remote._get.service_is_available())
+    assert "/n" not in other.get_node_names()

@@ -66,82 +66,67 @@ class Simulation:
         return seen
 
 
-def test_a_rate_stays_on_its_grid_and_begins_anew_when_time_goes_back() -> None:
-    async def main() -> None:
-        simulation = Simulation(10)
-        rounds = await simulation.rounds(1)
-        await simulation.at(10.5, 11.2, 11.9, 12.0, 14.7, 14.9, 15.1, 5.0, 5.9, 6.0, 6.5, 7.0)
-        assert rounds == [11.2, 12.0, 14.7, 15.1, 6.0, 7.0]
-        simulation.task.cancel()
-
-    run(main)
+async def test_a_rate_stays_on_its_grid_and_begins_anew_when_time_goes_back() -> None:
+    simulation = Simulation(10)
+    rounds = await simulation.rounds(1)
+    await simulation.at(10.5, 11.2, 11.9, 12.0, 14.7, 14.9, 15.1, 5.0, 5.9, 6.0, 6.5, 7.0)
+    assert rounds == [11.2, 12.0, 14.7, 15.1, 6.0, 7.0]
+    simulation.task.cancel()
 
 
-def test_a_rate_goes_on_after_a_recording_starts_over() -> None:
-    async def main() -> None:
-        simulation = Simulation(100)
-        rounds = await simulation.rounds(10)
-        await simulation.at(100.1, 100.2, 10, 10.05, 10.1, 10.2, 10.3)
-        assert rounds == [100.1, 100.2, 10.1, 10.2, 10.3]
-        simulation.task.cancel()
-
-    run(main)
+async def test_a_rate_goes_on_after_a_recording_starts_over() -> None:
+    simulation = Simulation(100)
+    rounds = await simulation.rounds(10)
+    await simulation.at(100.1, 100.2, 10, 10.05, 10.1, 10.2, 10.3)
+    assert rounds == [100.1, 100.2, 10.1, 10.2, 10.3]
+    simulation.task.cancel()
 
 
-def test_a_rate_notices_that_time_went_back_between_two_rounds() -> None:
-    async def main() -> None:
-        simulation = Simulation(100)
-        rate = Rate(simulation.clock, 10)
-        first = await simulation.start(rate.sleep())  # type: ignore[arg-type]
-        await simulation.at(100.1)
-        assert first.done()
-        await simulation.at(10)  # while the loop's body runs
-        second = await simulation.start(rate.sleep())  # type: ignore[arg-type]
-        await simulation.at(10.05)
-        assert not second.done()
-        await simulation.at(10.1)
-        assert second.done()
-
-    run(main)
+async def test_a_rate_notices_that_time_went_back_between_two_rounds() -> None:
+    simulation = Simulation(100)
+    rate = Rate(simulation.clock, 10)
+    first = await simulation.start(rate.sleep())  # type: ignore[arg-type]
+    await simulation.at(100.1)
+    assert first.done()
+    await simulation.at(10)  # while the loop's body runs
+    second = await simulation.start(rate.sleep())  # type: ignore[arg-type]
+    await simulation.at(10.05)
+    assert not second.done()
+    await simulation.at(10.1)
+    assert second.done()
 
 
 @pytest.mark.parametrize("begins_at", [0.5, 50])
-def test_a_rate_survives_activation_and_deactivation(begins_at: float) -> None:
-    async def main() -> None:
-        simulation = Simulation(None)
-        rounds = await simulation.rounds(10)
-        simulation.clock.enable_ros_time_override()
-        await simulation.settle()
-        assert rounds == []  # the clock reads 0: nothing is due
-        first = begins_at
-        await simulation.at(first, first + 0.05, first + 0.1, first + 0.2)
-        assert rounds == [first + 0.1, first + 0.2]
-        simulation.clock.disable_ros_time_override()
-        await simulation.settle()
-        simulation.system_s += 0.11
-        await until(lambda: len(rounds) == 3)  # system time is looked at by itself
-        simulation.task.cancel()
-
-    run(main)
+async def test_a_rate_survives_activation_and_deactivation(begins_at: float) -> None:
+    simulation = Simulation(None)
+    rounds = await simulation.rounds(10)
+    simulation.clock.enable_ros_time_override()
+    await simulation.settle()
+    assert rounds == []  # the clock reads 0: nothing is due
+    first = begins_at
+    await simulation.at(first, first + 0.05, first + 0.1, first + 0.2)
+    assert rounds == [first + 0.1, first + 0.2]
+    simulation.clock.disable_ros_time_override()
+    await simulation.settle()
+    simulation.system_s += 0.11
+    await until(lambda: len(rounds) == 3)  # system time is looked at by itself
+    simulation.task.cancel()
 
 
-def test_a_source_that_changes_between_two_rounds_starts_a_period() -> None:
-    async def main() -> None:
-        simulation = Simulation(10)
-        rate = Rate(simulation.clock, 1)
-        first = await simulation.start(rate.sleep())  # type: ignore[arg-type]
-        await simulation.at(11)
-        assert first.done()
-        simulation.clock.disable_ros_time_override()
-        simulation.clock.set_ros_time_override(ros(3))
-        simulation.clock.enable_ros_time_override()
-        second = await simulation.start(rate.sleep())  # type: ignore[arg-type]
-        await simulation.at(3.9)
-        assert not second.done()
-        await simulation.at(4)
-        assert second.done()
-
-    run(main)
+async def test_a_source_that_changes_between_two_rounds_starts_a_period() -> None:
+    simulation = Simulation(10)
+    rate = Rate(simulation.clock, 1)
+    first = await simulation.start(rate.sleep())  # type: ignore[arg-type]
+    await simulation.at(11)
+    assert first.done()
+    simulation.clock.disable_ros_time_override()
+    simulation.clock.set_ros_time_override(ros(3))
+    simulation.clock.enable_ros_time_override()
+    second = await simulation.start(rate.sleep())  # type: ignore[arg-type]
+    await simulation.at(3.9)
+    assert not second.done()
+    await simulation.at(4)
+    assert second.done()
 
 
 def test_a_late_rate_lets_others_run() -> None:
@@ -171,22 +156,19 @@ def test_a_late_rate_lets_others_run() -> None:
 
 @pytest.mark.parametrize("activate", [True, False])
 @pytest.mark.parametrize("kind", ["until", "for"])
-def test_a_change_of_source_ends_a_sleep(activate: bool, kind: str) -> None:
-    async def main() -> None:
-        simulation = Simulation(None if activate else 10)
-        clock = simulation.clock
-        now = clock.now()
-        sleep = clock.sleep_until(now + Duration(seconds=3600)) if kind == "until" else clock.sleep_for(3600)
-        task = await simulation.start(sleep)
-        assert not task.done()
-        if activate:
-            clock.enable_ros_time_override()
-        else:
-            clock.disable_ros_time_override()
-        assert await asyncio.wait_for(task, 5) is False
-        assert clock._handles == []
-
-    run(main)
+async def test_a_change_of_source_ends_a_sleep(activate: bool, kind: str) -> None:
+    simulation = Simulation(None if activate else 10)
+    clock = simulation.clock
+    now = clock.now()
+    sleep = clock.sleep_until(now + Duration(seconds=3600)) if kind == "until" else clock.sleep_for(3600)
+    task = await simulation.start(sleep)
+    assert not task.done()
+    if activate:
+        clock.enable_ros_time_override()
+    else:
+        clock.disable_ros_time_override()
+    assert await asyncio.wait_for(task, 5) is False
+    assert clock._handles == []
 
 
 def test_a_sleep_that_began_before_use_sim_time_does_not_wait_for_2023(world: World) -> None:
@@ -220,65 +202,51 @@ def test_a_sleep_that_began_before_use_sim_time_does_not_wait_for_2023(world: Wo
     run(main)
 
 
-def test_a_sleep_for_a_duration_begins_anew_when_time_goes_back() -> None:
-    async def main() -> None:
-        simulation = Simulation(100)
-        for_task = await simulation.start(simulation.clock.sleep_for(0.3))
-        until_task = await simulation.start(simulation.clock.sleep_until(ros(100.3)))
-        await simulation.at(100.2, 10, 10.2)
-        assert not for_task.done()
-        await simulation.at(10.3)
-        assert for_task.result() is True
-        assert not until_task.done()  # a point in time is waited for, as in rclpy
-        await simulation.at(100.3)
-        assert until_task.result() is True
-
-    run(main)
+async def test_a_sleep_for_a_duration_begins_anew_when_time_goes_back() -> None:
+    simulation = Simulation(100)
+    for_task = await simulation.start(simulation.clock.sleep_for(0.3))
+    until_task = await simulation.start(simulation.clock.sleep_until(ros(100.3)))
+    await simulation.at(100.2, 10, 10.2)
+    assert not for_task.done()
+    await simulation.at(10.3)
+    assert for_task.result() is True
+    assert not until_task.done()  # a point in time is waited for, as in rclpy
+    await simulation.at(100.3)
+    assert until_task.result() is True
 
 
-def test_a_time_that_was_reached_counts_even_if_it_is_gone_when_the_task_wakes() -> None:
-    async def main() -> None:
-        simulation = Simulation(10)
-        tasks = [
-            await simulation.start(sleep) for sleep in (simulation.clock.sleep_for(1), simulation.clock.sleep_for(9))
-        ]
-        simulation.clock.set_ros_time_override(ros(11))
-        simulation.clock.set_ros_time_override(ros(2))
-        await simulation.settle()
-        assert [task.done() for task in tasks] == [True, False]
-        assert tasks[0].result() is True
-        tasks[1].cancel()
-        await simulation.settle()
-        assert simulation.clock._handles == []
-
-    run(main)
+async def test_a_time_that_was_reached_counts_even_if_it_is_gone_when_the_task_wakes() -> None:
+    simulation = Simulation(10)
+    tasks = [await simulation.start(sleep) for sleep in (simulation.clock.sleep_for(1), simulation.clock.sleep_for(9))]
+    simulation.clock.set_ros_time_override(ros(11))
+    simulation.clock.set_ros_time_override(ros(2))
+    await simulation.settle()
+    assert [task.done() for task in tasks] == [True, False]
+    assert tasks[0].result() is True
+    tasks[1].cancel()
+    await simulation.settle()
+    assert simulation.clock._handles == []
 
 
-def test_a_sleep_may_end_before_simulated_time_began() -> None:
-    async def main() -> None:
-        simulation = Simulation(0)
-        task = await simulation.start(simulation.clock.sleep_for(1))
-        simulation.clock.disable_ros_time_override()
-        assert await asyncio.wait_for(task, 5) is False
-
-    run(main)
+async def test_a_sleep_may_end_before_simulated_time_began() -> None:
+    simulation = Simulation(0)
+    task = await simulation.start(simulation.clock.sleep_for(1))
+    simulation.clock.disable_ros_time_override()
+    assert await asyncio.wait_for(task, 5) is False
 
 
-def test_wrong_arguments_of_sleeps_are_named() -> None:
-    async def main() -> None:
-        clock = Clock(ClockType.STEADY_TIME)
-        with pytest.raises(TypeError, match=r"^until must be a Time such as .*, got 5"):
-            await clock.sleep_until(5)  # type: ignore[arg-type]
-        with pytest.raises(ClockTypeError, match="cannot sleep until a ROS_TIME"):
-            await clock.sleep_until(ros(1))
-        for wrong in ("1", None, True):
-            with pytest.raises(TypeError, match=r"^duration must be a number of seconds"):
-                await clock.sleep_for(wrong)  # type: ignore[arg-type]
-        for endless in (math.nan, math.inf):
-            with pytest.raises(TimeRangeError, match=r"^duration must be finite"):
-                await clock.sleep_for(endless)
-
-    run(main)
+async def test_wrong_arguments_of_sleeps_are_named() -> None:
+    clock = Clock(ClockType.STEADY_TIME)
+    with pytest.raises(TypeError, match=r"^until must be a Time such as .*, got 5"):
+        await clock.sleep_until(5)  # type: ignore[arg-type]
+    with pytest.raises(ClockTypeError, match="cannot sleep until a ROS_TIME"):
+        await clock.sleep_until(ros(1))
+    for wrong in ("1", None, True):
+        with pytest.raises(TypeError, match=r"^duration must be a number of seconds"):
+            await clock.sleep_for(wrong)  # type: ignore[arg-type]
+    for endless in (math.nan, math.inf):
+        with pytest.raises(TimeRangeError, match=r"^duration must be finite"):
+            await clock.sleep_for(endless)
 
 
 @pytest.mark.parametrize(
