@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
@@ -55,11 +54,9 @@ class Timer:
         """How many times the timer was called, or ticked."""
         self._jumps = None
         if clock.clock_type is ClockType.ROS_TIME:
-            # The clock outlives the timer and must not keep it alive.
-            this = weakref.ref(self)
             self._jumps = clock.create_jump_callback(
-                pre=lambda jump: _forward(this, "_before_jump", jump),
-                post=lambda jump: _forward(this, "_after_jump", jump),
+                pre=self._before_jump,
+                post=self._after_jump,
                 on_clock_change=True,
                 min_forward=_ANY_JUMP,
                 min_backward=-_ANY_JUMP,
@@ -237,9 +234,3 @@ class Timer:
             self._handle.cancel()
             self._handle = None
         self._waiters.wake()
-
-
-def _forward(this: weakref.ref[Timer], method: str, jump: TimeJump) -> None:
-    timer = this()
-    if timer is not None:
-        getattr(timer, method)(jump)
