@@ -36,6 +36,7 @@ from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stam
 from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.matching import Matching
+from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
@@ -60,7 +61,7 @@ _CANCEL_ERRORS: dict[int, tuple[type[ActionError], str]] = {
 }
 
 
-class ActionClient(Generic[ActionT_co]):
+class ActionClient(Owned, Generic[ActionT_co]):
     """Made by `create_action_client`."""
 
     def __init__(
@@ -73,6 +74,7 @@ class ActionClient(Generic[ActionT_co]):
         feedback_depth: int,
         server_lost_after_s: float,
     ) -> None:
+        super().__init__(scope)
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
         lost_after_ns = limit_to_ns("server_lost_after_s", server_lost_after_s)
         self.name = names.action
@@ -80,10 +82,8 @@ class ActionClient(Generic[ActionT_co]):
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
         self.action_class = action_type.cls
-        self._scope = scope
         self._type = action_type
         self._run = run
-        self._closed = False
         self._matching: Matching[None] = Matching(scope, lambda _: not self._missing())
         self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
         # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
@@ -98,6 +98,7 @@ class ActionClient(Generic[ActionT_co]):
         self._send: Client[Any, Any] = Client(scope, action_type.send_goal, names.send_goal, SERVICES_DEFAULT, run)
         self._cancel: Client[Any, Any] = Client(scope, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT, run)
         self._result = ResultClient(scope, action_type.get_result, names.get_result, run, lost_after_ns)
+        scope.own(self)
 
     # ------------------------------------------------------------------------------------------------ availability
 
@@ -293,10 +294,8 @@ class ActionClient(Generic[ActionT_co]):
 
     def close(self) -> None:
         """Let go of all goals: whoever waits gets `ClosedError`, feedback ends. May be called twice."""
-        if self._closed:
+        if not self._ends():
             return
-        self._closed = True
-        self._scope.disown(self)
         for handle in list(self._goals.values()):
             handle.failed(ClosedError(f"the action client of {self.name} was closed"))
         self._goals.clear()

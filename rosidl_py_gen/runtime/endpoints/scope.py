@@ -41,6 +41,22 @@ class Closable(Protocol):
         """Release everything; may be called twice."""
 
 
+class Owned:
+    """What a node owns: it closes with the node, or before; its constructor ends with `Scope.own`."""
+
+    def __init__(self, scope: Scope) -> None:
+        self._scope = scope
+        self._closed = False
+
+    def _ends(self, *guids: bytes) -> bool:
+        """What `close` begins with: True the first time; then it is not owned any more, and `guids` are withdrawn."""
+        if self._closed:
+            return False
+        self._closed = True
+        self._scope.disown(self, *guids)
+        return True
+
+
 class Throttle:
     """Lets something pass at most once a second; one for each endpoint, so that one cannot silence another."""
 
@@ -89,30 +105,24 @@ class Scope:
 
     # ---------------------------------------------------------------------------------------------------- entities
 
-    def own(self, endpoint: Closable, *, has_callback: bool = False) -> None:
-        """Close `endpoint` with the node; it lives until then, or until it closes itself and calls `disown`.
+    def own(self, endpoint: Closable, *guids: bytes) -> None:
+        """Announce `guids`, and close `endpoint` with the node; it lives until then, or until it calls `disown`.
 
         Raises:
             ClosedError: the node was closed meanwhile, by another thread; then the endpoint is closed, too.
         """
         self.owned[id(endpoint)] = endpoint
-        self.has_callbacks = self.has_callbacks or has_callback
+        if guids:
+            self.discovery.change_endpoints(self.number, add=guids)
         if self.closed:
             self.owned.pop(id(endpoint), None)
             endpoint.close()
             self.require_open(False, "the node")
 
-    def disown(self, endpoint: Closable) -> None:
-        """Undo `own`."""
+    def disown(self, endpoint: object, *guids: bytes) -> None:
+        """Undo `own`; nothing is announced when the whole node is going."""
         self.owned.pop(id(endpoint), None)
-
-    def add(self, *guids: bytes) -> None:
-        """Announce endpoints as this node's."""
-        self.discovery.change_endpoints(self.number, add=guids)
-
-    def remove(self, *guids: bytes) -> None:
-        """Withdraw endpoints, unless the whole node is going."""
-        if not self.closed:
+        if guids and not self.closed:
             self.discovery.change_endpoints(self.number, remove=guids)
 
     def new_entity_id(self) -> str:

@@ -13,6 +13,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.clock import Clock
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 _ANY_JUMP = Duration(nanoseconds=1)
 
 
-class Timer:
+class Timer(Owned):
     """Made by `Node.create_timer` and `create_wall_timer`."""
 
     def __init__(self, scope: Scope, period_ns: int, callback: Callable[[], object] | None, clock: Clock) -> None:
@@ -37,12 +38,11 @@ class Timer:
             raise TypeError(f"callback must be a function without arguments, or None, got {callback!r:.100}")
         if not isinstance(clock, Clock):
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
-        self._scope = scope
+        super().__init__(scope)
         self._clock = clock
         self._callback = None if callback is None else UserFunction(scope, callback, "a timer's callback")
         self._rule = Schedule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
         self._rule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
-        self._closed = False
         self._handle: asyncio.Handle | None = None
         self._worker: asyncio.Task[None] | None = None
         self._waiters = Waiters()
@@ -62,6 +62,7 @@ class Timer:
                 min_backward=-_ANY_JUMP,
             )
         self._forget_start = scope.bridge.on_start(self._arm_soon)
+        scope.own(self)
 
     # ------------------------------------------------------------------------------------------------------ ticking
 
@@ -213,10 +214,8 @@ class Timer:
 
     def close(self) -> None:
         """Stop for ever; whoever waits for a tick gets `ClosedError`. May be called twice."""
-        if self._closed:
+        if not self._ends():
             return
-        self._closed = True
-        self._scope.disown(self)
         self._forget_start()
         if self._callback is not None:
             self._callback.close()

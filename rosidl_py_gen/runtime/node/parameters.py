@@ -69,7 +69,6 @@ class NodeParameters:
         merged.update({item.name: item.value for item in as_parameters(options.overrides or {})})
         self._changes = changes = list[Stream[ParameterChange]]()
         events = ParameterEventPublisher(self.scope, self._names, self.clock)
-        self.scope.own(events)
 
         def tell(event: ParameterEvent) -> None:
             for stream in tuple(changes):
@@ -80,7 +79,7 @@ class NodeParameters:
         self._store = ParameterStore(
             merged, allow_undeclared=options.allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
         )
-        self.scope.own(TimeSource(self.scope, self._names, self._store, self.clock))
+        TimeSource(self.scope, self._names, self._store, self.clock)
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
@@ -247,10 +246,7 @@ class NodeParameters:
 
     def parameter_changes(self) -> Stream[ParameterChange]:
         """Every change of this node's parameters from now on, whoever makes it, in whatever thread."""
-        stream: Stream[ParameterChange] = _Changes(self._changes, self.scope)
-        self._changes.append(stream)
-        self.scope.own(stream)
-        return stream
+        return _Changes(self._changes, self.scope)
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
         """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
@@ -265,9 +261,7 @@ class NodeParameters:
 
         self.scope.require_open(False, "the node")
         wanted = require_name(node, "the name of a node")
-        client = ParameterClient(self.scope, self._names, wanted, self.context.run_until_complete)
-        self.scope.own(client)
-        return client
+        return ParameterClient(self.scope, self._names, wanted, self.context.run_until_complete)
 
 
 class _Changes(Stream[ParameterChange]):
@@ -275,6 +269,8 @@ class _Changes(Stream[ParameterChange]):
         super().__init__()
         self._streams = streams
         self._scope = scope
+        streams.append(self)
+        scope.own(self)
 
     def close(self, error: BaseException | None = None) -> None:
         """Stop listening; the iterator ends. May be called twice."""

@@ -64,7 +64,7 @@ def start_type_descriptions(scope: Scope, names: NodeNames, store: ParameterStor
         store.declare(PARAMETER, parameter_value(True), descriptor)
     if store.get(PARAMETER).value is True:
         name, describe = names.resolve_service("~/get_type_description"), _Describer(scope).answer
-        scope.own(ServiceServer(scope, late_service_type(SERVICE), name, describe, SERVICES_DEFAULT))
+        ServiceServer(scope, late_service_type(SERVICE), name, describe, SERVICES_DEFAULT)
 
 
 class _Describer:
@@ -248,7 +248,6 @@ async def ask_type_description(
     client: Client[srv.GetTypeDescription_Request, srv.GetTypeDescription_Response] = Client(
         scope, late_service_type(SERVICE), service, SERVICES_DEFAULT, run
     )
-    scope.own(client)
     try:
         request = srv.GetTypeDescription_Request(
             type_name=type_name, type_hash=wanted_hash, include_type_sources=include_sources

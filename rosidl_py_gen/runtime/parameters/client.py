@@ -28,6 +28,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     SetParametersAtomically_Request,
 )
 from rosidl_py_gen.runtime.endpoints.client import Client
+from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
 from rosidl_py_gen.runtime.loop.stream import Stream
@@ -128,7 +129,7 @@ class _Asked:
         raise MalformedAnswerError(f"{self._node} answered {len(found)} values for {len(self.names)} parameters")
 
 
-class ParameterClient:
+class ParameterClient(Owned):
     """Made by `create_parameter_client`. Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds."""
 
     def __init__(
@@ -140,9 +141,8 @@ class ParameterClient:
     ) -> None:
         self.node = names.resolve_topic(node)
         """Fully qualified name of the remote node."""
-        self._scope = scope
+        super().__init__(scope)
         self._names = names
-        self._closed = False
         self._streams: list[ParameterEvents] = []
 
         self._clients: list[Client[Any, Any]] = []
@@ -158,6 +158,7 @@ class ParameterClient:
         self._set_atomically = client(SetParametersAtomically, "set_parameters_atomically")
         self._describe = client(DescribeParameters, "describe_parameters")
         self._list = client(ListParameters, "list_parameters")
+        scope.own(self)
 
     async def wait_for_services(self, timeout_s: float | None = None) -> bool:
         """Wait until the remote node serves its parameters; False when the time passed."""
@@ -297,10 +298,7 @@ class ParameterClient:
 
     def close(self) -> None:
         """May be called twice; event streams end."""
-        if self._closed:
-            return
-        self._closed = True
-        self._scope.disown(self)
+        self._ends()
         parts: tuple[Closable, ...] = (*self._streams, *self._clients)
         for part in parts:
             part.close()

@@ -50,6 +50,7 @@ class ParameterEventPublisher:
             PARAMETER_EVENTS,
         )
         self._after_answer = AfterAnswer(scope.bridge, self._send)
+        scope.own(self)
 
     def publish(self, event: ParameterEvent) -> None:
         """Tell the world, unless nobody listens: who comes later does not get it (the topic is volatile)."""
@@ -85,7 +86,7 @@ class ParameterServices:
         ]
         for name, title, handler in table:
             service_type = late_service_type(f"rcl_interfaces/srv/{title}")
-            scope.own(ServiceServer(scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS))
+            ServiceServer(scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS)
 
     def _describe(self, request: srv.DescribeParameters_Request) -> srv.DescribeParameters_Response:
         found = self._store.describe_all(request.names)
