@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import (
@@ -29,13 +29,13 @@ from rosidl_py_gen.runtime.endpoints.header import (
 from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import request_numbers
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
-from rosidl_py_gen.runtime.loop.callbacks import current_loop, settle, settle_error
+from rosidl_py_gen.runtime.loop.callbacks import settle, settle_error
 from rosidl_py_gen.runtime.names.dds import entity_gid
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
     from rosidl_py_gen.runtime.endpoints.header import ClientId
     from rosidl_py_gen.runtime.endpoints.scope import Scope
@@ -49,10 +49,6 @@ _PAUSE_S = 0.1
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
-
-
-class WouldDeadlockError(RosidlError, RuntimeError):
-    """The caller would wait, on the event loop's own thread, for something only that loop can bring."""
 
 
 class _Question(Generic[ResponseT]):
@@ -84,13 +80,11 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         service_type: ServiceType[RequestT, ResponseT],
         name: str,
         qos: QoSProfile,
-        run: Callable[[Coroutine[Any, Any, ResponseT]], ResponseT],
         *,
         pause_s: float = _PAUSE_S,
     ) -> None:
         """`pause_s` is that of the `RequestWindow`."""
         super().__init__(scope, service_type, name, qos, is_client=True)
-        self._run = run
         self._pending: dict[int, _Question[ResponseT]] = {}
         self._by_number: dict[int, _Question[ResponseT]] = {}
         """Those that went to servers on Fast DDS, by the middleware's numbers."""
@@ -209,13 +203,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             WouldDeadlockError: called on the event loop's thread; use ``await client.call(...)`` there, or run the
                 callback in a thread (`asyncio.to_thread`). Otherwise like `call`.
         """
-        bridge = self._scope.bridge
-        if bridge.in_loop_thread() or current_loop() is not None:
-            raise WouldDeadlockError(
-                f"call_sync on {self.name} from inside the event loop would wait for ever; use "
-                "'await client.call(...)' in an async function, or call it from another thread"
-            )
-        return self._run(self.call(request, timeout_s))
+        call = self.call(request, timeout_s)
+        return self._scope.run(call, f"call_sync on {self.name}", "'await client.call(...)'")
 
     def ask(
         self,

@@ -147,7 +147,6 @@ class NodeActions:
             self.scope,
             action_type(action),
             ActionNames.resolve(self._names, name),
-            self.context.run_until_complete,
             feedback_depth=feedback_depth,
             server_lost_after_s=server_lost_after_s,
         )

@@ -288,8 +288,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
         """
         self._require_open()
         known = service_type(srv_type)
-        run = self.context.run_until_complete
-        return Client(self.scope, known, self._names.resolve_service(name), as_profile(qos), run)
+        return Client(self.scope, known, self._names.resolve_service(name), as_profile(qos))
 
     # ----------------------------------------------------------------------------------------------------- lifetime
 

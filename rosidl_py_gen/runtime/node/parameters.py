@@ -72,9 +72,12 @@ class NodeParameters:
 
         def tell(event: ParameterEvent) -> None:
             for stream in tuple(changes):
+                if stream.closed:
+                    changes.remove(stream)
+                    self.scope.disown(stream)
                 for parameter in (*event.new, *event.changed, *event.deleted):
                     stream.push(ParameterChange(parameter.name, parameter.value.value))
-            events.publish(event)
+            events.tell(event)
 
         self._store = ParameterStore(
             merged, allow_undeclared=options.allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
@@ -246,7 +249,10 @@ class NodeParameters:
 
     def parameter_changes(self) -> Stream[ParameterChange]:
         """Every change of this node's parameters from now on, whoever makes it, in whatever thread."""
-        return _Changes(self._changes, self.scope)
+        stream: Stream[ParameterChange] = Stream()
+        self._changes.append(stream)
+        self.scope.own(stream)
+        return stream
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
         """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""
@@ -260,24 +266,7 @@ class NodeParameters:
         from rosidl_py_gen.runtime.parameters.client import ParameterClient
 
         self.scope.require_open(False, "the node")
-        wanted = require_name(node, "the name of a node")
-        return ParameterClient(self.scope, self._names, wanted, self.context.run_until_complete)
-
-
-class _Changes(Stream[ParameterChange]):
-    def __init__(self, streams: list[Stream[ParameterChange]], scope: Scope) -> None:
-        super().__init__()
-        self._streams = streams
-        self._scope = scope
-        streams.append(self)
-        scope.own(self)
-
-    def close(self, error: BaseException | None = None) -> None:
-        """Stop listening; the iterator ends. May be called twice."""
-        super().close(error)
-        self._scope.disown(self)
-        if self in self._streams:
-            self._streams.remove(self)
+        return ParameterClient(self.scope, self._names, require_name(node, "the name of a node"))
 
 
 def _kind_of(wanted: Any) -> ParameterType:

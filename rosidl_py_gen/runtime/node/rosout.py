@@ -19,16 +19,17 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.logs.rosout import LogFields
 
 
-class RosoutPublisher(Publisher[Log]):
+class RosoutPublisher:
     """The ``/rosout`` publisher of one node; lives until the node closes."""
 
     def __init__(self, scope: Scope) -> None:
-        super().__init__(scope, message_type(Log), "/rosout", ROSOUT)
-        self._unregister = shared_router().register(scope.logger.name, self._tell)
+        self._publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
+        self._unregister = shared_router().register(scope.logger.name, self._publish)
+        scope.own(self)
 
-    def _tell(self, fields: LogFields) -> None:
+    def _publish(self, fields: LogFields) -> None:
         sec, nanosec = divmod(fields.stamp_ns, 1_000_000_000)
-        self.publish_without_waiting(
+        self._publisher.publish_without_waiting(
             Log(
                 stamp=Time(sec=sec, nanosec=nanosec),
                 level=fields.level,
@@ -43,4 +44,4 @@ class RosoutPublisher(Publisher[Log]):
     def close(self) -> None:
         """Stop publishing."""
         self._unregister()
-        super().close()
+        self._publisher.close()

@@ -60,7 +60,7 @@ from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Coroutine, Sequence
+    from collections.abc import Sequence
 
     from rosidl_py_gen.runtime.endpoints.scope import Closable, Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
@@ -132,13 +132,7 @@ class _Asked:
 class ParameterClient(Owned):
     """Made by `create_parameter_client`. Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds."""
 
-    def __init__(
-        self,
-        scope: Scope,
-        names: NodeNames,
-        node: str,
-        run: Callable[[Coroutine[Any, Any, Any]], Any],
-    ) -> None:
+    def __init__(self, scope: Scope, names: NodeNames, node: str) -> None:
         self.node = names.resolve_topic(node)
         """Fully qualified name of the remote node."""
         super().__init__(scope)
@@ -149,7 +143,7 @@ class ParameterClient(Owned):
 
         def client(service: Any, name: str) -> Client[Any, Any]:
             topic = names.resolve_service(f"{self.node}/{name}")
-            self._clients.append(Client(scope, service_type(service), topic, PARAMETERS, run))
+            self._clients.append(Client(scope, service_type(service), topic, PARAMETERS))
             return self._clients[-1]
 
         self._get = client(GetParameters, "get_parameters")
@@ -162,11 +156,9 @@ class ParameterClient(Owned):
 
     async def wait_for_services(self, timeout_s: float | None = None) -> bool:
         """Wait until the remote node serves its parameters; False when the time passed."""
-
-        def ready() -> bool:
-            return all(client.service_is_available() for client in self._clients)
-
-        return await self._scope.wait_until(ready, timeout_s, lambda: self._closed)
+        return await self._scope.wait_until(
+            lambda: all(client.service_is_available() for client in self._clients), timeout_s, lambda: self._closed
+        )
 
     @overload
     async def get(  # type: ignore[overload-overlap]  # a text is a sequence of texts
