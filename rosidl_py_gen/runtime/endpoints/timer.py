@@ -16,7 +16,7 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.clock import Clock, on_every_jump
 from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
 
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.time.clock import TimeJump
-
-_ANY_JUMP = Duration(nanoseconds=1)
 
 
 class Timer(Owned):
@@ -52,15 +50,7 @@ class Timer(Owned):
         """How many periods passed without a call and were skipped."""
         self.call_count = 0
         """How many times the timer was called, or ticked."""
-        self._jumps = None
-        if clock.clock_type is ClockType.ROS_TIME:
-            self._jumps = clock.create_jump_callback(
-                pre=self._before_jump,
-                post=self._after_jump,
-                on_clock_change=True,
-                min_forward=_ANY_JUMP,
-                min_backward=-_ANY_JUMP,
-            )
+        self._jumps = on_every_jump(clock, self._before_jump, self._after_jump)
         self._forget_start = scope.bridge.on_start(self._arm_soon)
         scope.own(self)
 
@@ -219,8 +209,7 @@ class Timer(Owned):
         self._forget_start()
         if self._callback is not None:
             self._callback.close()
-        if self._jumps is not None:
-            self._jumps.close()
+        self._jumps.close()
         bridge = self._scope.bridge
         if bridge.is_running and not bridge.in_loop_thread():
             bridge.call_soon(self._end)

@@ -40,7 +40,6 @@ class TimeSource:
         self._scope = scope
         self._topic = names.resolve_topic("/clock")
         self._clock = clock
-        self._active = False
         self._subscription: Subscription[ClockMessage] | None = None
         store.callbacks.add("on-set", self._check)
         store.callbacks.add("post-set", self._after_set)
@@ -54,12 +53,9 @@ class TimeSource:
 
     def _after_set(self, parameters: list[Parameter]) -> None:
         for parameter in parameters:
-            if parameter.name == USE_SIM_TIME and (parameter.value.value is True) is not self._active:
-                self._active = not self._active
-                if self._active:
-                    self._start()
-                else:
-                    self._stop()
+            wanted = parameter.value.value is True
+            if parameter.name == USE_SIM_TIME and wanted is (self._subscription is None):
+                (self._start if wanted else self._stop)()
 
     def _start(self) -> None:
         message = message_type(ClockMessage)
@@ -71,6 +67,7 @@ class TimeSource:
     def _stop(self) -> None:
         if self._subscription is not None:
             self._subscription.close()
+            self._subscription = None
         self._clock.disable_ros_time_override()
 
     def _on_clock(self, message: ClockMessage) -> None:
