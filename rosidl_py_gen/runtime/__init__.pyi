@@ -24,11 +24,11 @@ from rosidl_py_gen.runtime.actions.states import GoalStatus as GoalStatus
 from rosidl_py_gen.runtime.actions.states import GoalTransitionError as GoalTransitionError
 from rosidl_py_gen.runtime.actions.states import UnknownGoalError as UnknownGoalError
 from rosidl_py_gen.runtime.endpoints.client import Client as Client
-from rosidl_py_gen.runtime.endpoints.client import WouldDeadlockError as WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError as CallTimeoutError
 from rosidl_py_gen.runtime.endpoints.header import ForeignServiceError as ForeignServiceError
 from rosidl_py_gen.runtime.endpoints.header import IntrospectionState as IntrospectionState
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher as Publisher
+from rosidl_py_gen.runtime.endpoints.scope import WouldDeadlockError as WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError as AlreadyRespondedError
 from rosidl_py_gen.runtime.endpoints.server import ServiceRequest as ServiceRequest
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer as ServiceServer

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
+from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.node.context import Context
 
 if TYPE_CHECKING:
@@ -201,12 +202,7 @@ def _die(number: int) -> NoReturn:
 
 def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
     """Cancel what is left, wait for it, and tell of what failed meanwhile."""
-    tasks = asyncio.all_tasks(loop)
-    for task in tasks:
-        task.cancel()
-    if tasks:
-        loop.run_until_complete(asyncio.wait(tasks))
-    for task in tasks:
+    for task in end_tasks(loop):
         if not task.cancelled() and (error := task.exception()) is not None:
             words = "a task failed while the program ended"
             loop.call_exception_handler({"message": words, "exception": error, "task": task})

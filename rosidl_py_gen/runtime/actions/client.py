@@ -33,18 +33,18 @@ from rosidl_py_gen.runtime.actions.results import ResultClient
 from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCode, GoalStatus, UnknownGoalError
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
-from rosidl_py_gen.runtime.endpoints.client import Client, WouldDeadlockError
+from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.matching import Matching
+from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
-from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.time.values import Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Coroutine
 
     from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, GoalT
@@ -60,7 +60,7 @@ _CANCEL_ERRORS: dict[int, tuple[type[ActionError], str]] = {
 }
 
 
-class ActionClient(Generic[ActionT_co]):
+class ActionClient(Owned, Generic[ActionT_co]):
     """Made by `create_action_client`."""
 
     def __init__(
@@ -68,11 +68,11 @@ class ActionClient(Generic[ActionT_co]):
         scope: Scope,
         action_type: ActionType,
         names: ActionNames,
-        run: Callable[[Coroutine[Any, Any, Any]], Any],
         *,
         feedback_depth: int,
         server_lost_after_s: float,
     ) -> None:
+        super().__init__(scope)
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
         lost_after_ns = limit_to_ns("server_lost_after_s", server_lost_after_s)
         self.name = names.action
@@ -80,10 +80,7 @@ class ActionClient(Generic[ActionT_co]):
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
         self.action_class = action_type.cls
-        self._scope = scope
         self._type = action_type
-        self._run = run
-        self._closed = False
         self._matching: Matching[None] = Matching(scope, lambda _: not self._missing())
         self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
         # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
@@ -95,9 +92,10 @@ class ActionClient(Generic[ActionT_co]):
         self._status: Subscription[bytes] = Subscription(
             scope, raw_type(action_type.status), names.status, self._on_status, ACTION_STATUS
         )
-        self._send: Client[Any, Any] = Client(scope, action_type.send_goal, names.send_goal, SERVICES_DEFAULT, run)
-        self._cancel: Client[Any, Any] = Client(scope, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT, run)
-        self._result = ResultClient(scope, action_type.get_result, names.get_result, run, lost_after_ns)
+        self._send: Client[Any, Any] = Client(scope, action_type.send_goal, names.send_goal, SERVICES_DEFAULT)
+        self._cancel: Client[Any, Any] = Client(scope, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT)
+        self._result = ResultClient(scope, action_type.get_result, names.get_result, lost_after_ns)
+        scope.own(self)
 
     # ------------------------------------------------------------------------------------------------ availability
 
@@ -110,9 +108,6 @@ class ActionClient(Generic[ActionT_co]):
         """
         self._scope.require_open(self._closed, f"the action client of {self.name}")
         self._scope.discovery.refresh()
-        return self._is_available()
-
-    def _is_available(self) -> bool:
         return self._matching.is_complete(None)
 
     def _missing(self) -> list[str]:
@@ -123,7 +118,7 @@ class ActionClient(Generic[ActionT_co]):
 
     async def wait_for_server(self, timeout_s: float | None = None) -> bool:
         """Wait until a server is connected; False when the time passed. Raises as `server_is_available`."""
-        return await self._scope.wait_until(self._is_available, timeout_s, lambda: self._closed)
+        return await self._scope.wait_until(lambda: self._matching.is_complete(None), timeout_s, lambda: self._closed)
 
     # ------------------------------------------------------------------------------------------------------- goals
 
@@ -168,10 +163,9 @@ class ActionClient(Generic[ActionT_co]):
         return handle
 
     async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
-        if not self._is_available():
-            self._type.send_goal.request.encode(
-                request
-            )  # a goal that does not fit is refused before anybody is waited for
+        if not self._matching.is_complete(None):
+            # A goal that does not fit is refused before anybody is waited for.
+            self._type.send_goal.request.encode(request)
             if not await self.wait_for_server(deadline.left_s()):
                 raise ActionTimeoutError(
                     f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at "
@@ -200,14 +194,7 @@ class ActionClient(Generic[ActionT_co]):
 
     def _run_sync(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine of this client from plain code; see `send_goal_sync`."""
-        if self._scope.bridge.in_loop_thread() or current_loop() is not None:
-            coroutine.close()
-            raise WouldDeadlockError(
-                f"a waiting call on action {self.name} from inside the event loop would wait for ever; use 'await' in "
-                "an async function, or call it from another thread"
-            )
-        done: T = self._run(coroutine)
-        return done
+        return self._scope.run(coroutine, f"a waiting call on action {self.name}", "'await'")
 
     # ------------------------------------------------------------------------------------------------------ result
 
@@ -293,10 +280,8 @@ class ActionClient(Generic[ActionT_co]):
 
     def close(self) -> None:
         """Let go of all goals: whoever waits gets `ClosedError`, feedback ends. May be called twice."""
-        if self._closed:
+        if not self._ends():
             return
-        self._closed = True
-        self._scope.disown(self)
         for handle in list(self._goals.values()):
             handle.failed(ClosedError(f"the action client of {self.name} was closed"))
         self._goals.clear()

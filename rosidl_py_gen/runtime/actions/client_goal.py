@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Generic
 from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.loop.waiters import Latch
+from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class ClientGoal(Generic[ActionT_co]):
         self._status = GoalStatus.UNKNOWN
         self._outcome: tuple[GoalStatus, Any] | None = None
         self._error: BaseException | None = None
-        self._done = Latch()
+        self._waiters = Waiters()
         self._feedback: Stream[Any] = Stream(feedback_depth)
         self.goal_id = goal_id
         """16 bytes."""
@@ -86,7 +86,7 @@ class ClientGoal(Generic[ActionT_co]):
     @property
     def is_done(self) -> bool:
         """True once `result` returns or raises at once."""
-        return self._done.is_set
+        return self._outcome is not None or self._error is not None
 
     @property
     def feedback_dropped(self) -> int:
@@ -110,7 +110,7 @@ class ClientGoal(Generic[ActionT_co]):
             ActionServerLostError: the server went away. UnknownGoalError: it came back without knowing the goal.
             ClosedError: the client was closed.
         """
-        if not await self._done.wait(Deadline(timeout_s).left_s()):
+        if not await self._waiters.wait(lambda: self.is_done, Deadline(timeout_s).left_s()):
             raise ActionTimeoutError(
                 f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {self._status.name}"
             )
@@ -159,17 +159,17 @@ class ClientGoal(Generic[ActionT_co]):
 
     def finished(self, status: GoalStatus, result: object) -> None:
         """The result is in."""
-        if not self._done.is_set:
+        if not self.is_done:
             self._status, self._outcome = status, (status, result)
             self._feedback.close()
-            self._done.set()
+            self._waiters.wake()
 
     def failed(self, error: BaseException) -> None:
         """There will be no result."""
-        if not self._done.is_set:
+        if not self.is_done:
             self._error = error
             self._feedback.close(error)
-            self._done.set()
+            self._waiters.wake()
 
     def __repr__(self) -> str:
         return f"ClientGoal({self.goal_id.hex()}, {self._status.name})"

@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
     import asyncio
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
@@ -58,7 +58,6 @@ class ResultClient:
         scope: Scope,
         service_type: ServiceType[Any, Any],
         name: str,
-        run: Callable[[Coroutine[Any, Any, Any]], Any],
         lost_after_ns: int | None,
     ) -> None:
         self._scope = scope
@@ -66,7 +65,7 @@ class ResultClient:
         self._wanted: set[_Wanted] = set()
         self._look_timer: asyncio.TimerHandle | None = None
         self._seen_s = 0.0
-        self.client: Client[Any, Any] = Client(scope, service_type, name, SERVICES_DEFAULT, run, pause_s=_PAUSE_S)
+        self.client: Client[Any, Any] = Client(scope, service_type, name, SERVICES_DEFAULT, pause_s=_PAUSE_S)
 
     @property
     def pending_count(self) -> int:

@@ -20,6 +20,7 @@ from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness, HandlerRu
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
+from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.callbacks import settle
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
 
 
-class ActionServer(Generic[ActionT_co]):
+class ActionServer(Owned, Generic[ActionT_co]):
     """Made by `create_action_server`; without `execute` it is an async iterator of `GoalRequest`."""
 
     def __init__(
@@ -58,10 +59,9 @@ class ActionServer(Generic[ActionT_co]):
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
         self.action_class = action_type.cls
-        self._scope = scope
+        super().__init__(scope)
         self._type = action_type
         self._policy = policy
-        self._closed = False
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._undecided: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
         self._goals = ServerGoals(
@@ -83,6 +83,7 @@ class ActionServer(Generic[ActionT_co]):
         ]
         readiness = FeedbackReadiness(scope, self._services[0], self._goals.feedback)
         self._runner = None if execute is None else HandlerRunner(scope, self.name, execute, readiness)
+        scope.own(self)
 
     def _run(self, goal: ServerGoal[Any]) -> None:
         if self._runner is not None:
@@ -197,10 +198,8 @@ class ActionServer(Generic[ActionT_co]):
 
         `cancel_requested` of every goal becomes true, handlers that await something are cancelled, iterators end.
         """
-        if self._closed:
+        if not self._ends():
             return
-        self._closed = True
-        self._scope.disown(self)
         if self._runner is not None:
             self._runner.close()
         for service in self._services:

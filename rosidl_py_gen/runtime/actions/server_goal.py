@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.loop.callbacks import settle
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.time.values import ClockType, Duration, limit_to_ns
+from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
@@ -194,12 +194,8 @@ class ServerGoals:
         self._running: set[bytes] = set()
         self._queue: deque[ServerGoal[Any]] = deque()
         self._expiry: asyncio.TimerHandle | None = None
-        self._jumps = (
-            clock.create_jump_callback(
-                post=lambda jump: self.expire(), on_clock_change=True, min_forward=Duration(nanoseconds=1)
-            )
-            if clock.clock_type is ClockType.ROS_TIME
-            else None
+        self._jumps = clock.create_jump_callback(
+            post=lambda jump: self.expire(), on_clock_change=True, min_forward=Duration(nanoseconds=1)
         )
         self.feedback: Publisher[Any] = Publisher(scope, action_type.feedback_message, names.feedback, DEFAULT)
         self._status = StatusTopic(scope, action_type.status, names.status)
@@ -340,8 +336,7 @@ class ServerGoals:
     def close(self) -> None:
         """Ask all handlers to end, and publish no more; after the services, so that nobody is answered any more."""
         self._closed = True
-        if self._jumps is not None:
-            self._jumps.close()
+        self._jumps.close()
         if self._expiry is not None:
             self._expiry.cancel()
         for goal in self.active.values():

@@ -14,13 +14,12 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import (
     CallTimeoutError,
     ForeignServiceError,
-    carrier_qos,
     foreign_words,
     header_of,
     is_foreign,
@@ -28,22 +27,20 @@ from rosidl_py_gen.runtime.endpoints.header import (
     send,
 )
 from rosidl_py_gen.runtime.endpoints.matching import Matching
-from rosidl_py_gen.runtime.endpoints.scope import Throttle, request_numbers
-from rosidl_py_gen.runtime.loop.callbacks import current_loop, settle, settle_error
-from rosidl_py_gen.runtime.loop.outbox import Outbox
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, entity_gid, reply_name, request_name, type_name
+from rosidl_py_gen.runtime.endpoints.scope import request_numbers
+from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
+from rosidl_py_gen.runtime.loop.callbacks import settle, settle_error
+from rosidl_py_gen.runtime.names.dds import entity_gid
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.endpoints.header import ClientId, IntrospectionState, Tap
-    from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
+    from rosidl_py_gen.runtime.endpoints.header import ClientId
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
-    from rosidl_py_gen.runtime.time.clock import Clock
-    from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _PREFIX_BYTES = 12
 """The part of a GUID that all endpoints of a participant share."""
@@ -52,10 +49,6 @@ _PAUSE_S = 0.1
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
-
-
-class WouldDeadlockError(RosidlError, RuntimeError):
-    """The caller would wait, on the event loop's own thread, for something only that loop can bring."""
 
 
 class _Question(Generic[ResponseT]):
@@ -78,7 +71,7 @@ class _Question(Generic[ResponseT]):
         self.has_turn = False
 
 
-class Client(Generic[RequestT, ResponseT]):
+class Client(ServiceEnd[RequestT, ResponseT]):
     """Made by `Node.create_client`."""
 
     def __init__(
@@ -87,20 +80,11 @@ class Client(Generic[RequestT, ResponseT]):
         service_type: ServiceType[RequestT, ResponseT],
         name: str,
         qos: QoSProfile,
-        run: Callable[[Coroutine[Any, Any, ResponseT]], ResponseT],
         *,
         pause_s: float = _PAUSE_S,
     ) -> None:
         """`pause_s` is that of the `RequestWindow`."""
-        self._scope = scope
-        self._run = run
-        self._closed = False
-        self.name = name
-        """Fully qualified service name, after expansion and remapping."""
-        self.service_type = service_type.ros_name
-        """``pkg/srv/Name``."""
-        carrier = carrier_qos(qos)
-        self._type = service_type
+        super().__init__(scope, service_type, name, qos, is_client=True)
         self._pending: dict[int, _Question[ResponseT]] = {}
         self._by_number: dict[int, _Question[ResponseT]] = {}
         """Those that went to servers on Fast DDS, by the middleware's numbers."""
@@ -108,32 +92,12 @@ class Client(Generic[RequestT, ResponseT]):
         self._matching: Matching[None] = Matching(scope, lambda _: self._find_server())
         self._serves_fast_dds = False
         self._kept = 0
-        self._throttle = Throttle()
-        self._events: ServiceEvents | None = None
-        self._tap: Tap | None = None
-        client_id = scope.new_entity_id()
-        self._gid = entity_gid(client_id)
-        prefix = not qos.avoid_ros_namespace_conventions
-        self._request_topic, self._reply_topic = request_name(name, prefix=prefix), reply_name(name, prefix=prefix)
-        # The reader first: a server may answer as soon as the writer is known (protocol.md 5.2).
-        self._reader = scope.participant.create_reader(
-            self._reply_topic,
-            type_name(service_type.response.ros_name),
-            carrier,
-            endpoint_user_data(service_type.response.type_hash, client_id=client_id),
-        )
-        self._writer = scope.participant.create_writer(
-            self._request_topic,
-            type_name(service_type.request.ros_name),
-            carrier,
-            endpoint_user_data(service_type.request.type_hash, client_id=client_id),
-        )
+        self._gid = entity_gid(self._id)
         self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
         """By which replies may call us."""
         self._window = scope.request_window(self._request_topic, pause_s)
-        self._outbox = Outbox(scope.bridge, None, scope.report_failure)
-        scope.add(self._reader.guid, self._writer.guid)
         self._reader.set_sink(self._on_replies)
+        scope.own(self, self._reader.guid, self._writer.guid)
 
     # ------------------------------------------------------------------------------------------------ availability
 
@@ -239,13 +203,8 @@ class Client(Generic[RequestT, ResponseT]):
             WouldDeadlockError: called on the event loop's thread; use ``await client.call(...)`` there, or run the
                 callback in a thread (`asyncio.to_thread`). Otherwise like `call`.
         """
-        bridge = self._scope.bridge
-        if bridge.in_loop_thread() or current_loop() is not None:
-            raise WouldDeadlockError(
-                f"call_sync on {self.name} from inside the event loop would wait for ever; use "
-                "'await client.call(...)' in an async function, or call it from another thread"
-            )
-        return self._run(self.call(request, timeout_s))
+        call = self.call(request, timeout_s)
+        return self._scope.run(call, f"call_sync on {self.name}", "'await client.call(...)'")
 
     def ask(
         self,
@@ -367,20 +326,6 @@ class Client(Generic[RequestT, ResponseT]):
 
     # ------------------------------------------------------------------------------------------------------- state
 
-    def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
-        """Publish what passes on ``<service>/_service_event`` from now on; see `introspection.py`.
-
-        Args:
-            clock: stamps the events; usually the node's.
-            qos: counts when introspection goes from OFF to something else.
-        """
-        self._scope.require_open(self._closed, f"the client of {self.name}")
-        if self._events is None:
-            from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
-
-            self._events = ServiceEvents(self._scope, self._type, self.name, is_client=True)
-        self._tap = self._events if self._events.configure(clock, qos, state) else None
-
     @property
     def pending_count(self) -> int:
         """How many calls wait for a response."""
@@ -388,13 +333,9 @@ class Client(Generic[RequestT, ResponseT]):
 
     def close(self) -> None:
         """Stop; calls under way raise `ClosedError`. May be called twice."""
-        if self._closed:
-            return
-        self._closed = True
-        self._scope.disown(self)
-        for question in list(self._pending.values()):
-            self._fail(question, ClosedError(f"the client of {self.name} was closed during the call"))
-        self._outbox.close()
-        self._scope.remove(self._reader.guid, self._writer.guid)
-        self._writer.close()
-        self._reader.close()
+        if self._ends(self._reader.guid, self._writer.guid):
+            for question in list(self._pending.values()):
+                self._fail(question, ClosedError(f"the client of {self.name} was closed during the call"))
+            self._outbox.close()
+            self._writer.close()
+            self._reader.close()

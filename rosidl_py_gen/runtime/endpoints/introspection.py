@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.transport.qos import as_profile
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
-    from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
+    from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 
 class ServiceEventType(IntEnum):
@@ -61,13 +61,8 @@ class ServiceEvents:
         if state is IntrospectionState.OFF:
             self.close()
         elif self._publisher is None:
-            self._publisher = self._open(profile)
+            self._publisher = Publisher(self._scope, message_type(self._cls.Event), self._topic, profile)
         return self._publisher is not None
-
-    def _open(self, qos: QoSProfile) -> Publisher[Any]:
-        publisher: Publisher[Any] = Publisher(self._scope, message_type(self._cls.Event), self._topic, qos)
-        self._scope.own(publisher)
-        return publisher
 
     def sent(self, client_gid: bytes, sequence: int, message: bytes) -> None:
         """See `header.Tap`."""

@@ -12,6 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import EncodeError
+from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
@@ -28,13 +29,12 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-class Publisher(Generic[T]):
+class Publisher(Owned, Generic[T]):
     """Made by `Node.create_publisher`."""
 
     def __init__(self, scope: Scope, message_type: MessageType[T], topic: str, qos: QoSProfile) -> None:
-        self._scope = scope
+        super().__init__(scope)
         self._bridge = scope.bridge
-        self._closed = False
         self.topic = topic
         """Fully qualified name, after expansion and remapping."""
         self.message_type = message_type.ros_name
@@ -51,7 +51,7 @@ class Publisher(Generic[T]):
         self._write = self._writer.write
         keep_all = self.qos.history is History.KEEP_ALL
         self._outbox = Outbox(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
-        scope.add(self._writer.guid)
+        scope.own(self, self._writer.guid)
 
     def publish(self, message: T) -> None:
         """Send a message; from any thread. On the event loop's thread it returns at once.
@@ -147,10 +147,6 @@ class Publisher(Generic[T]):
 
     def close(self) -> None:
         """Stop publishing; may be called twice. What waits to be sent is dropped."""
-        if self._closed:
-            return
-        self._closed = True
-        self._scope.disown(self)
-        self._outbox.close()
-        self._scope.remove(self._writer.guid)
-        self._writer.close()
+        if self._ends(self._writer.guid):
+            self._outbox.close()
+            self._writer.close()

@@ -11,9 +11,9 @@ import itertools
 import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import node_logger
-from rosidl_py_gen.runtime.loop.callbacks import start_task
+from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
 from rosidl_py_gen.runtime.names.dds import entity_id
 from rosidl_py_gen.runtime.time.deadline import Deadline
 
@@ -34,11 +34,31 @@ request_numbers = itertools.count(1)
 """Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
 
 
+class WouldDeadlockError(RosidlError, RuntimeError):
+    """The caller would wait, on the event loop's own thread, for something only that loop can bring."""
+
+
 class Closable(Protocol):
     """Something a node owns."""
 
     def close(self) -> None:
         """Release everything; may be called twice."""
+
+
+class Owned:
+    """What a node owns: it closes with the node, or before; its constructor ends with `Scope.own`."""
+
+    def __init__(self, scope: Scope) -> None:
+        self._scope = scope
+        self._closed = False
+
+    def _ends(self, *guids: bytes) -> bool:
+        """What `close` begins with: True the first time; then it is not owned any more, and `guids` are withdrawn."""
+        if self._closed:
+            return False
+        self._closed = True
+        self._scope.disown(self, *guids)
+        return True
 
 
 class Throttle:
@@ -89,30 +109,24 @@ class Scope:
 
     # ---------------------------------------------------------------------------------------------------- entities
 
-    def own(self, endpoint: Closable, *, has_callback: bool = False) -> None:
-        """Close `endpoint` with the node; it lives until then, or until it closes itself and calls `disown`.
+    def own(self, endpoint: Closable, *guids: bytes) -> None:
+        """Announce `guids`, and close `endpoint` with the node; it lives until then, or until it calls `disown`.
 
         Raises:
             ClosedError: the node was closed meanwhile, by another thread; then the endpoint is closed, too.
         """
         self.owned[id(endpoint)] = endpoint
-        self.has_callbacks = self.has_callbacks or has_callback
+        if guids:
+            self.discovery.change_endpoints(self.number, add=guids)
         if self.closed:
             self.owned.pop(id(endpoint), None)
             endpoint.close()
             self.require_open(False, "the node")
 
-    def disown(self, endpoint: Closable) -> None:
-        """Undo `own`."""
+    def disown(self, endpoint: object, *guids: bytes) -> None:
+        """Undo `own`; nothing is announced when the whole node is going."""
         self.owned.pop(id(endpoint), None)
-
-    def add(self, *guids: bytes) -> None:
-        """Announce endpoints as this node's."""
-        self.discovery.change_endpoints(self.number, add=guids)
-
-    def remove(self, *guids: bytes) -> None:
-        """Withdraw endpoints, unless the whole node is going."""
-        if not self.closed:
+        if guids and not self.closed:
             self.discovery.change_endpoints(self.number, remove=guids)
 
     def new_entity_id(self) -> str:
@@ -126,8 +140,11 @@ class Scope:
             raise ClosedError(f"{named} is closed")
 
     def close(self) -> None:
-        """Close everything that is owned, newest first, and withdraw the node."""
-        self.cancel_tasks()
+        """Cancel all tasks but the calling one, close everything that is owned, newest first, withdraw the node."""
+        current = None if current_loop() is None else asyncio.current_task()
+        for task in self._tasks - {current}:
+            if not task.get_loop().is_closed():
+                task.cancel()
         # One graph message at the end, not one per endpoint; what another thread is making just now closes itself.
         self.closed = True
         for endpoint in reversed(list(self.owned.values())):
@@ -181,16 +198,22 @@ class Scope:
         task.add_done_callback(self._tasks.discard)
         return task
 
+    def run(self, coroutine: Coroutine[Any, Any, T], what: str, instead: str) -> T:
+        """Run a coroutine from plain code, on the loop that runs, or on one that is kept for the purpose.
+
+        Raises:
+            WouldDeadlockError: `what` was called inside the event loop, where `instead` is to be used. ClosedError.
+        """
+        in_loop = self.bridge.in_loop_thread() or current_loop() is not None
+        if in_loop or self.closed:
+            coroutine.close()
+            self.require_open(False, "the node")
+            raise WouldDeadlockError(
+                f"{what} from inside the event loop would wait for ever; use {instead} in an async function, or call "
+                "it from another thread"
+            )
+        return self.bridge.portal.run(coroutine)
+
     def report_failure(self, doing: str) -> None:
         """Log the exception being handled, with its traceback, as the node."""
         self.logger.exception(f"{doing} failed; nothing else is affected")
-
-    def cancel_tasks(self) -> None:
-        """Cancel what `start` started, except the task that is calling."""
-        try:
-            current = asyncio.current_task()
-        except RuntimeError:
-            current = None
-        for task in self._tasks - {current}:
-            if not task.get_loop().is_closed():
-                task.cancel()

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import (
-    carrier_qos,
     foreign_words,
     header_of,
     is_foreign,
@@ -23,24 +22,20 @@ from rosidl_py_gen.runtime.endpoints.header import (
     send,
 )
 from rosidl_py_gen.runtime.endpoints.matching import Matching
-from rosidl_py_gen.runtime.endpoints.scope import Throttle
+from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
-from rosidl_py_gen.runtime.loop.outbox import Outbox
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, type_name
 from rosidl_py_gen.runtime.transport.interface import identity_of
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-    from rosidl_py_gen.runtime.endpoints.header import ClientId, IntrospectionState, Tap
-    from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
+    from rosidl_py_gen.runtime.endpoints.header import ClientId
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
-    from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.transport.interface import Sample
-    from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
@@ -92,7 +87,7 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
         self._responded = True
 
 
-class ServiceServer(Generic[RequestT, ResponseT]):
+class ServiceServer(ServiceEnd[RequestT, ResponseT]):
     """Made by `Node.create_service`."""
 
     def __init__(
@@ -104,38 +99,12 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         qos: QoSProfile,
     ) -> None:
         require_callable(handler, f"the handler of service {name}", "; QoS is given as qos=...")
-        self._scope = scope
-        self._closed = False
-        self._events: ServiceEvents | None = None
-        self._tap: Tap | None = None
-        self.name = name
-        """Fully qualified service name, after expansion and remapping."""
-        self.service_type = service_type.ros_name
-        """``pkg/srv/Name``."""
-        carrier = carrier_qos(qos)
-        self._type = service_type
-        self._throttle = Throttle()
+        super().__init__(scope, service_type, name, qos, is_client=False)
         self._handler = None if handler is None else UserFunction(scope, handler, f"the handler of service {name}")
         self._requests: Stream[ServiceRequest[RequestT, ResponseT]] = Stream()
         self._clients: Matching[tuple[ClientId, bytes | None]] = Matching(scope, lambda who: self._listens(*who))
-        service_id = scope.new_entity_id()
-        prefix = not qos.avoid_ros_namespace_conventions
-        self._request_topic, self._reply_topic = request_name(name, prefix=prefix), reply_name(name, prefix=prefix)
-        self._writer = scope.participant.create_writer(
-            self._reply_topic,
-            type_name(service_type.response.ros_name),
-            carrier,
-            endpoint_user_data(service_type.response.type_hash, service_id=service_id),
-        )
-        self._reader = scope.participant.create_reader(
-            self._request_topic,
-            type_name(service_type.request.ros_name),
-            carrier,
-            endpoint_user_data(service_type.request.type_hash, service_id=service_id),
-        )
-        self._outbox = Outbox(scope.bridge, None, scope.report_failure)
-        scope.add(self._reader.guid, self._writer.guid)
         self._reader.set_sink(self._on_requests)
+        scope.own(self, self._reader.guid, self._writer.guid)
 
     # ---------------------------------------------------------------------------------------------------- requests
 
@@ -242,32 +211,14 @@ class ServiceServer(Generic[RequestT, ResponseT]):
         """The GUIDs of the writers whose requests arrive."""
         return self._reader.matched_writers()
 
-    def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
-        """Publish what passes on ``<service>/_service_event`` from now on; see `introspection.py`.
-
-        Args:
-            clock: stamps the events; usually the node's.
-            qos: counts when introspection goes from OFF to something else.
-        """
-        self._scope.require_open(self._closed, f"service {self.name}")
-        if self._events is None:
-            from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
-
-            self._events = ServiceEvents(self._scope, self._type, self.name, is_client=False)
-        self._tap = self._events if self._events.configure(clock, qos, state) else None
-
     def close(self) -> None:
         """Stop serving; an iterator ends, running handlers are not interrupted but cannot answer. May be called
         twice.
         """
-        if self._closed:
-            return
-        self._closed = True
-        self._scope.disown(self)
-        self._requests.close()
-        if self._handler is not None:
-            self._handler.close()
-        self._outbox.close()
-        self._scope.remove(self._reader.guid, self._writer.guid)
-        self._reader.close()
-        self._writer.close()
+        if self._ends(self._reader.guid, self._writer.guid):
+            self._requests.close()
+            if self._handler is not None:
+                self._handler.close()
+            self._outbox.close()
+            self._reader.close()
+            self._writer.close()

@@ -13,7 +13,7 @@ import asyncio
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.scope import Throttle
+from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
@@ -50,7 +50,7 @@ class CallbackInUseError(RosidlError, TypeError):
     """The caller wants to receive from a subscription that has a callback."""
 
 
-class Subscription(Generic[T]):
+class Subscription(Owned, Generic[T]):
     """Made by `Node.create_subscription`."""
 
     def __init__(
@@ -64,8 +64,7 @@ class Subscription(Generic[T]):
         ignore_local: bool = False,
     ) -> None:
         require_callable(callback, f"the callback of {topic}", "; QoS is given as qos=...")
-        self._scope = scope
-        self._closed = False
+        super().__init__(scope)
         self.topic = topic
         """Fully qualified name, after expansion and remapping."""
         self.message_type = message_type.ros_name
@@ -91,8 +90,8 @@ class Subscription(Generic[T]):
             ignore_local=ignore_local,
         )
         self._items = self._reader.queue.items
-        scope.add(self._reader.guid)
         self._reader.set_sink(self._on_data)
+        scope.own(self, self._reader.guid)
 
     # --------------------------------------------------------------------------------------------------- receiving
 
@@ -242,12 +241,8 @@ class Subscription(Generic[T]):
 
     def close(self) -> None:
         """Stop receiving: iterators end, `receive` raises `ClosedError`. From any thread; may be called twice."""
-        if self._closed:
-            return
-        self._closed = True
-        self._scope.disown(self)
-        self._scope.remove(self._reader.guid)
-        self._reader.close()
-        self._waiters.wake()
-        if self._callback is not None:
-            self._callback.close()
+        if self._ends(self._reader.guid):
+            self._reader.close()
+            self._waiters.wake()
+            if self._callback is not None:
+                self._callback.close()

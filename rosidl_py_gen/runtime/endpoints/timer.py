@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import weakref
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.clock import Clock, on_every_jump
 from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
 
@@ -26,10 +26,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.time.clock import TimeJump
 
-_ANY_JUMP = Duration(nanoseconds=1)
 
-
-class Timer:
+class Timer(Owned):
     """Made by `Node.create_timer` and `create_wall_timer`."""
 
     def __init__(self, scope: Scope, period_ns: int, callback: Callable[[], object] | None, clock: Clock) -> None:
@@ -38,12 +36,11 @@ class Timer:
             raise TypeError(f"callback must be a function without arguments, or None, got {callback!r:.100}")
         if not isinstance(clock, Clock):
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
-        self._scope = scope
+        super().__init__(scope)
         self._clock = clock
         self._callback = None if callback is None else UserFunction(scope, callback, "a timer's callback")
         self._rule = Schedule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
         self._rule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
-        self._closed = False
         self._handle: asyncio.Handle | None = None
         self._worker: asyncio.Task[None] | None = None
         self._waiters = Waiters()
@@ -53,18 +50,9 @@ class Timer:
         """How many periods passed without a call and were skipped."""
         self.call_count = 0
         """How many times the timer was called, or ticked."""
-        self._jumps = None
-        if clock.clock_type is ClockType.ROS_TIME:
-            # The clock outlives the timer and must not keep it alive.
-            this = weakref.ref(self)
-            self._jumps = clock.create_jump_callback(
-                pre=lambda jump: _forward(this, "_before_jump", jump),
-                post=lambda jump: _forward(this, "_after_jump", jump),
-                on_clock_change=True,
-                min_forward=_ANY_JUMP,
-                min_backward=-_ANY_JUMP,
-            )
+        self._jumps = on_every_jump(clock, self._before_jump, self._after_jump)
         self._forget_start = scope.bridge.on_start(self._arm_soon)
+        scope.own(self)
 
     # ------------------------------------------------------------------------------------------------------ ticking
 
@@ -216,15 +204,12 @@ class Timer:
 
     def close(self) -> None:
         """Stop for ever; whoever waits for a tick gets `ClosedError`. May be called twice."""
-        if self._closed:
+        if not self._ends():
             return
-        self._closed = True
-        self._scope.disown(self)
         self._forget_start()
         if self._callback is not None:
             self._callback.close()
-        if self._jumps is not None:
-            self._jumps.close()
+        self._jumps.close()
         bridge = self._scope.bridge
         if bridge.is_running and not bridge.in_loop_thread():
             bridge.call_soon(self._end)
@@ -237,9 +222,3 @@ class Timer:
             self._handle.cancel()
             self._handle = None
         self._waiters.wake()
-
-
-def _forward(this: weakref.ref[Timer], method: str, jump: TimeJump) -> None:
-    timer = this()
-    if timer is not None:
-        getattr(timer, method)(jump)

@@ -84,9 +84,7 @@ class Discovery:
         node = self._nodes[number]
         return node.reader_gids | node.writer_gids
 
-    def change_endpoints(
-        self, number: int, *, add: tuple[bytes, ...] = (), remove: tuple[bytes, ...] = (), flush: bool = False
-    ) -> None:
+    def change_endpoints(self, number: int, *, add: tuple[bytes, ...] = (), remove: tuple[bytes, ...] = ()) -> None:
         """Add or remove endpoint GUIDs of a node; whether one is a reader is told by its last byte."""
         with self._lock:
             node = self._nodes.get(number)
@@ -97,7 +95,7 @@ class Discovery:
                 added = {guid for guid in add if guid[15] == kind}
                 kinds[kind] = (gids | added) - frozenset(remove)
             self._nodes[number] = NodeEntities(node.namespace, node.name, kinds[0x04], kinds[0x03])
-            if self._bridge.in_loop_thread() and not flush:
+            if self._bridge.in_loop_thread():
                 self._publish_soon()
             else:
                 self.publish()

@@ -69,10 +69,10 @@ class LifecyclePublisher(Publisher[T]):
         qos: QoSProfile,
         is_active: Callable[[], bool],
     ) -> None:
-        super().__init__(scope, message_type, topic, qos)
         self._is_active = is_active
         self.silenced = 0
         """How many messages were dropped because the node was not active."""
+        super().__init__(scope, message_type, topic, qos)
 
     def publish(self, message: T) -> None:
         """As `Publisher.publish`, while the node is active."""
@@ -99,7 +99,6 @@ class LifecycleMachine:
     def __init__(self, scope: Scope, names: NodeNames, node: object) -> None:
         self.state = State.UNCONFIGURED
         self._scope = scope
-        self._closed = False
         self._node = node
         self._event: Publisher[msg.TransitionEvent] = Publisher(
             scope, message_type(msg.TransitionEvent), names.resolve_topic("~/transition_event"), DEFAULT
@@ -111,10 +110,8 @@ class LifecycleMachine:
             ("get_available_transitions", GetAvailableTransitions, lambda r: _transitions(available(self.state))),
             ("get_transition_graph", GetAvailableTransitions, lambda r: _transitions(TRANSITIONS)),
         ]
-        self._services: list[ServiceServer[Any, Any]] = [
+        for name, cls, handler in table:
             ServiceServer(scope, service_type(cls), names.resolve_service(f"~/{name}"), handler, SERVICES_DEFAULT)
-            for name, cls, handler in table
-        ]
 
     async def change(self, transition_id: int = 0, label: str = "") -> Outcome:
         """Run a transition and what follows from it.
@@ -126,7 +123,7 @@ class LifecycleMachine:
             TransitionError: it does not leave the present state. ClosedError.
             CancelledError: whoever waits here was cancelled; the transition has ended as an error.
         """
-        self._scope.require_open(self._closed, "the lifecycle")
+        self._scope.require_open(False, "the lifecycle")
         row = requested(self.state, transition_id, label)
         if row is None:
             wanted = label or transition_id
@@ -147,7 +144,7 @@ class LifecycleMachine:
     async def _run(self, came_from: State) -> tuple[Outcome, bool]:
         """What the callback of the present state says, and whether the caller was cancelled meanwhile."""
         name = _CALLBACKS[self.state]
-        if self._closed:  # by the callback before
+        if self._scope.closed:  # by the callback before
             return Outcome.ERROR, False
         callback = UserFunction(self._scope, getattr(self._node, name), f"{name} of a lifecycle node")
         outcomes = [Outcome.ERROR]  # stays the only one when the callback fails, or is cancelled
@@ -157,7 +154,7 @@ class LifecycleMachine:
 
     def _enter(self, row: Transition) -> None:
         self.state = row.goal
-        if not self._closed:
+        if not self._scope.closed:
             self._event.publish(msg.TransitionEvent(start_state=_state(row.start), goal_state=_state(row.goal)))
 
     async def _on_change_state(self, request: ChangeState_Request) -> ChangeState_Response:
@@ -170,13 +167,6 @@ class LifecycleMachine:
 
     def _on_states(self, request: object) -> GetAvailableStates_Response:
         return GetAvailableStates_Response(available_states=[_state(state) for state in State])
-
-    def close(self) -> None:
-        """May be called twice."""
-        self._closed = True
-        for service in self._services:
-            service.close()
-        self._event.close()
 
 
 async def _finish(task: asyncio.Future[Any]) -> bool:

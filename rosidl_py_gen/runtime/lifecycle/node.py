@@ -36,7 +36,6 @@ class LifecycleNode(Node):
     def _open(self, options: NodeOptions) -> None:
         super()._open(options)
         self._machine = LifecycleMachine(self.scope, self._names, self)
-        self.scope.own(self._machine)
 
     def on_configure(self, state: State) -> Any:
         """Get ready; the node becomes inactive."""
@@ -95,12 +94,10 @@ class LifecycleNode(Node):
     ) -> LifecyclePublisher[Any]:
         """A publisher that is silent while the node is not active; errors as `create_publisher`."""
         self.scope.require_open(False, "the node")
-        publisher: LifecyclePublisher[Any] = LifecyclePublisher(
+        return LifecyclePublisher(
             self.scope,
             message_type(msg_type),
             self._names.resolve_topic(topic),
             as_profile(qos),
             lambda: self.state is State.ACTIVE,
         )
-        self.scope.own(publisher)
-        return publisher

@@ -32,7 +32,7 @@ class Outbox:
         self.dropped = 0
         self._bridge = bridge
         self._report = report
-        # The garbage collector may close an endpoint in the middle of a write, in the same thread.
+        # A signal handler may publish or close in the middle of a write, in the same thread.
         self._lock = threading.RLock()
         self._retrying_on: asyncio.AbstractEventLoop | None = None
 

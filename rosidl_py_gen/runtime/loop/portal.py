@@ -132,7 +132,7 @@ class Portal:
     def _end(self) -> None:
         loop, self.loop = self.loop, None
         if loop is not None:
-            _start(_end_tasks, loop).join()  # in a thread, because a loop may run in this one
+            _start(end_tasks, loop).join()  # in a thread, because a loop may run in this one
             loop.close()
 
 
@@ -142,12 +142,14 @@ def _start(function: Any, loop: asyncio.AbstractEventLoop) -> threading.Thread:
     return thread
 
 
-def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
+def end_tasks(loop: asyncio.AbstractEventLoop) -> set[asyncio.Task[Any]]:
+    """Cancel what is left of a loop that does not run, wait for it, and return it."""
     tasks = asyncio.all_tasks(loop)
     for task in tasks:
         task.cancel()
     if tasks:
         loop.run_until_complete(asyncio.wait(tasks))
+    return tasks
 
 
 def _wait(future: concurrent.futures.Future[T], loop: asyncio.AbstractEventLoop) -> T:

@@ -78,22 +78,3 @@ class Waiters:
                 else:
                     with contextlib.suppress(RuntimeError):  # closed with somebody waiting
                         loop.call_soon_threadsafe(settle, future, None)
-
-
-class Latch:
-    """Something that happens once; set and waited for in any thread."""
-
-    __slots__ = ("_waiters", "is_set")
-
-    def __init__(self) -> None:
-        self.is_set = False
-        self._waiters = Waiters()
-
-    def set(self) -> None:
-        """Let it happen; may be called again without effect."""
-        self.is_set = True
-        self._waiters.wake()
-
-    async def wait(self, timeout_s: float | None = None) -> bool:
-        """Return when it has happened, or False when the time passed."""
-        return self.is_set or await self._waiters.wait(lambda: self.is_set, timeout_s)

@@ -109,7 +109,7 @@ class NodeActions:
             result_timeout_s=result_timeout_s,
             policy=policy,
         )
-        self.scope.own(server, has_callback=execute is not None)
+        self.scope.has_callbacks |= execute is not None
         return server
 
     @overload
@@ -143,13 +143,10 @@ class NodeActions:
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
 
         self.scope.require_open(False, "the node")
-        client: ActionClient[Any] = ActionClient(
+        return ActionClient(
             self.scope,
             action_type(action),
             ActionNames.resolve(self._names, name),
-            self.context.run_until_complete,
             feedback_depth=feedback_depth,
             server_lost_after_s=server_lost_after_s,
         )
-        self.scope.own(client)
-        return client

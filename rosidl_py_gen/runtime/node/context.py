@@ -13,7 +13,7 @@ import os
 import sys
 import threading
 import warnings
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.endpoints.scope import Scope
@@ -29,7 +29,7 @@ from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
 
 if TYPE_CHECKING:
     import asyncio
-    from collections.abc import Coroutine, Sequence
+    from collections.abc import Sequence
 
     from typing_extensions import Self
 
@@ -198,13 +198,6 @@ class Context:
         """Let the running loop serve every open context that no running loop serves yet."""
         for context in sorted(_open_contexts, key=lambda context: context is not cls._default):
             context.bridge.adopt_running_loop()
-
-    def run_until_complete(self, coroutine: Coroutine[Any, Any, T]) -> T:
-        """Run a coroutine from plain code, on the loop that runs, or on one that this context keeps for the purpose."""
-        if self._closed:
-            coroutine.close()
-            self.require_open()
-        return self.bridge.portal.run(coroutine)
 
     @staticmethod
     def close_served_by(loop: asyncio.AbstractEventLoop) -> None:

@@ -162,7 +162,4 @@ class NodeGraph:
         service = self._names.resolve_service(f"{node}/get_type_description")
         if type_hash is None:
             type_hash, timeout_s = await announced_hash(self.scope, node, type_name, timeout_s)
-        run = self.context.run_until_complete
-        return await ask_type_description(
-            self.scope, run, service, type_name, type_hash, include_type_sources, timeout_s
-        )
+        return await ask_type_description(self.scope, service, type_name, type_hash, include_type_sources, timeout_s)

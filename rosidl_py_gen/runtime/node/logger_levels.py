@@ -36,7 +36,7 @@ def start_logger_services(scope: Scope, names: NodeNames) -> None:
         (SetLoggerLevels, "~/set_logger_levels", _set),
     )
     for cls, name, handler in services:
-        scope.own(ServiceServer(scope, service_type(cls), names.resolve_service(name), handler, SERVICES_DEFAULT))
+        ServiceServer(scope, service_type(cls), names.resolve_service(name), handler, SERVICES_DEFAULT)
 
 
 def _get(request: GetLoggerLevels_Request) -> GetLoggerLevels_Response:

@@ -119,7 +119,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
         """Bring up what every node has; subclasses add to it. The node is closed when this fails."""
         self.context.bridge.adopt_running_loop()
         if options.enable_rosout and self.context.ros_arguments.logs.rosout:
-            self.scope.own(RosoutPublisher(self.scope))
+            RosoutPublisher(self.scope)
         self._open_parameters(options)
 
     # -------------------------------------------------------------------------------------------------------- names
@@ -169,9 +169,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
-        publisher = Publisher(self.scope, message_type(msg_type), self._names.resolve_topic(topic), as_profile(qos))
-        self.scope.own(publisher)
-        return publisher
+        return Publisher(self.scope, message_type(msg_type), self._names.resolve_topic(topic), as_profile(qos))
 
     @overload
     def create_subscription(
@@ -235,7 +233,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
             as_profile(qos),
             ignore_local=ignore_local,
         )
-        self.scope.own(subscription, has_callback=callback is not None)
+        self.scope.has_callbacks |= callback is not None
         return subscription
 
     # ----------------------------------------------------------------------------------------------------- services
@@ -271,7 +269,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
         self._require_open()
         known = service_type(srv_type)
         server = ServiceServer(self.scope, known, self._names.resolve_service(name), handler, as_profile(qos))
-        self.scope.own(server, has_callback=handler is not None)
+        self.scope.has_callbacks |= handler is not None
         return server
 
     @overload
@@ -290,10 +288,7 @@ class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
         """
         self._require_open()
         known = service_type(srv_type)
-        run = self.context.run_until_complete
-        client = Client(self.scope, known, self._names.resolve_service(name), as_profile(qos), run)
-        self.scope.own(client)
-        return client
+        return Client(self.scope, known, self._names.resolve_service(name), as_profile(qos))
 
     # ----------------------------------------------------------------------------------------------------- lifetime
 

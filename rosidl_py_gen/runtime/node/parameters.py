@@ -69,18 +69,20 @@ class NodeParameters:
         merged.update({item.name: item.value for item in as_parameters(options.overrides or {})})
         self._changes = changes = list[Stream[ParameterChange]]()
         events = ParameterEventPublisher(self.scope, self._names, self.clock)
-        self.scope.own(events)
 
         def tell(event: ParameterEvent) -> None:
             for stream in tuple(changes):
+                if stream.closed:
+                    changes.remove(stream)
+                    self.scope.disown(stream)
                 for parameter in (*event.new, *event.changed, *event.deleted):
                     stream.push(ParameterChange(parameter.name, parameter.value.value))
-            events.publish(event)
+            events.tell(event)
 
         self._store = ParameterStore(
             merged, allow_undeclared=options.allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
         )
-        self.scope.own(TimeSource(self.scope, self._names, self._store, self.clock))
+        TimeSource(self.scope, self._names, self._store, self.clock)
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
@@ -247,7 +249,7 @@ class NodeParameters:
 
     def parameter_changes(self) -> Stream[ParameterChange]:
         """Every change of this node's parameters from now on, whoever makes it, in whatever thread."""
-        stream: Stream[ParameterChange] = _Changes(self._changes, self.scope)
+        stream: Stream[ParameterChange] = Stream()
         self._changes.append(stream)
         self.scope.own(stream)
         return stream
@@ -264,24 +266,7 @@ class NodeParameters:
         from rosidl_py_gen.runtime.parameters.client import ParameterClient
 
         self.scope.require_open(False, "the node")
-        wanted = require_name(node, "the name of a node")
-        client = ParameterClient(self.scope, self._names, wanted, self.context.run_until_complete)
-        self.scope.own(client)
-        return client
-
-
-class _Changes(Stream[ParameterChange]):
-    def __init__(self, streams: list[Stream[ParameterChange]], scope: Scope) -> None:
-        super().__init__()
-        self._streams = streams
-        self._scope = scope
-
-    def close(self, error: BaseException | None = None) -> None:
-        """Stop listening; the iterator ends. May be called twice."""
-        super().close(error)
-        self._scope.disown(self)
-        if self in self._streams:
-            self._streams.remove(self)
+        return ParameterClient(self.scope, self._names, require_name(node, "the name of a node"))
 
 
 def _kind_of(wanted: Any) -> ParameterType:

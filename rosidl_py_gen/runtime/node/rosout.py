@@ -25,6 +25,7 @@ class RosoutPublisher:
     def __init__(self, scope: Scope) -> None:
         self._publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
         self._unregister = shared_router().register(scope.logger.name, self._publish)
+        scope.own(self)
 
     def _publish(self, fields: LogFields) -> None:
         sec, nanosec = divmod(fields.stamp_ns, 1_000_000_000)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
+from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import message_type
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, SetResult, parameter_value
@@ -39,10 +40,9 @@ class TimeSource:
         self._scope = scope
         self._topic = names.resolve_topic("/clock")
         self._clock = clock
-        self._active = False
         self._subscription: Subscription[ClockMessage] | None = None
-        self._closed = False
-        self._end = [store.callbacks.add("on-set", self._check), store.callbacks.add("post-set", self._after_set)]
+        store.callbacks.add("on-set", self._check)
+        store.callbacks.add("post-set", self._after_set)
         if not store.has(USE_SIM_TIME):
             store.declare(USE_SIM_TIME, parameter_value(False), ParameterDescriptor(name=USE_SIM_TIME))
 
@@ -53,12 +53,9 @@ class TimeSource:
 
     def _after_set(self, parameters: list[Parameter]) -> None:
         for parameter in parameters:
-            if parameter.name == USE_SIM_TIME and (parameter.value.value is True) is not self._active:
-                self._active = not self._active
-                if self._active:
-                    self._start()
-                else:
-                    self._stop()
+            wanted = parameter.value.value is True
+            if parameter.name == USE_SIM_TIME and wanted is (self._subscription is None):
+                (self._start if wanted else self._stop)()
 
     def _start(self) -> None:
         message = message_type(ClockMessage)
@@ -68,7 +65,9 @@ class TimeSource:
         self._clock.enable_ros_time_override()
 
     def _stop(self) -> None:
-        self._unsubscribe()
+        if self._subscription is not None:
+            self._subscription.close()
+            self._subscription = None
         self._clock.disable_ros_time_override()
 
     def _on_clock(self, message: ClockMessage) -> None:
@@ -77,21 +76,8 @@ class TimeSource:
             return
         self._clock.set_ros_time_override(Time.from_msg(message.clock))
 
-    def _unsubscribe(self) -> None:
-        if self._subscription is not None:
-            self._subscription.close()
-            self._subscription = None
 
-    def close(self) -> None:
-        """Follow nothing any more; may be called twice."""
-        if not self._closed:
-            self._closed = True
-            for end in self._end:
-                end()
-            self._unsubscribe()
-
-
-class SimTimePublisher:
+class SimTimePublisher(Owned):
     """Publishes ``/clock``; made by `create_sim_time_publisher`.
 
     Time moves with `advance` and `set_time`, and while `rate` is not 0 by itself: `rate` simulated seconds pass in one
@@ -104,8 +90,7 @@ class SimTimePublisher:
         """Raises `TypeError` and `TimeRangeError` that name the argument; `make_timer` may too."""
         _require_time("start", start)
         self._rate = _checked_rate(rate)
-        self._scope = scope
-        self._closed = False
+        super().__init__(scope)
         self._now_ns = start.nanoseconds
         self._wall_ns = time.monotonic_ns()
         self._timer = make_timer(self._tick)
@@ -118,6 +103,7 @@ class SimTimePublisher:
         except BaseException:
             self._timer.close()
             raise
+        scope.own(self)
 
     @property
     def rate(self) -> float:
@@ -173,9 +159,7 @@ class SimTimePublisher:
 
     def close(self) -> None:
         """May be called twice."""
-        if not self._closed:
-            self._closed = True
-            self._scope.disown(self)
+        if self._ends():
             self._timer.close()
             self._publisher.close()
 

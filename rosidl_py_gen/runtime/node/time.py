@@ -42,7 +42,7 @@ class NodeTime:
         """
         self._require_open()
         timer = Timer(self.scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
-        self.scope.own(timer, has_callback=callback is not None)
+        self.scope.has_callbacks |= callback is not None
         return timer
 
     def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:
@@ -65,6 +65,4 @@ class NodeTime:
             return Timer(self.scope, period_to_ns(period_s), callback, Clock(ClockType.STEADY_TIME))
 
         begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
-        publisher = SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, make_timer)
-        self.scope.own(publisher)
-        return publisher
+        return SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, make_timer)

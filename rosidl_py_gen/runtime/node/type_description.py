@@ -26,11 +26,12 @@ from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import class_of
 from rosidl_py_gen.runtime.names.dds import demangle_service, demangle_topic, demangle_type
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value
+from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.typesupport import referenced_classes, type_description, type_hash, type_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterator
+    from collections.abc import Callable, Iterator
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
@@ -64,7 +65,7 @@ def start_type_descriptions(scope: Scope, names: NodeNames, store: ParameterStor
         store.declare(PARAMETER, parameter_value(True), descriptor)
     if store.get(PARAMETER).value is True:
         name, describe = names.resolve_service("~/get_type_description"), _Describer(scope).answer
-        scope.own(ServiceServer(scope, late_service_type(SERVICE), name, describe, SERVICES_DEFAULT))
+        ServiceServer(scope, late_service_type(SERVICE), name, describe, SERVICES_DEFAULT)
 
 
 class _Describer:
@@ -189,8 +190,7 @@ async def announced_hash(scope: Scope, node: str, type_name: str, timeout_s: flo
     split_ros_name(type_name)
     namespace, _, name = node.rpartition("/")
     namespace = namespace or "/"
-    graph, loop = scope.graph, scope.bridge.running_loop()
-    started = loop.time()
+    graph, deadline = scope.graph, Deadline(timeout_s)
 
     def is_there() -> bool:
         return any(one.fully_qualified_name == node for one in graph.nodes())
@@ -198,15 +198,11 @@ async def announced_hash(scope: Scope, node: str, type_name: str, timeout_s: flo
     if not await scope.wait_until(is_there, timeout_s, lambda: scope.closed):
         raise CallTimeoutError(f"no node {node} appeared in {timeout_s} s")
 
-    def left_s(limit_s: float) -> float:
-        return max(0.0, limit_s if timeout_s is None else min(limit_s, timeout_s - (loop.time() - started)))
-
     def known() -> bool:
         return bool(graph.announced_hashes(name, namespace, type_name))
 
-    await scope.wait_until(known, left_s(_ENDPOINTS_PATIENCE_S), lambda: scope.closed)
-    found = _only_hash(node, type_name, graph.announced_hashes(name, namespace, type_name))
-    return found, None if timeout_s is None else left_s(timeout_s)
+    await scope.wait_until(known, deadline.left_s(_ENDPOINTS_PATIENCE_S), lambda: scope.closed)
+    return _only_hash(node, type_name, graph.announced_hashes(name, namespace, type_name)), deadline.left_s()
 
 
 def _only_hash(node: str, type_name: str, found: dict[str, set[str]]) -> str:
@@ -237,7 +233,6 @@ def _some(texts: list[str], most: int = 5) -> str:
 
 async def ask_type_description(
     scope: Scope,
-    run: Callable[[Coroutine[Any, Any, Any]], Any],
     service: str,
     type_name: str,
     wanted_hash: str,
@@ -246,9 +241,8 @@ async def ask_type_description(
 ) -> srv.GetTypeDescription_Response:
     """Call ``get_type_description`` of a node; raises `TypeDescriptionError` with the node's reason."""
     client: Client[srv.GetTypeDescription_Request, srv.GetTypeDescription_Response] = Client(
-        scope, late_service_type(SERVICE), service, SERVICES_DEFAULT, run
+        scope, late_service_type(SERVICE), service, SERVICES_DEFAULT
     )
-    scope.own(client)
     try:
         request = srv.GetTypeDescription_Request(
             type_name=type_name, type_hash=wanted_hash, include_type_sources=include_sources

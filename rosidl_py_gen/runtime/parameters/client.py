@@ -28,6 +28,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     SetParametersAtomically_Request,
 )
 from rosidl_py_gen.runtime.endpoints.client import Client
+from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
 from rosidl_py_gen.runtime.loop.stream import Stream
@@ -59,7 +60,7 @@ from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Callable, Coroutine, Sequence
+    from collections.abc import Sequence
 
     from rosidl_py_gen.runtime.endpoints.scope import Closable, Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
@@ -128,28 +129,21 @@ class _Asked:
         raise MalformedAnswerError(f"{self._node} answered {len(found)} values for {len(self.names)} parameters")
 
 
-class ParameterClient:
+class ParameterClient(Owned):
     """Made by `create_parameter_client`. Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds."""
 
-    def __init__(
-        self,
-        scope: Scope,
-        names: NodeNames,
-        node: str,
-        run: Callable[[Coroutine[Any, Any, Any]], Any],
-    ) -> None:
+    def __init__(self, scope: Scope, names: NodeNames, node: str) -> None:
         self.node = names.resolve_topic(node)
         """Fully qualified name of the remote node."""
-        self._scope = scope
+        super().__init__(scope)
         self._names = names
-        self._closed = False
         self._streams: list[ParameterEvents] = []
 
         self._clients: list[Client[Any, Any]] = []
 
         def client(service: Any, name: str) -> Client[Any, Any]:
             topic = names.resolve_service(f"{self.node}/{name}")
-            self._clients.append(Client(scope, service_type(service), topic, PARAMETERS, run))
+            self._clients.append(Client(scope, service_type(service), topic, PARAMETERS))
             return self._clients[-1]
 
         self._get = client(GetParameters, "get_parameters")
@@ -158,14 +152,13 @@ class ParameterClient:
         self._set_atomically = client(SetParametersAtomically, "set_parameters_atomically")
         self._describe = client(DescribeParameters, "describe_parameters")
         self._list = client(ListParameters, "list_parameters")
+        scope.own(self)
 
     async def wait_for_services(self, timeout_s: float | None = None) -> bool:
         """Wait until the remote node serves its parameters; False when the time passed."""
-
-        def ready() -> bool:
-            return all(client.service_is_available() for client in self._clients)
-
-        return await self._scope.wait_until(ready, timeout_s, lambda: self._closed)
+        return await self._scope.wait_until(
+            lambda: all(client.service_is_available() for client in self._clients), timeout_s, lambda: self._closed
+        )
 
     @overload
     async def get(  # type: ignore[overload-overlap]  # a text is a sequence of texts
@@ -297,10 +290,7 @@ class ParameterClient:
 
     def close(self) -> None:
         """May be called twice; event streams end."""
-        if self._closed:
-            return
-        self._closed = True
-        self._scope.disown(self)
+        self._ends()
         parts: tuple[Closable, ...] = (*self._streams, *self._clients)
         for part in parts:
             part.close()

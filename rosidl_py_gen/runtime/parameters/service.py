@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
 
 
-class ParameterEventPublisher:
+class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
     """Publishes one ParameterEvent for each atomic set; nothing for a declaration without a value.
 
     It is sent behind the answer to the request that caused it, with the time of the change: its publication would be a
@@ -40,33 +40,28 @@ class ParameterEventPublisher:
     """
 
     def __init__(self, scope: Scope, names: NodeNames, clock: Clock) -> None:
-        self._scope = scope
         self._node = names.fully_qualified_name
         self._clock = clock
-        self._publisher: Publisher[msg.ParameterEvent] = Publisher(
-            scope,
-            late_message_type("rcl_interfaces/msg/ParameterEvent"),
-            names.resolve_topic("/parameter_events"),
-            PARAMETER_EVENTS,
-        )
         self._after_answer = AfterAnswer(scope.bridge, self._send)
+        message_type = late_message_type("rcl_interfaces/msg/ParameterEvent")
+        super().__init__(scope, message_type, names.resolve_topic("/parameter_events"), PARAMETER_EVENTS)
 
-    def publish(self, event: ParameterEvent) -> None:
+    def tell(self, event: ParameterEvent) -> None:
         """Tell the world, unless nobody listens: who comes later does not get it (the topic is volatile)."""
-        if event and self._publisher.has_subscriptions:
+        if event and self.has_subscriptions:
             self._after_answer.add((event, self._clock.now_ns()))
 
     def _send(self, item: tuple[ParameterEvent, int]) -> None:
         event, stamp_ns = item
         try:
-            self._publisher.publish(event_to_message(event, self._node, stamp_ns))
+            self.publish(event_to_message(event, self._node, stamp_ns))
         except Exception:
             self._scope.report_failure("publishing a parameter event")
 
     def close(self) -> None:
         """Send what waits; may be called twice."""
         self._after_answer.flush()
-        self._publisher.close()
+        super().close()
 
 
 class ParameterServices:
@@ -85,7 +80,7 @@ class ParameterServices:
         ]
         for name, title, handler in table:
             service_type = late_service_type(f"rcl_interfaces/srv/{title}")
-            scope.own(ServiceServer(scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS))
+            ServiceServer(scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS)
 
     def _describe(self, request: srv.DescribeParameters_Request) -> srv.DescribeParameters_Response:
         found = self._store.describe_all(request.names)

@@ -251,6 +251,13 @@ class Clock:
                 _call(handle.post, jump)
 
 
+def on_every_jump(clock: Clock, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> JumpHandle:
+    """`create_jump_callback` for all jumps."""
+    return clock.create_jump_callback(
+        pre=pre, post=post, on_clock_change=True, min_forward=_ANY_JUMP, min_backward=-_ANY_JUMP
+    )
+
+
 def _call(callback: Callable[[TimeJump], None] | None, jump: TimeJump) -> None:
     if callback is None:
         return
@@ -279,13 +286,7 @@ class DueWait:
         if self._left_ns() == 0:
             await asyncio.sleep(0)  # a loop that is always late must not starve the others
             return True
-        with self._clock.create_jump_callback(
-            pre=self._before_jump,
-            post=self._after_jump,
-            on_clock_change=True,
-            min_forward=_ANY_JUMP,
-            min_backward=-_ANY_JUMP,
-        ):
+        with on_every_jump(self._clock, self._before_jump, self._after_jump):
             while True:
                 left_ns = self._left_ns()
                 if self._outcome is not None:

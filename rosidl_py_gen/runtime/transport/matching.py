@@ -155,9 +155,27 @@ def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Seque
     """
     return replace(
         profile,
-        reliability=_best_reliability(profile.reliability, publisher, peers),
-        durability=_best_durability(profile.durability, publisher, peers),
-        liveliness=_best_liveliness(profile.liveliness, publisher, peers),
+        reliability=_unless(
+            profile.reliability,
+            Reliability.BEST_AVAILABLE,
+            Reliability.RELIABLE
+            if publisher or all(peer.reliability is Reliability.RELIABLE for peer in peers)
+            else Reliability.BEST_EFFORT,
+        ),
+        durability=_unless(
+            profile.durability,
+            Durability.BEST_AVAILABLE,
+            Durability.TRANSIENT_LOCAL
+            if publisher or all(peer.durability is Durability.TRANSIENT_LOCAL for peer in peers)
+            else Durability.VOLATILE,
+        ),
+        liveliness=_unless(
+            profile.liveliness,
+            Liveliness.BEST_AVAILABLE,
+            Liveliness.MANUAL_BY_TOPIC
+            if (any if publisher else all)(peer.liveliness is Liveliness.MANUAL_BY_TOPIC for peer in peers)
+            else Liveliness.AUTOMATIC,
+        ),
         deadline_ns=_best_duration(profile.deadline_ns, publisher, [peer.deadline_ns for peer in peers]),
         liveliness_lease_ns=_best_duration(
             profile.liveliness_lease_ns, publisher, [peer.liveliness_lease_ns for peer in peers]
@@ -176,29 +194,6 @@ def without_best_available(profile: QoSProfile) -> QoSProfile:
         deadline_ns=_unless(profile.deadline_ns, BEST_AVAILABLE_NS, default.deadline_ns),
         liveliness_lease_ns=_unless(profile.liveliness_lease_ns, BEST_AVAILABLE_NS, default.liveliness_lease_ns),
     )
-
-
-def _best_reliability(wanted: Reliability, publisher: bool, peers: Sequence[QoSProfile]) -> Reliability:
-    if wanted is not Reliability.BEST_AVAILABLE:
-        return wanted
-    if publisher or all(peer.reliability is Reliability.RELIABLE for peer in peers):
-        return Reliability.RELIABLE
-    return Reliability.BEST_EFFORT
-
-
-def _best_durability(wanted: Durability, publisher: bool, peers: Sequence[QoSProfile]) -> Durability:
-    if wanted is not Durability.BEST_AVAILABLE:
-        return wanted
-    if publisher or all(peer.durability is Durability.TRANSIENT_LOCAL for peer in peers):
-        return Durability.TRANSIENT_LOCAL
-    return Durability.VOLATILE
-
-
-def _best_liveliness(wanted: Liveliness, publisher: bool, peers: Sequence[QoSProfile]) -> Liveliness:
-    if wanted is not Liveliness.BEST_AVAILABLE:
-        return wanted
-    manual = [peer.liveliness is Liveliness.MANUAL_BY_TOPIC for peer in peers]
-    return Liveliness.MANUAL_BY_TOPIC if (any(manual) if publisher else all(manual)) else Liveliness.AUTOMATIC
 
 
 def _best_duration(wanted_ns: int, publisher: bool, peers_ns: Sequence[int]) -> int:

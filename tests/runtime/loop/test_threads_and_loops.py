@@ -88,11 +88,11 @@ def test_what_was_published_between_two_loops_does_not_stop_delivery(world: Worl
 
 def test_a_client_may_be_used_on_one_loop_after_the_other(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     # A server that keeps few requests, as on rmw_cyclonedds: bursts are spread over time.
-    from rosidl_py_gen.runtime.endpoints import server as service
+    from rosidl_py_gen.runtime.endpoints import service
 
-    monkeypatch.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(5))
     server, caller = world.pair()
     client = caller.create_client(AddTwoInts, "add")
+    monkeypatch.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(5))
 
     async def burst() -> None:
         made = server.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a))

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from rosidl_py_gen.runtime.loop.waiters import Latch, Waiters
+from rosidl_py_gen.runtime.loop.waiters import Waiters
 
 
 def test_a_wake_lets_all_look_and_those_go_on_for_whom_it_is_so() -> None:
@@ -63,19 +63,23 @@ def test_one_who_was_cancelled_waits_no_more() -> None:
 
 
 def test_loops_of_other_threads_are_woken_and_closed_ones_forgotten() -> None:
-    latch = Latch()
+    waiters, happened = Waiters(), threading.Event()
     forgotten = asyncio.new_event_loop()
-    abandoned = latch.wait()
+    abandoned = waiters.wait(happened.is_set)
     task = forgotten.create_task(abandoned)
     forgotten.run_until_complete(asyncio.sleep(0))
     forgotten.close()
     outcomes: list[bool] = []
-    threads = [threading.Thread(target=lambda: outcomes.append(asyncio.run(latch.wait(5)))) for _ in range(3)]
+    threads = [
+        threading.Thread(target=lambda: outcomes.append(asyncio.run(waiters.wait(happened.is_set, 5))))
+        for _ in range(3)
+    ]
     for thread in threads:
         thread.start()
     time.sleep(0.05)
-    latch.set()
-    latch.set()
+    happened.set()
+    waiters.wake()
+    waiters.wake()
     for thread in threads:
         thread.join(5)
     assert outcomes == [True] * 3

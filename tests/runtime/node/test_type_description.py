@@ -153,8 +153,7 @@ def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> Non
     """A writer of the node's that announces any hash, or none."""
     user_data = endpoint_user_data(announced)
     writer = node.scope.participant.create_writer(f"rt/{topic}", dds_type, QoSProfile(), user_data)
-    node.scope.add(writer.guid)
-    node.scope.own(writer)
+    node.scope.own(writer, writer.guid)
 
 
 @pytest.mark.parametrize(

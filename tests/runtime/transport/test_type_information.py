@@ -8,7 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
-from std_msgs.msg import String
+from std_msgs.msg import Int32, String
 from worlds import ROOT
 
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
@@ -86,6 +86,21 @@ async def test_topics_of_one_type_share_it_and_come_and_go(dds: World) -> None:
     subscription = node.create_subscription(String, "last")
     publisher.publish(String(data="still here"))
     assert (await subscription.receive(timeout_s=5)).data == "still here"
+
+
+async def test_two_types_on_one_topic_name_stay_apart(dds: World) -> None:
+    node, peer = dds.pair()
+    text, number = peer.create_publisher(String, "mixed"), peer.create_publisher(Int32, "mixed")
+    texts, numbers = node.create_subscription(String, "mixed"), node.create_subscription(Int32, "mixed")
+    for publisher in (text, number):
+        assert await publisher.wait_for_subscribers(timeout_s=5)
+    assert (text.subscription_count, number.subscription_count) == (1, 1)
+    assert (texts.publisher_count, numbers.publisher_count) == (1, 1)
+    text.publish(String(data="a"))
+    number.publish(Int32(data=7))
+    assert (await texts.receive(timeout_s=5)).data == "a"
+    assert (await numbers.receive(timeout_s=5)).data == 7
+    assert texts.undecodable == numbers.undecodable == 0
 
 
 async def test_the_end_of_a_sample_is_zeros_not_memory(world: World) -> None:

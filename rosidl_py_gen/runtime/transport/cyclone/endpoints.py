@@ -146,8 +146,8 @@ class CycloneWriter:
 class TakeBuffers:
     """The arrays of one take; shared by all readers of a participant, under their lock.
 
-    The garbage collector may run while they are in use, and what it deletes may close a node and with it readers, in
-    the same thread. So the lock is reentrant, and `user` says who is in the middle of a take.
+    A signal handler, or a finalizer of the user, may run while they are in use, in the same thread, and publish or
+    close. So the lock is reentrant, and `user` says who is in the middle of a take.
     """
 
     def __init__(self) -> None:
@@ -196,7 +196,7 @@ class CycloneReader:
         buffers = self._buffers
         with buffers.lock:
             if buffers.user is not None:
-                # The garbage collector came between: newer samples must not overtake those being taken.
+                # A signal handler came between: newer samples must not overtake those being taken.
                 return buffers.user is not self and self._take_all(TakeBuffers())
             buffers.user = self
             try:

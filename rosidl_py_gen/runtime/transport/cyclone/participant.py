@@ -1,8 +1,7 @@
 """The DDS transport: Cyclone DDS through the `cyclonedds` wheel. The only file that imports it.
 
-Decides how entities are made, waited for, read and deleted. What stands for the types is in `topics.py` and
-`types.py`; the C functions are in `abi.py`, QoS in `qos.py`, services
-of Fast DDS in `fastdds.py`.
+Decides how entities are made, waited for, read and deleted. What stands for the types is in `topics.py`; the C
+functions are in `abi.py`, QoS in `qos.py`, services of Fast DDS in `fastdds.py`.
 
 Rules a newcomer would otherwise break:
 
