@@ -204,8 +204,8 @@ def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
     """Cancel what is left, wait for it, and tell of what failed meanwhile."""
     for task in end_tasks(loop):
         if not task.cancelled() and (error := task.exception()) is not None:
-            words = "a task failed while the program ended"
-            loop.call_exception_handler({"message": words, "exception": error, "task": task})
+            message = "a task failed while the program ended"
+            loop.call_exception_handler({"message": message, "exception": error, "task": task})
     loop.run_until_complete(loop.shutdown_asyncgens())
     try:
         _end_threads(loop)

@@ -122,8 +122,10 @@ class ResultClient:
                 self._put(wanted)
             elif now_s - self._seen_s >= self._lost_after_s:
                 self.client.forget(wanted.sequence)
-                words = f"the server of {self.client.name} went away and did not come back in {self._lost_after_s} s; "
-                self._end(wanted, wanted.fail, ActionServerLostError(words + "the goal's result is lost"))
+                message = (
+                    f"the server of {self.client.name} went away and did not come back in {self._lost_after_s} s; "
+                )
+                self._end(wanted, wanted.fail, ActionServerLostError(message + "the goal's result is lost"))
         self._look_timer = loop.call_later(_LOOK_S, self._look)
 
     def close(self) -> None:

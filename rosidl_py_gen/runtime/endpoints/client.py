@@ -1,7 +1,7 @@
 """Service clients: send a request, find its response among all that arrive.
 
 Decides how replies are matched (own id plus sequence number, protocol.md 5.1; nothing of other clients' is copied),
-when a server counts as available (5.2), and that a question never outlives who asked it: an answer, a time limit,
+when a server counts as available (5.2), and that a request never outlives who made it: an answer, a time limit,
 cancellation and `close` all remove it. `ask` is the core, `call` a future on top of it.
 
 A request goes to all servers of its service, in the way one kind of them understands. As soon as one of them is on Fast
@@ -20,7 +20,7 @@ from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import (
     CallTimeoutError,
     ForeignServiceError,
-    foreign_words,
+    foreign_reason,
     header_of,
     is_foreign,
     message_of,
@@ -51,7 +51,7 @@ RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
 
-class _Question(Generic[ResponseT]):
+class _PendingRequest(Generic[ResponseT]):
     """A request under way."""
 
     __slots__ = ("encoded", "has_turn", "number", "on_error", "on_reply", "sequence")
@@ -85,8 +85,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
     ) -> None:
         """`pause_s` is that of the `RequestWindow`."""
         super().__init__(scope, service_type, name, qos, is_client=True)
-        self._pending: dict[int, _Question[ResponseT]] = {}
-        self._by_number: dict[int, _Question[ResponseT]] = {}
+        self._pending: dict[int, _PendingRequest[ResponseT]] = {}
+        self._by_number: dict[int, _PendingRequest[ResponseT]] = {}
         """Those that went to servers on Fast DDS, by the middleware's numbers."""
         self._sent = 0
         self._matching: Matching[None] = Matching(scope, lambda _: self._find_server())
@@ -151,7 +151,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         if refusal is not None and not is_served:
             servers = graph.on_topic(self._request_topic, writers=False)
             if servers and all(is_foreign(server.info.guid) for server in servers):
-                raise ForeignServiceError(foreign_words(graph, servers[0], self.name, "the server", refusal))
+                raise ForeignServiceError(foreign_reason(graph, servers[0], self.name, "the server", refusal))
         self._serves_fast_dds = bool(foreign) and refusal is None
         self._kept = self._kept_by_servers()
         return is_served or self._serves_fast_dds
@@ -187,8 +187,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         sequence = self._put(encoded, lambda response, _: settle(future, response), partial(settle_error, future))
         left_s, timer = deadline.left_s(), None
         if left_s is not None:
-            words = f"no response from {self.name} ({self.service_type}) in {timeout_s} s"
-            timer = loop.call_later(left_s, settle_error, future, CallTimeoutError(words))
+            message = f"no response from {self.name} ({self.service_type}) in {timeout_s} s"
+            timer = loop.call_later(left_s, settle_error, future, CallTimeoutError(message))
         try:
             return await future
         finally:
@@ -230,11 +230,11 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         return self._put(self._type.request.encode(request), on_reply, on_error)
 
     def forget(self, sequence: int) -> None:
-        """Nobody waits for this question any more; without effect when it is over already."""
-        question = self._pending.pop(sequence, None)
-        if question is not None:
-            self._by_number.pop(question.number, None)
-            if question.has_turn:
+        """Nobody waits for this reply any more; without effect when it is over already."""
+        pending = self._pending.pop(sequence, None)
+        if pending is not None:
+            self._by_number.pop(pending.number, None)
+            if pending.has_turn:
                 self._window.leave()
 
     def _put(
@@ -243,55 +243,55 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         on_reply: Callable[[ResponseT, bytes | None], object],
         on_error: Callable[[Exception], object],
     ) -> int:
-        question = _Question(encoded, on_reply, on_error)
-        self._pending[question.sequence] = question
+        pending = _PendingRequest(encoded, on_reply, on_error)
+        self._pending[pending.sequence] = pending
         if self._kept:
-            self._window.enter(partial(self._send_in_turn, question), self._kept)
+            self._window.enter(partial(self._send_in_turn, pending), self._kept)
         else:
-            self._send_soon(question)
-        return question.sequence
+            self._send_soon(pending)
+        return pending.sequence
 
-    def _send_soon(self, question: _Question[ResponseT]) -> None:
-        if self._outbox.waiting or not self._send(question):
-            self._outbox.send(partial(self._send, question))
+    def _send_soon(self, pending: _PendingRequest[ResponseT]) -> None:
+        if self._outbox.waiting or not self._send(pending):
+            self._outbox.send(partial(self._send, pending))
 
-    def _send_in_turn(self, question: _Question[ResponseT]) -> bool:
-        if question.sequence not in self._pending:
+    def _send_in_turn(self, pending: _PendingRequest[ResponseT]) -> bool:
+        if pending.sequence not in self._pending:
             return False
-        question.has_turn = True
-        self._send_soon(question)
+        pending.has_turn = True
+        self._send_soon(pending)
         return True
 
-    def _send(self, question: _Question[ResponseT]) -> bool:
+    def _send(self, pending: _PendingRequest[ResponseT]) -> bool:
         """Write a request; False when the servers are so far behind that it has to wait."""
-        if question.sequence not in self._pending:
+        if pending.sequence not in self._pending:
             return True
         number = self._sent + 1
         client: ClientId = self._writer.handle
-        shown = question.sequence
+        shown = pending.sequence
         if self._serves_fast_dds:
             client, shown = self._reader.guid, number
         try:
-            sent = send(self._writer, question.encoded, client, shown)
+            sent = send(self._writer, pending.encoded, client, shown)
         except RosidlError as error:
-            self._fail(question, error)
+            self._fail(pending, error)
             return True
         except BaseException:
             self._sent = number  # it was written; what interrupted us came behind
-            self.forget(question.sequence)
+            self.forget(pending.sequence)
             raise
         if sent:
             self._sent = number
             if isinstance(client, bytes):
-                question.number = number
-                self._by_number[number] = question
+                pending.number = number
+                self._by_number[number] = pending
         if sent and self._tap is not None:
-            self._tap.sent(self._gid, shown, question.encoded)
+            self._tap.sent(self._gid, shown, pending.encoded)
         return sent
 
-    def _fail(self, question: _Question[ResponseT], error: Exception) -> None:
-        self.forget(question.sequence)
-        question.on_error(error)
+    def _fail(self, pending: _PendingRequest[ResponseT], error: Exception) -> None:
+        self.forget(pending.sequence)
+        pending.on_error(error)
 
     def _on_replies(self) -> None:
         """The sink of the reply reader. All clients of a service see all replies."""
@@ -311,18 +311,18 @@ class Client(ServiceEnd[RequestT, ResponseT]):
                 continue
             if self._tap is not None:
                 self._tap.received(self._gid, sequence, message_of(data, begin))
-            question = (self._by_number if isinstance(client, bytes) else self._pending).get(sequence)
-            if question is not None:
-                self._take_reply(question, message_of(data, begin), server)
+            pending = (self._by_number if isinstance(client, bytes) else self._pending).get(sequence)
+            if pending is not None:
+                self._take_reply(pending, message_of(data, begin), server)
 
-    def _take_reply(self, question: _Question[ResponseT], message: bytes, server: bytes | None) -> None:
+    def _take_reply(self, pending: _PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
         try:
             response = self._type.response.decode(message)
         except DecodeError as error:
-            self._fail(question, error)
+            self._fail(pending, error)
             return
-        if question.on_reply(response, server) is not True:
-            self.forget(question.sequence)
+        if pending.on_reply(response, server) is not True:
+            self.forget(pending.sequence)
 
     # ------------------------------------------------------------------------------------------------------- state
 
@@ -334,8 +334,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
     def close(self) -> None:
         """Stop; calls under way raise `ClosedError`. May be called twice."""
         if self._ends(self._reader.guid, self._writer.guid):
-            for question in list(self._pending.values()):
-                self._fail(question, ClosedError(f"the client of {self.name} was closed during the call"))
+            for pending in list(self._pending.values()):
+                self._fail(pending, ClosedError(f"the client of {self.name} was closed during the call"))
             self._outbox.close()
             self._writer.close()
             self._reader.close()

@@ -112,7 +112,7 @@ def is_foreign(guid: bytes) -> bool:
     return guid.startswith(FAST_DDS_VENDOR)
 
 
-def foreign_words(graph: Graph, endpoint: Endpoint | None, service: str, role: str, refusal: str | None) -> str:
+def foreign_reason(graph: Graph, endpoint: Endpoint | None, service: str, role: str, refusal: str | None) -> str:
     """What to tell a person about a service peer that cannot be talked to."""
     node = "a node" if endpoint is None else graph.describe_node(endpoint.info)
     return (

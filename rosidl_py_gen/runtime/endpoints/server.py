@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import (
-    foreign_words,
+    foreign_reason,
     header_of,
     is_foreign,
     message_of,
@@ -137,7 +137,7 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
         if writer_guid is not None and is_foreign(writer_guid) and identity_of(data) is None:
             endpoint = self._scope.graph.endpoints.get(writer_guid)
             refusal = self._scope.participant.fast_dds_refusal
-            words = foreign_words(self._scope.graph, endpoint, self.name, "a client", refusal)
+            words = foreign_reason(self._scope.graph, endpoint, self.name, "a client", refusal)
             if self._throttle.passes():
                 self._scope.logger.error(f"refused a request: {words}")
             return None

@@ -78,12 +78,12 @@ def policy_of(name: str, kind: type[IntEnum], value: object) -> IntEnum:
     if value.__class__ is int and value in numbers and kind is not History:
         return kind(value)
     members = ", ".join(f"{kind.__name__}.{member.name}" for member in kind if member.name != "UNKNOWN")
-    words = f"{name} must be one of {members}; got {value!r}"
+    reason = f"{name} must be one of {members}; got {value!r}"
     if value.__class__ is int and kind is History:
-        words += f". A keep-last depth is written QoSProfile(depth={value}), or just {value} in place of the profile"
+        reason += f". A keep-last depth is written QoSProfile(depth={value}), or just {value} in place of the profile"
     elif isinstance(value, str) and value.upper() in kind.__members__:
-        words += f": write {kind.__name__}.{value.upper()}"
-    raise InvalidQoSError(words)
+        reason += f": write {kind.__name__}.{value.upper()}"
+    raise InvalidQoSError(reason)
 
 
 def duration_ns(what: str, seconds: float) -> int:

@@ -258,16 +258,17 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
 async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from rosidl_py_gen.runtime.endpoints import server as service
+    from rosidl_py_gen.runtime.endpoints import service
 
-    monkeypatch.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
     server, caller = world.pair()
 
     def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:
         time.sleep(0.003)
         return AddTwoInts.Response(sum=request.a)
 
-    server.create_service(AddTwoInts, "add", handler)
+    with monkeypatch.context() as patched:
+        patched.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+        server.create_service(AddTwoInts, "add", handler)
     clients = [caller.create_client(AddTwoInts, "add") for _ in range(3)]
     assert await clients[0].wait_for_service(timeout_s=5)
     calls = [client.call(AddTwoInts.Request(a=number), timeout_s=10) for number in range(50) for client in clients]

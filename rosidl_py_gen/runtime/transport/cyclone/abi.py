@@ -156,8 +156,8 @@ class Api:
     def check(self, code: int, doing: str) -> int:
         """Pass a handle or a count through; raise `TransportError` for a negative code."""
         if code < 0:
-            words = self.strretcode(code)
-            raise TransportError(f"Cyclone DDS could not {doing}: {words.decode()} ({code})")
+            reason = self.strretcode(code)
+            raise TransportError(f"Cyclone DDS could not {doing}: {reason.decode()} ({code})")
         return code
 
 

@@ -50,9 +50,10 @@ class Domain:
                 "CYCLONEDDS_URI have no effect here"
             )
         elif code < 0:
-            words = api.strretcode(code).decode()
+            reason = api.strretcode(code).decode()
             raise TransportError(
-                f"Cyclone DDS could not configure domain {domain_id}: {words} ({code}). {_likely_cause(domain_id, xml)}"
+                f"Cyclone DDS could not configure domain {domain_id}: {reason} ({code}). "
+                f"{_likely_cause(domain_id, xml)}"
             )
 
     @classmethod
