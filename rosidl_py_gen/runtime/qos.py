@@ -1,27 +1,12 @@
 """The profiles that ROS has names for, to be given as they are or changed: ``SENSOR_DATA.keep_last(1)``."""
 
-from rosidl_py_gen.runtime.transport.qos import (
-    ACTION_STATUS,
-    BEST_AVAILABLE,
-    CLOCK,
-    DEFAULT,
-    PARAMETER_EVENTS,
-    PARAMETERS,
-    ROSOUT,
-    SENSOR_DATA,
-    SERVICES_DEFAULT,
-    SYSTEM_DEFAULT,
-)
-
-__all__ = [
-    "ACTION_STATUS",
-    "BEST_AVAILABLE",
-    "CLOCK",
-    "DEFAULT",
-    "PARAMETERS",
-    "PARAMETER_EVENTS",
-    "ROSOUT",
-    "SENSOR_DATA",
-    "SERVICES_DEFAULT",
-    "SYSTEM_DEFAULT",
-]
+from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS as ACTION_STATUS
+from rosidl_py_gen.runtime.transport.qos import BEST_AVAILABLE as BEST_AVAILABLE
+from rosidl_py_gen.runtime.transport.qos import CLOCK as CLOCK
+from rosidl_py_gen.runtime.transport.qos import DEFAULT as DEFAULT
+from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS as PARAMETER_EVENTS
+from rosidl_py_gen.runtime.transport.qos import PARAMETERS as PARAMETERS
+from rosidl_py_gen.runtime.transport.qos import ROSOUT as ROSOUT
+from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA as SENSOR_DATA
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT as SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.qos import SYSTEM_DEFAULT as SYSTEM_DEFAULT

@@ -96,7 +96,6 @@ class MemoryParticipant:
     # ------------------------------------------------------------------------------------------------ endpoints
 
     def create_writer(self, topic: str, type: str, qos: QoSProfile, user_data: bytes) -> MemoryWriter:
-        """See `transport.Participant`."""
         with self.lock:
             writer = MemoryWriter(
                 self, self._next_guid(b"\x03"), topic, type, effective(qos, is_writer=True), user_data
@@ -108,7 +107,6 @@ class MemoryParticipant:
     def create_reader(
         self, topic: str, type: str, qos: QoSProfile, user_data: bytes, *, ignore_local: bool = False
     ) -> MemoryReader:
-        """See `transport.Participant`."""
         with self.lock:
             profile = effective(qos, is_writer=False)
             reader = MemoryReader(self, self._next_guid(b"\x04"), topic, type, profile, user_data, ignore_local)
@@ -128,7 +126,6 @@ class MemoryParticipant:
     # ------------------------------------------------------------------------------------------------ discovery
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        """See `transport.Participant`."""
         with self.lock:
             self._discovery_sink = sink
             self._events.clear()
@@ -144,7 +141,6 @@ class MemoryParticipant:
             self.ready(self.report_discovery)
 
     def report_discovery(self) -> None:
-        """See `transport.Participant`."""
         with self.lock:
             events, self._events = self._events, []
         if events and self._discovery_sink is not None:
@@ -166,7 +162,6 @@ class MemoryParticipant:
     # -------------------------------------------------------------------------------------------------- waiting
 
     def set_notify(self, notify: Callable[[], None] | None) -> None:
-        """See `transport.Participant`."""
         self._notify = notify
         if notify is not None and self._ready:
             notify()
@@ -181,7 +176,6 @@ class MemoryParticipant:
         """Nothing to watch: whoever writes, notifies."""
 
     def collect(self) -> list[Sink]:
-        """See `transport.Participant`."""
         with self.lock:
             ready = list(self._ready)
             self._ready.clear()
@@ -191,7 +185,6 @@ class MemoryParticipant:
         """See `transport.Participant`; a copy of memory harms nobody."""
 
     def close(self) -> None:
-        """See `transport.Participant`."""
         with self.lock:
             if self.closed:
                 return
@@ -234,7 +227,6 @@ class MemoryWriter(_Endpoint):
         self._history: deque[Sample] = deque(maxlen=depth)
 
     def write(self, data: Payload, identity: Identity | None = None) -> bool:
-        """See `transport.Writer`."""
         if self.closed:
             raise ClosedError("this writer is closed")
         now = time.time_ns()
@@ -257,11 +249,9 @@ class MemoryWriter(_Endpoint):
                 reader.receive(sample)
 
     def has_readers(self) -> bool:
-        """See `transport.Writer`."""
         return bool(self.matched_readers())
 
     def matched_readers(self) -> list[bytes]:
-        """See `transport.Writer`."""
         with self.owner.lock:
             return [reader.guid for peer in self.owner.peers for reader in peer.readers if matches(self, reader)]
 
@@ -298,7 +288,6 @@ class MemoryReader(_Endpoint):
             self.owner.ready(self._sink)
 
     def set_sink(self, sink: Sink | None) -> None:
-        """See `transport.Reader`."""
         with self.owner.lock:
             self._sink = sink
             if sink is not None and self.queue.items:
@@ -309,7 +298,6 @@ class MemoryReader(_Endpoint):
         return bool(self.queue.items)
 
     def matched_writers(self) -> list[bytes]:
-        """See `transport.Reader`."""
         with self.owner.lock:
             return [writer.guid for peer in self.owner.peers for writer in peer.writers if matches(writer, self)]
 

@@ -114,25 +114,20 @@ class CycloneWriter:
         return True
 
     def matched_readers(self) -> list[bytes]:
-        """See `transport.Writer`."""
         return self._owner.discovery.matched(self._entity, is_writer=True)
 
     def has_readers(self) -> bool:
-        """See `transport.Writer`."""
         status = abi.MatchedStatus()
         return self._api.bare_matched(self._entity, _by_reference(status)) == 0 and status.current > 0
 
     def all_acknowledged(self) -> bool:
-        """See `transport.Writer`."""
         code = self._api.wait_for_acks(self._entity, 0)
         return code == 0 or (code != abi.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
 
     def assert_liveliness(self) -> None:
-        """See `transport.Writer`."""
         self._api.check(self._api.assert_liveliness(self._entity), "assert liveliness")
 
     def close(self) -> None:
-        """See `transport.Writer`."""
         entity, self._entity = self._entity, 0
         if entity:
             self._api.delete(entity)
@@ -186,7 +181,6 @@ class CycloneReader:
             _local_readers[self._key] = (*_local_readers.get(self._key, ()), self)
 
     def set_sink(self, sink: Sink | None) -> None:
-        """See `transport.Reader`."""
         self.sink = sink
         if sink is not None and (self.fetch() or self.queue.items):
             self._owner.announce(self.entity)
@@ -244,15 +238,12 @@ class CycloneReader:
         return memoryview(array).cast("B").toreadonly()
 
     def matched_writers(self) -> list[bytes]:
-        """See `transport.Reader`."""
         return self._owner.discovery.matched(self.entity, is_writer=False)
 
     def writer_guid(self, handle: int) -> bytes | None:
-        """See `transport.Reader`."""
         return self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
 
     def close(self) -> None:
-        """See `transport.Reader`."""
         entity, self.sink = self.entity, None
         if not entity:
             return

@@ -121,7 +121,6 @@ class CycloneParticipant:
 
     @property
     def fast_dds_refusal(self) -> str | None:
-        """See `transport.Participant`."""
         return self.fast_dds.refusal
 
     # ------------------------------------------------------------------------------------------------ endpoints
@@ -133,7 +132,6 @@ class CycloneParticipant:
         return buffer.raw
 
     def create_writer(self, topic: str, type: str, qos: QoSProfile, user_data: bytes) -> CycloneWriter:
-        """See `transport.Participant`."""
         profile = effective(qos, is_writer=True)
         with endpoint_qos(_api, profile, user_data, is_writer=True) as cqos:
             entity = self._create(_api.create_writer, self._publisher, topic, type, cqos, None)
@@ -142,7 +140,6 @@ class CycloneParticipant:
     def create_reader(
         self, topic: str, type: str, qos: QoSProfile, user_data: bytes, *, ignore_local: bool = False
     ) -> CycloneReader:
-        """See `transport.Participant`."""
         profile = effective(qos, is_writer=False)
         with endpoint_qos(_api, profile, user_data, is_writer=False, ignore_local=ignore_local) as cqos:
             entity = self._create(_api.create_reader, self._subscriber, topic, type, cqos, self._listener)
@@ -205,25 +202,20 @@ class CycloneParticipant:
         self._pipe.put(entity)
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        """See `transport.Participant`."""
         self.discovery.sink = sink
         self._pipe.put(self.discovery.entities[0])
 
     def report_discovery(self) -> None:
-        """See `transport.Participant`."""
         self.discovery.report()
 
     def fileno(self) -> int | None:
-        """See `transport.Participant`."""
         return self._pipe.fileno()
 
     def set_notify(self, notify: Callable[[], None] | None) -> None:
-        """See `transport.Participant`."""
         if notify is not None or self._pipe.fileno() is None:
             self._pipe.read_in_thread(notify)
 
     def collect(self) -> list[Sink]:
-        """See `transport.Participant`."""
         named, readers = self._pipe.read(), self._readers
         if named is None:
             named = (*self.discovery.entities, *readers)
@@ -238,12 +230,10 @@ class CycloneParticipant:
         return sinks
 
     def abandon(self) -> None:
-        """See `transport.Participant`."""
         self._closed = True
         Domain.abandon()
 
     def close(self) -> None:
-        """See `transport.Participant`."""
         if self._closed:
             return
         self._closed = True
