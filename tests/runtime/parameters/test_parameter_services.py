@@ -142,9 +142,7 @@ async def test_the_answer_comes_before_the_events_it_caused(world: World) -> Non
 
 
 def _event_publisher(node: Any) -> Any:
-    return next(
-        item for item in node.scope.owned.values() if type(item).__name__ == "ParameterEventPublisher"
-    )._publisher
+    return next(item for item in node.scope.owned.values() if type(item).__name__ == "ParameterEventPublisher")
 
 
 def _set_service(node: Any) -> Any:
