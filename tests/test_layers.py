@@ -59,7 +59,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "time": (),
     "logs": ("names",),
     "transport": ("logs",),
-    "loop": ("time", "logs", "transport"),
+    "loop": ("transport",),
     "graph": ("names", "logs", "transport", "loop"),
     "endpoints": ("names", "time", "logs", "transport", "loop", "graph"),
     "parameters": _LOW,
