@@ -52,6 +52,21 @@ def test_the_header_sits_between_encapsulation_and_message() -> None:
     assert len(with_header(b"\0\1\0\0\7", 1, 1)) == 24, "filled up with zeros, so that nobody has to copy it again"
 
 
+async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(world: World) -> None:
+    """Clients of different processes count alike."""
+    alice, bob = world.pair()
+    server = alice.create_service(AddTwoInts, "add", None)
+    client = bob.create_client(AddTwoInts, "add")
+    call = asyncio.create_task(client.call(Request(a=1, b=2), timeout_s=5))
+    request = await asyncio.wait_for(anext(server), 5)
+    (number,) = client._pending
+    server._writer.write(with_header(Response(sum=100).encode(), 12345, number))
+    await asyncio.sleep(0.05)
+    assert not call.done()
+    request.respond(Response(sum=3))
+    assert (await call).sum == 3
+
+
 async def test_a_plain_and_an_async_handler_answer(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "add", add)

@@ -34,6 +34,11 @@ def test_a_wake_lets_all_look_and_those_go_on_for_whom_it_is_so() -> None:
     asyncio.run(main())
 
 
+def test_what_became_so_before_the_waiter_could_be_woken_is_seen() -> None:
+    looks = iter((False, True))  # another thread changed it, and woke nobody yet, between the two
+    assert asyncio.run(asyncio.wait_for(Waiters().wait(lambda: next(looks)), 1))
+
+
 def test_the_time_limit_holds_however_often_it_is_woken_in_vain() -> None:
     async def main() -> None:
         waiters = Waiters()
