@@ -28,6 +28,8 @@ PARTS: dict[str, tuple[str, ...]] = {
     "runtime": ("base", "support", "msgs", "dynamic", "top"),
     "dynamic": ("base", "support", "spec", "codegen", "compiler"),
     "cli": ("base", "support", "spec", "codegen", "compiler", "dynamic", "runtime", "msgs", "top"),
+    "numpy": ("base", "support", "dynamic", "top"),
+    "tf": ("base", "support", "dynamic", "top", "numpy", "runtime"),
     "top": ("base", "support", "dynamic"),
 }
 # Which part a module belongs to: the longest prefix counts.
@@ -50,6 +52,8 @@ OWNERS = {
     "msgs": "msgs",
     "runtime": "runtime",
     "cli": "cli",
+    "numpy": "numpy",
+    "tf": "tf",
     "__main__": "cli",
 }
 # The rooms of the runtime, and which others each may import. "" are the files above all rooms.

@@ -1,0 +1,25 @@
+"""Images, point clouds, maps, times and rotations as numpy arrays and back, without copying where that is possible.
+
+Functions take any object with the fields of the message: generated, compiled in memory, of another library. Those that
+make a message take its class as `cls`; without it they use the one `get_message` gives, which type checkers cannot
+know.
+"""
+
+from rosidl_py_gen.numpy.clouds import array_to_pointcloud as array_to_pointcloud
+from rosidl_py_gen.numpy.clouds import pointcloud_dtype as pointcloud_dtype
+from rosidl_py_gen.numpy.clouds import pointcloud_to_array as pointcloud_to_array
+from rosidl_py_gen.numpy.common import ConversionError as ConversionError
+from rosidl_py_gen.numpy.images import array_to_image as array_to_image
+from rosidl_py_gen.numpy.images import image_to_array as image_to_array
+from rosidl_py_gen.numpy.maps import array_to_occupancygrid as array_to_occupancygrid
+from rosidl_py_gen.numpy.maps import occupancygrid_to_array as occupancygrid_to_array
+from rosidl_py_gen.numpy.rotations import euler_to_quaternion as euler_to_quaternion
+from rosidl_py_gen.numpy.rotations import matrix_to_quaternion as matrix_to_quaternion
+from rosidl_py_gen.numpy.rotations import matrix_to_transform as matrix_to_transform
+from rosidl_py_gen.numpy.rotations import quaternion_to_euler as quaternion_to_euler
+from rosidl_py_gen.numpy.rotations import quaternion_to_matrix as quaternion_to_matrix
+from rosidl_py_gen.numpy.rotations import transform_to_matrix as transform_to_matrix
+from rosidl_py_gen.numpy.times import datetime_to_time as datetime_to_time
+from rosidl_py_gen.numpy.times import duration_to_timedelta as duration_to_timedelta
+from rosidl_py_gen.numpy.times import time_to_datetime as time_to_datetime
+from rosidl_py_gen.numpy.times import timedelta_to_duration as timedelta_to_duration

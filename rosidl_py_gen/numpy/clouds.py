@@ -1,0 +1,198 @@
+"""``sensor_msgs/msg/PointCloud2`` and structured arrays."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.cdr import Message
+
+_DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""``sensor_msgs/msg/PointField``: INT8 to FLOAT64."""
+_NUMBERS = {kind: number for number, kind in _DATATYPES.items()}
+
+
+def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
+    """The structured dtype of one point: names, offsets and byte order of `cloud`, itemsize `point_step`.
+
+    Raises:
+        ConversionError: a field has an unknown datatype, does not fit into `point_step`, or two have one name.
+    """
+    step = count(cloud.point_step, "point_step")
+    names, formats, offsets = [], [], []
+    for index, field in enumerate(cloud.fields):
+        place = f"fields[{index}]"
+        kind = _DATATYPES.get(int(field.datatype))
+        if kind is None:
+            raise ConversionError(f'{place}.datatype: {field.datatype} is not known ("{field.name}")')
+        name = field.name or f"unnamed_field_{index}"
+        if name in names:
+            raise ConversionError(f'{place}.name: there are two fields "{name}"')
+        number = count(field.count, f"{place}.count") or 1  # 0 is written by some and means 1
+        offset = count(field.offset, f"{place}.offset")
+        if offset + int(kind[1]) * number > step:
+            end = offset + int(kind[1]) * number
+            raise ConversionError(f'{place}: "{name}" ends at byte {end}, but point_step is {step}')
+        names.append(name)
+        formats.append((("<", ">")[bool(cloud.is_bigendian)] + kind, (number,) if number > 1 else ()))
+        offsets.append(offset)
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
+
+
+def pointcloud_to_array(
+    cloud: Any, fields: Sequence[str] | None = None, *, copy: bool = False
+) -> np.ndarray[Any, np.dtype[np.void]]:
+    """The points of a ``sensor_msgs/msg/PointCloud2``: ``points["x"]`` is the column of all x.
+
+    Args:
+        fields: only these.
+        copy: own the result, without the bytes between fields; otherwise it shares the bytes of `cloud`, and is
+            read-only if those are.
+
+    Returns:
+        Structured, of shape ``(width,)``, or ``(height, width)`` for an organised cloud. A field with a `count` above 1
+        is an array in each point.
+
+    Raises:
+        ConversionError: as `pointcloud_dtype`; rows or data are too short; there is no such field.
+    """
+    dtype = pointcloud_dtype(cloud)
+    height, width, row_step = (count(getattr(cloud, name), name) for name in ("height", "width", "row_step"))
+    row = width * dtype.itemsize
+    if height > 1 and row_step < row:
+        raise ConversionError(f"row_step: {row_step} bytes, but {width} points of {dtype.itemsize} need {row}")
+    data = flat_bytes(cloud.data, "data")
+    needed = (row_step if height > 1 else row) * (height - 1) + row if height and row else 0
+    if len(data) < needed:
+        raise ConversionError(f"data: {len(data)} bytes, but {height} x {width} points need {needed}")
+    if height * width and not dtype.itemsize:
+        raise ConversionError(f"point_step: 0 bytes, but there are {height} x {width} points")
+    array: np.ndarray[Any, Any] = np.ndarray(
+        (height, width), dtype, data[:needed], strides=(row_step if height > 1 else row, dtype.itemsize)
+    )
+    array = array[0] if height == 1 else array.reshape(0) if not array.size else array
+    if fields is not None:
+        names = dtype.names or ()
+        for name in fields:
+            if name not in names:
+                raise ConversionError(f'no field "{name}" in {", ".join(names)}{did_you_mean(name, names)}')
+        array = array[list(fields)]
+    return array.astype(_packed(array.dtype)) if copy else array
+
+
+def _packed(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """The same fields in native byte order, without gaps."""
+    return np.dtype([(name, dtype[name].newbyteorder("=")) for name in dtype.names or ()])
+
+
+@overload
+def array_to_pointcloud(
+    array: Any, *, names: Sequence[str] = ..., header: Message | None = None, cls: type[M], is_dense: bool | None = None
+) -> M: ...
+@overload
+def array_to_pointcloud(
+    array: Any,
+    *,
+    names: Sequence[str] = ...,
+    header: Message | None = None,
+    cls: None = None,
+    is_dense: bool | None = None,
+) -> Any: ...
+def array_to_pointcloud(
+    array: Any,
+    *,
+    names: Sequence[str] = ("x", "y", "z"),
+    header: Any = None,
+    cls: type[M] | None = None,
+    is_dense: bool | None = None,
+) -> Any:
+    """A point cloud of an array; the inverse of `pointcloud_to_array`.
+
+    Args:
+        array: structured, of shape ``(n,)`` or ``(height, width)``; or plain numbers whose last axis has the fields
+            `names`. In one piece and without gaps it is not copied.
+        is_dense: whether all values are finite; None looks.
+
+    Raises:
+        ConversionError: a field has a type that point clouds do not have, or the shape does not fit.
+    """
+    points = np.asarray(array)
+    if points.dtype.names is None:
+        points = _structured(points, names)
+    if points.ndim not in (1, 2):
+        raise ConversionError(f"array: expected one or two axes of points, got shape {points.shape}")
+    points, is_big = _writable(points)
+    maker: Any = message_class(cls, "sensor_msgs/msg/PointCloud2")
+    height, width = points.shape if points.ndim == 2 else (1, len(points))
+    values = {"header": header} if header is not None else {}
+    return maker(
+        height=height,
+        width=width,
+        fields=[_field(points.dtype, name, cls) for name in points.dtype.names or ()],
+        is_bigendian=is_big,
+        point_step=points.dtype.itemsize,
+        row_step=points.dtype.itemsize * width,
+        data=points.reshape(-1).view(np.uint8),
+        is_dense=_is_dense(points) if is_dense is None else is_dense,
+        **values,
+    )
+
+
+def _structured(values: np.ndarray[Any, Any], names: Sequence[str]) -> np.ndarray[Any, Any]:
+    if not values.ndim or values.shape[-1] != len(names):
+        raise ConversionError(f"array: expected {len(names)} columns ({', '.join(names)}), got shape {values.shape}")
+    dtype = np.dtype([(name, values.dtype) for name in names])
+    return np.ascontiguousarray(values).view(dtype)[..., 0]
+
+
+def _writable(points: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
+    """The points in one piece and one byte order; bytes between fields are zero, never what was in memory there."""
+    dtype = points.dtype
+    kinds = {name: dtype[name].base for name in dtype.names or ()}
+    for name, kind in kinds.items():
+        if f"{kind.kind}{kind.itemsize}" not in _NUMBERS:
+            raise ConversionError(f'array["{name}"]: {kind} is no type of point fields; they have {_known_types()}')
+    is_mixed = len({native(np.empty(0, kind))[1] for kind in kinds.values() if kind.itemsize > 1}) > 1
+    has_gaps = sum(dtype[name].itemsize for name in kinds) != dtype.itemsize
+    if is_mixed or has_gaps:
+        formats = [dtype[name].newbyteorder("<") for name in kinds]
+        offsets = [dtype.fields[name][1] for name in kinds] if dtype.fields else []
+        clean = np.dtype({"names": list(kinds), "formats": formats, "offsets": offsets, "itemsize": dtype.itemsize})
+        filled = np.zeros(points.shape, clean)
+        for name in kinds:
+            filled[name] = points[name]
+        return filled, False
+    is_big = any(native(np.empty(0, kind))[1] for kind in kinds.values())
+    return np.ascontiguousarray(points), is_big
+
+
+def _known_types() -> str:
+    return ", ".join(str(np.dtype(kind)) for kind in _NUMBERS)
+
+
+def _field(dtype: np.dtype[Any], name: str, cloud: type[Any] | None) -> Any:
+    kind = dtype[name].base
+    number = int(np.prod(dtype[name].shape)) if dtype[name].shape else 1
+    offset = dtype.fields[name][1] if dtype.fields else 0
+    maker: Any = get_message("sensor_msgs/msg/PointField") if cloud is None else _field_class(cloud)
+    return maker(name=name, offset=offset, datatype=_NUMBERS[f"{kind.kind}{kind.itemsize}"], count=number)
+
+
+def _field_class(cloud: type[Any]) -> type[Any]:
+    found = next((field.cls for field in cloud._TYPE.fields if field.ros_name == "fields"), None)
+    if found is None:
+        raise ConversionError(f"{cloud.__name__} is no PointCloud2: it has no field called fields")
+    return found  # type: ignore[no-any-return]
+
+
+def _is_dense(points: np.ndarray[Any, Any]) -> bool:
+    columns = (points[name] for name in points.dtype.names or ())
+    return all(bool(np.isfinite(column).all()) for column in columns if column.dtype.kind == "f")

@@ -1,0 +1,46 @@
+"""What the conversions share: the error, the bytes of a message, and the class to make."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import numpy as np
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.errors import RosidlError
+
+M = TypeVar("M", bound=Message)
+
+
+class ConversionError(RosidlError, ValueError):
+    """The message and the array do not fit each other; names the field, what was found and what was expected."""
+
+
+def flat_bytes(data: Any, field: str) -> np.ndarray[Any, np.dtype[np.uint8]]:
+    """The bytes of a field as one row, without a copy when it has them in one piece."""
+    try:
+        if isinstance(data, bytes | bytearray | memoryview):
+            return np.frombuffer(data, np.uint8)
+        row = np.ascontiguousarray(data)
+        return row.reshape(-1).view(np.uint8) if row.dtype.itemsize == 1 else row.astype(np.uint8, casting="safe")
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ConversionError(f"{field}: expected bytes, got {type(data).__name__}: {error}") from None
+
+
+def message_class(cls: type[M] | None, name: str) -> type[M]:
+    """The class to make: the one that was given, or the one that is installed or bundled."""
+    return get_message(name) if cls is None else cls  # type: ignore[return-value]
+
+
+def count(value: Any, field: str) -> int:
+    """A number of rows or bytes; raises `ConversionError` for what is none."""
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and value >= 0:
+        return int(value)
+    raise ConversionError(f"{field}: expected a number from 0, got {value!r:.50}")
+
+
+def native(array: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:
+    """The array in one piece, in one of the two byte orders, and whether that is big-endian."""
+    piece = np.ascontiguousarray(array)
+    return piece, piece.dtype.newbyteorder(">") == piece.dtype and piece.dtype.newbyteorder("<") != piece.dtype

@@ -1,0 +1,137 @@
+"""``sensor_msgs/msg/Image`` and arrays. The encodings are those of ``sensor_msgs/image_encodings.hpp``."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
+
+import numpy as np
+
+from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Message
+
+_BAYER = [f"bayer_{order}{bits}" for order in ("rggb", "bggr", "gbrg", "grbg") for bits in (8, 16)]
+_KNOWN: dict[str, tuple[str, int]] = {
+    **{f"{order}{bits}": (f"u{bits // 8}", len(order)) for order in ("rgb", "bgr", "rgba", "bgra") for bits in (8, 16)},
+    **{name: ("u2" if name.endswith("16") else "u1", 1) for name in ("mono8", "mono16", *_BAYER)},
+    **dict.fromkeys(("yuv422", "yuv422_yuy2", "uyvy", "yuyv"), ("u1", 2)),
+}
+_PLANES = {"nv21": (3, 2), "nv24": (3, 1)}
+"""Rows of bytes for each row of the picture: a plane of brightness, then one of colour."""
+_GENERIC = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)C([0-9]{0,4})")
+_KINDS = {"U": "u", "S": "i", "F": "f"}
+_GUESS = {("u1", 1): "mono8", ("u2", 1): "mono16", ("u1", 3): "rgb8", ("u1", 4): "rgba8", ("u2", 3): "rgb16"}
+
+
+class _Layout(NamedTuple):
+    dtype: np.dtype[Any]
+    channels: int
+    rows: tuple[int, int]  # of bytes: this many for that many of the picture
+
+
+def _layout(encoding: Any) -> _Layout:
+    if not isinstance(encoding, str):
+        raise ConversionError(f"encoding: expected text, got {encoding!r:.50}")
+    if encoding in _PLANES:
+        return _Layout(np.dtype("u1"), 1, _PLANES[encoding])
+    if encoding in _KNOWN:
+        kind, channels = _KNOWN[encoding]
+        return _Layout(np.dtype(kind), channels, (1, 1))
+    match = _GENERIC.fullmatch(encoding)
+    if match is None or match[2] == "0":
+        known = [*_KNOWN, *_PLANES, "8UC3", "16UC1", "32FC1"]
+        raise ConversionError(f'encoding: "{encoding[:50]}" is not known{did_you_mean(encoding, known)}')
+    return _Layout(np.dtype(f"{_KINDS[match[1][-1]]}{int(match[1][:-1]) // 8}"), int(match[2] or 1), (1, 1))
+
+
+def image_to_array(image: Any, *, copy: bool = False) -> np.ndarray[Any, Any]:
+    """The pixels of a ``sensor_msgs/msg/Image``.
+
+    Args:
+        copy: own the result; otherwise it shares the bytes of `image`, and is read-only if those are.
+
+    Returns:
+        Shape ``(height, width)``, or ``(height, width, channels)`` for more than one: 3 for ``rgb8``, 2 for ``yuyv``.
+        ``nv21`` and ``nv24`` come as their planes, ``(height * 3 // 2, width)`` and ``(height * 3, width)``. Values are
+        as they are: a big-endian image gives a big-endian dtype, and no colours are changed.
+
+    Raises:
+        ConversionError: an unknown encoding, `step` is shorter than a row, or `data` than the image.
+    """
+    dtype, channels, (more, less) = _layout(image.encoding)
+    if image.is_bigendian:
+        dtype = dtype.newbyteorder(">")
+    height, width, step = (count(getattr(image, name), name) for name in ("height", "width", "step"))
+    if height % less:
+        raise ConversionError(f"height: {image.encoding} needs an even number of rows, got {height}")
+    rows, row = height * more // less, width * channels * dtype.itemsize
+    if step < row and rows:
+        raise ConversionError(f"step: {step} bytes, but a row of {width} pixels of {image.encoding} needs {row}")
+    data = flat_bytes(image.data, "data")
+    needed = step * (rows - 1) + row if rows and row else 0
+    if len(data) < needed:
+        shown = f"{rows} rows of {step} bytes"
+        raise ConversionError(f"data: {len(data)} bytes, but {shown} need {needed}")
+    array: np.ndarray[Any, Any] = np.ndarray(
+        (rows, width, channels), dtype, data[:needed], strides=(step, channels * dtype.itemsize, dtype.itemsize)
+    )
+    shaped = array[:, :, 0] if channels == 1 else array
+    return shaped.copy() if copy else shaped
+
+
+@overload
+def array_to_image(array: Any, encoding: str | None = None, *, header: Message | None = None, cls: type[M]) -> M: ...
+@overload
+def array_to_image(
+    array: Any, encoding: str | None = None, *, header: Message | None = None, cls: None = None
+) -> Any: ...
+def array_to_image(array: Any, encoding: str | None = None, *, header: Any = None, cls: type[M] | None = None) -> Any:
+    """An image message of an array; the inverse of `image_to_array`.
+
+    Args:
+        array: as `image_to_array` gives it. In one piece it is not copied: the message shares its memory.
+        encoding: None takes ``mono8``, ``mono16``, ``rgb8``, ``rgba8`` or ``rgb16`` where the shape fits, else the
+            OpenCV name, such as ``32FC1``.
+        header: a ``std_msgs/msg/Header``.
+        cls: the class of the result; None means the one that `get_message` gives.
+
+    Raises:
+        ConversionError: dtype or shape do not fit the encoding, or there is no encoding for them.
+    """
+    array = np.asarray(array)
+    if array.ndim not in (2, 3):
+        raise ConversionError(f"array: expected rows, columns and perhaps channels, got shape {array.shape}")
+    channels = array.shape[2] if array.ndim == 3 else 1
+    if encoding is None:
+        encoding = _guess(array.dtype, channels)
+    dtype, expected, (more, less) = _layout(encoding)
+    if array.dtype.newbyteorder("=") != dtype or channels != expected:
+        raise ConversionError(
+            f"array: {encoding} needs {dtype} with {expected} channels, got {array.dtype} with {channels}"
+        )
+    rows, width = array.shape[:2]
+    if rows % more:
+        raise ConversionError(f"array: {encoding} needs a multiple of {more} rows, got {rows}")
+    piece, is_big = native(array)
+    maker: Any = message_class(cls, "sensor_msgs/msg/Image")
+    values = {"header": header} if header is not None else {}
+    return maker(
+        height=rows * less // more,
+        width=width,
+        encoding=encoding,
+        is_bigendian=int(is_big),
+        step=width * channels * dtype.itemsize,
+        data=piece.reshape(-1).view(np.uint8),
+        **values,
+    )
+
+
+def _guess(dtype: np.dtype[Any], channels: int) -> str:
+    kind = f"{dtype.kind}{dtype.itemsize}"
+    generic = f"{dtype.itemsize * 8}{dtype.kind.upper().replace('I', 'S')}C{channels}"
+    if (kind, channels) not in _GUESS and (_GENERIC.fullmatch(generic) is None or not channels):
+        raise ConversionError(f"array: no encoding has {dtype} with {channels} channels")
+    return _GUESS.get((kind, channels), generic)

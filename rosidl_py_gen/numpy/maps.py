@@ -1,0 +1,65 @@
+"""``nav_msgs/msg/OccupancyGrid`` and arrays."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+
+from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Message
+
+
+def occupancygrid_to_array(grid: Any, *, copy: bool = False) -> np.ndarray[Any, np.dtype[np.int8]]:
+    """The cells of a map: ``array[row, column]``, -1 unknown, 0 free to 100 occupied; row 0 is at the origin.
+
+    Args:
+        copy: own the result; otherwise it shares the cells of `grid`.
+
+    Raises:
+        ConversionError: `data` does not have ``info.height * info.width`` cells.
+    """
+    height, width = count(grid.info.height, "info.height"), count(grid.info.width, "info.width")
+    data = flat_bytes(np.asarray(grid.data, np.int8), "data")
+    if len(data) != height * width:
+        raise ConversionError(f"data: {len(data)} cells, but {height} x {width} need {height * width}")
+    cells = data.view(np.int8).reshape(height, width)
+    return cells.copy() if copy else cells
+
+
+@overload
+def array_to_occupancygrid(
+    array: Any, resolution: float, *, origin: Message | None = None, header: Message | None = None, cls: type[M]
+) -> M: ...
+@overload
+def array_to_occupancygrid(
+    array: Any, resolution: float, *, origin: Message | None = None, header: Message | None = None, cls: None = None
+) -> Any: ...
+def array_to_occupancygrid(
+    array: Any, resolution: float, *, origin: Any = None, header: Any = None, cls: type[M] | None = None
+) -> Any:
+    """A map message; the inverse of `occupancygrid_to_array`.
+
+    Args:
+        array: int8 of shape ``(height, width)``, values from -1 to 100; other integers are taken if they fit.
+        resolution: metres for each cell.
+        origin: a ``geometry_msgs/msg/Pose`` of cell (0, 0).
+
+    Raises:
+        ConversionError: another shape, or values that are no cells.
+    """
+    cells = np.asarray(array)
+    if cells.ndim != 2 or cells.dtype.kind not in "iu":
+        raise ConversionError(f"array: expected integers of shape (height, width), got {cells.dtype} {cells.shape}")
+    if cells.size and not (cells.min() >= -1 and cells.max() <= 100):
+        raise ConversionError(f"array: cells are from -1 to 100, got {cells.min()} to {cells.max()}")
+    maker: Any = message_class(cls, "nav_msgs/msg/OccupancyGrid")
+    grid = maker() if header is None else maker(header=header)
+    grid.info.height, grid.info.width = cells.shape
+    grid.info.resolution = float(resolution)
+    if origin is not None:
+        grid.info.origin = origin
+    grid.data = np.ascontiguousarray(cells, np.int8).reshape(-1)
+    return grid

@@ -1,0 +1,145 @@
+"""Quaternions, rotation matrices, Euler angles and homogeneous transforms.
+
+Quaternions are in the order x, y, z, w, as in ``geometry_msgs``. Euler angles are roll, pitch, yaw in radians about the
+fixed axes x, y, z (REP 103). Every function works on many at once: the last axes are one quaternion or matrix.
+"""
+
+from __future__ import annotations
+
+from typing import Any, overload
+
+import numpy as np
+
+from rosidl_py_gen.numpy.common import ConversionError, M, message_class
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+_TOLERANCE = 1e-3
+"""How far a matrix may be from a rotation: enough for float32 and for values printed with four digits."""
+
+
+def _quaternions(value: Any) -> Array:
+    if hasattr(value, "x") and hasattr(value, "w"):
+        value = (value.x, value.y, value.z, value.w)
+    quaternion = np.asarray(value, np.float64)
+    if not quaternion.ndim or quaternion.shape[-1] != 4:
+        raise ConversionError(f"expected quaternions x, y, z, w, got shape {quaternion.shape}")
+    norm = np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    if not (np.isfinite(norm).all() and (norm > 0).all()):
+        raise ConversionError(f"a quaternion that is no rotation: {quaternion.tolist()!r:.200}")
+    unit: Array = quaternion / norm
+    return unit
+
+
+def quaternion_to_matrix(quaternion: Any) -> Array:
+    """Rotation matrices of shape ``(..., 3, 3)`` of a Quaternion message, or of an array ``(..., 4)``.
+
+    Raises:
+        ConversionError: another shape; a quaternion that is zero or not finite. Others are normalised.
+    """
+    x, y, z, w = np.moveaxis(_quaternions(quaternion), -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
+        (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),
+        (2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def matrix_to_quaternion(matrix: Any) -> Array:
+    """Quaternions of shape ``(..., 4)`` with w >= 0, of rotation matrices ``(..., 3, 3)``.
+
+    Raises:
+        ConversionError: another shape, or no rotation: its columns are not perpendicular of length 1, or it mirrors.
+    """
+    rotation = np.asarray(matrix, np.float64)
+    if rotation.shape[-2:] != (3, 3):
+        raise ConversionError(f"expected matrices of 3 x 3, got shape {rotation.shape}")
+    error = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3))
+    if not ((error < _TOLERANCE).all() and (np.linalg.det(rotation) > 0).all()):
+        raise ConversionError(f"a matrix that is no rotation: {rotation.tolist()!r:.200}")
+    xx, yy, zz = (rotation[..., axis, axis] for axis in range(3))
+    # Four times the squares of x, y, z, w; the largest of them is divided by, so that none is lost.
+    squares = np.stack([1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz], axis=-1)
+    products = np.empty((*rotation.shape[:-2], 4, 4))
+    products[..., range(4), range(4)] = squares
+    for one, two in ((0, 1), (0, 2), (1, 2)):
+        products[..., one, two] = products[..., two, one] = rotation[..., one, two] + rotation[..., two, one]
+    for axis, (one, two) in enumerate(((2, 1), (0, 2), (1, 0))):
+        products[..., axis, 3] = products[..., 3, axis] = rotation[..., one, two] - rotation[..., two, one]
+    largest = np.argmax(squares, axis=-1)[..., None, None]
+    chosen = np.take_along_axis(products, largest, axis=-2)[..., 0, :]
+    unit: Array = chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)
+    return np.where(unit[..., 3:] < 0, -unit, unit)
+
+
+def euler_to_quaternion(roll: Any, pitch: Any, yaw: Any) -> Array:
+    """Quaternions of shape ``(..., 4)`` of angles in radians, numbers or arrays."""
+    halves = np.broadcast_arrays(*(np.asarray(angle, np.float64) / 2 for angle in (roll, pitch, yaw)))
+    (sr, sp, sy), (cr, cp, cy) = np.sin(halves), np.cos(halves)
+    return np.stack(
+        [
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        ],
+        axis=-1,
+    )
+
+
+def quaternion_to_euler(quaternion: Any) -> Array:
+    """Roll, pitch, yaw of shape ``(..., 3)``: pitch from -pi/2 to pi/2; roll is 0 where it points straight up or down.
+
+    Raises:
+        ConversionError: as `quaternion_to_matrix`.
+    """
+    x, y, z, w = np.moveaxis(_quaternions(quaternion), -1, 0)
+    sine = 2 * (w * y - x * z)
+    pitch = np.arcsin(np.clip(sine, -1, 1))
+    is_vertical = np.abs(sine) > 1 - 1e-12
+    roll = np.where(is_vertical, 0.0, np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
+    yaw = np.where(
+        is_vertical,
+        np.arctan2(2 * (w * z - x * y), 1 - 2 * (x * x + z * z)),
+        np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def transform_to_matrix(transform: Any) -> Array:
+    """The 4 x 4 matrix of a Transform (translation, rotation) or Pose (position, orientation), stamped or not.
+
+    Raises:
+        ConversionError: it is none of these, or its rotation is none.
+    """
+    for inner in ("transform", "pose"):
+        transform = getattr(transform, inner, transform)
+    move = getattr(transform, "translation", getattr(transform, "position", None))
+    turn = getattr(transform, "rotation", getattr(transform, "orientation", None))
+    if move is None or turn is None:
+        raise ConversionError(f"expected a transform or a pose, got {type(transform).__name__}")
+    matrix = np.eye(4)
+    matrix[:3, :3] = quaternion_to_matrix(turn)
+    matrix[:3, 3] = (move.x, move.y, move.z)
+    return matrix
+
+
+@overload
+def matrix_to_transform(matrix: Any, *, cls: type[M]) -> M: ...
+@overload
+def matrix_to_transform(matrix: Any, *, cls: None = None) -> Any: ...
+def matrix_to_transform(matrix: Any, *, cls: type[M] | None = None) -> Any:
+    """A message of a 4 x 4 matrix; `cls` is Transform (what None means) or Pose.
+
+    Raises:
+        ConversionError: another shape or last row, or no rotation.
+    """
+    values = np.asarray(matrix, np.float64)
+    if values.shape != (4, 4) or not np.allclose(values[3], (0, 0, 0, 1)):
+        raise ConversionError(f"expected a matrix of 4 x 4 with the last row 0, 0, 0, 1, got {values.tolist()!r:.200}")
+    message: Any = message_class(cls, "geometry_msgs/msg/Transform")()
+    move = message.translation if hasattr(message, "translation") else message.position
+    turn = message.rotation if hasattr(message, "rotation") else message.orientation
+    move.x, move.y, move.z = values[:3, 3].tolist()
+    turn.x, turn.y, turn.z, turn.w = matrix_to_quaternion(values[:3, :3]).tolist()
+    return message

@@ -1,0 +1,16 @@
+"""Transforms between coordinate frames: a buffer fed by ``/tf`` and ``/tf_static``, and broadcasters.
+
+What is right and what is an error is as in tf2.
+"""
+
+from rosidl_py_gen.tf.broadcaster import StaticTransformBroadcaster as StaticTransformBroadcaster
+from rosidl_py_gen.tf.broadcaster import TransformBroadcaster as TransformBroadcaster
+from rosidl_py_gen.tf.buffer import TransformBuffer as TransformBuffer
+from rosidl_py_gen.tf.errors import ConnectivityError as ConnectivityError
+from rosidl_py_gen.tf.errors import ExtrapolationError as ExtrapolationError
+from rosidl_py_gen.tf.errors import InvalidTransformError as InvalidTransformError
+from rosidl_py_gen.tf.errors import TransformError as TransformError
+from rosidl_py_gen.tf.errors import TransformTimeoutError as TransformTimeoutError
+from rosidl_py_gen.tf.errors import UnknownFrameError as UnknownFrameError
+from rosidl_py_gen.tf.transform import Transform as Transform
+from rosidl_py_gen.tf.tree import FrameInfo as FrameInfo

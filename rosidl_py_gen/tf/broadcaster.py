@@ -1,0 +1,56 @@
+"""Telling others of transforms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.runtime import Durability, QoSProfile
+from rosidl_py_gen.tf.buffer import DEPTH
+from rosidl_py_gen.tf.transform import Transform
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime import Node
+
+
+class TransformBroadcaster:
+    """Publishes transforms that change, on ``/tf``."""
+
+    def __init__(self, node: Node) -> None:
+        self._cls: Any = get_message("tf2_msgs/msg/TFMessage")
+        self._publisher = node.create_publisher(self._cls, "/tf", DEPTH)
+
+    def send(self, transforms: Any) -> None:
+        """Publish one or several: TransformStamped messages or `Transform` objects.
+
+        Raises:
+            EncodeError: something else.
+        """
+        self._publisher.publish(self._cls(transforms=messages(transforms)))
+
+
+class StaticTransformBroadcaster:
+    """Publishes transforms that do not change, on ``/tf_static``; who subscribes later gets them, too."""
+
+    def __init__(self, node: Node) -> None:
+        self._cls: Any = get_message("tf2_msgs/msg/TFMessage")
+        latched = QoSProfile(depth=1, durability=Durability.TRANSIENT_LOCAL)
+        self._publisher = node.create_publisher(self._cls, "/tf_static", latched)
+        self._sent: dict[str, Any] = {}
+
+    def send(self, transforms: Any) -> None:
+        """Publish one or several together with all that were sent before; the last one of each child frame counts.
+
+        Raises:
+            EncodeError: something else than TransformStamped messages or `Transform` objects.
+        """
+        new = {message.child_frame_id: message for message in messages(transforms)}
+        self._publisher.publish(self._cls(transforms=list({**self._sent, **new}.values())))
+        self._sent.update(new)
+
+
+def messages(transforms: Any) -> list[Any]:
+    """One or several transforms as messages."""
+    several = transforms if isinstance(transforms, Iterable) else (transforms,)
+    return [one.to_message() if isinstance(one, Transform) else one for one in several]

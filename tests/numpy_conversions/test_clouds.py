@@ -1,0 +1,195 @@
+"""Point clouds and maps as arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.numpy import (
+    ConversionError,
+    array_to_occupancygrid,
+    array_to_pointcloud,
+    occupancygrid_to_array,
+    pointcloud_dtype,
+    pointcloud_to_array,
+)
+
+PointCloud2: Any = get_message("sensor_msgs/msg/PointCloud2")
+PointField: Any = get_message("sensor_msgs/msg/PointField")
+OccupancyGrid: Any = get_message("nav_msgs/msg/OccupancyGrid")
+
+HUGE = 2**32 - 1
+OFFSETS = {"x": 0, "y": 4, "z": 8, "i": 16}
+XYZI = [PointField(name=name, offset=offset, datatype=7, count=1) for name, offset in OFFSETS.items()]
+
+
+def cloud(**changes: Any) -> Any:
+    points = np.arange(6 * 5, dtype="<f4").view(np.uint8)  # 20 bytes a point, 4 of them between z and i
+    values = {"height": 1, "width": 6, "fields": XYZI, "point_step": 20, "row_step": 120, "data": points, **changes}
+    return PointCloud2(**values)
+
+
+def test_columns_view_the_data_where_the_fields_say() -> None:
+    message = cloud()
+    points = pointcloud_to_array(message)
+    assert points.shape == (6,)
+    assert points["x"].tolist() == [0, 5, 10, 15, 20, 25]
+    assert points["i"].tolist() == [4, 9, 14, 19, 24, 29]
+    assert np.shares_memory(points, message.data)
+    assert pointcloud_to_array(message, ["z", "x"]).dtype.names == ("z", "x")
+    owned = pointcloud_to_array(message, copy=True)
+    assert owned.dtype == np.dtype([(name, "f4") for name in "xyzi"]) and owned["z"].tolist() == [2, 7, 12, 17, 22, 27]
+
+
+def test_an_organised_cloud_has_rows_and_columns() -> None:
+    data = np.arange(2 * 33, dtype="<f4").view(np.uint8)  # rows of 132 bytes: 6 points of 20, and 12 bytes behind them
+    points = pointcloud_to_array(cloud(height=2, row_step=132, data=data))
+    assert points.shape == (2, 6)
+    assert points["x"].tolist() == [[0, 5, 10, 15, 20, 25], [33, 38, 43, 48, 53, 58]]
+    again = array_to_pointcloud(points)
+    assert (again.height, again.width, again.row_step) == (2, 6, 120)
+    assert (pointcloud_to_array(again) == points).all()
+
+
+def test_big_endian_points_keep_their_values() -> None:
+    data = np.arange(30, dtype=">f4").view(np.uint8)
+    points = pointcloud_to_array(cloud(is_bigendian=True, data=data))
+    assert points["y"].tolist() == [1, 6, 11, 16, 21, 26]
+    packed = np.zeros(3, [("a", ">f4"), ("b", ">u2"), ("c", "u1")])
+    packed["b"] = (1, 2, 300)
+    again = array_to_pointcloud(packed)
+    assert again.is_bigendian and pointcloud_to_array(again)["b"].tolist() == [1, 2, 300]
+
+
+KINDS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from(list(KINDS)), st.sampled_from("<>"), st.integers(1, 3)), min_size=1, max_size=5),
+    st.booleans(),
+    st.sampled_from([(0,), (1,), (5,), (2, 3)]),
+)
+def test_structured_arrays_come_back_as_they_were(
+    kinds: list[tuple[str, str, int]], aligned: bool, shape: tuple[int, ...]
+) -> None:
+    dtype = np.dtype(
+        [(f"f{i}", order + kind, (n,) if n > 1 else ()) for i, (kind, order, n) in enumerate(kinds)], align=aligned
+    )
+    array = np.zeros(shape, dtype)
+    raw = np.random.default_rng(3).integers(0, 256, array.nbytes, np.uint8)
+    array = np.ndarray(shape, dtype, raw)
+    message = array_to_pointcloud(array)
+    assert [field.datatype for field in message.fields] == [KINDS[kind] for kind, _, _ in kinds]
+    again = pointcloud_to_array(PointCloud2.decode(message.encode()))
+    assert again.shape == shape
+    for name in dtype.names or ():
+        assert little(again[name]) == little(array[name])
+
+
+def little(column: np.ndarray[Any, Any]) -> bytes:
+    return column.astype(column.dtype.newbyteorder("<")).tobytes()
+
+
+def test_what_lies_between_fields_in_memory_is_not_sent() -> None:
+    memory = np.full(5 * 16, 0xEE, np.uint8)
+    dtype = np.dtype({"names": ["x", "y"], "formats": ["<f4", "<f4"], "offsets": [0, 8], "itemsize": 16})
+    points = np.ndarray(5, dtype, memory)
+    points["x"], points["y"] = 0, 0
+    assert not array_to_pointcloud(points).data.any()
+
+
+def test_plain_columns_become_x_y_z() -> None:
+    numbers = np.arange(12, dtype=np.float32).reshape(4, 3)
+    message = array_to_pointcloud(numbers)
+    assert [field.name for field in message.fields] == ["x", "y", "z"] and message.is_dense
+    assert np.shares_memory(message.data, numbers)
+    assert pointcloud_to_array(message)["z"].tolist() == [2, 5, 8, 11]
+    assert not array_to_pointcloud(np.full((1, 2), np.nan), names=("a", "b")).is_dense
+    with pytest.raises(ConversionError, match=r"expected 3 columns \(x, y, z\), got shape \(4, 2\)"):
+        array_to_pointcloud(numbers[:, :2])
+
+
+def test_types_that_clouds_do_not_have_are_refused_by_name() -> None:
+    with pytest.raises(ConversionError, match=r'array\["t"\]: int64 is no type of point fields'):
+        array_to_pointcloud(np.zeros(2, [("x", "f4"), ("t", "i8")]))
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"point_step": 19}, 'fields.3.: "i" ends at byte 20, but point_step is 19'),
+        ({"fields": [*XYZI, XYZI[0]]}, 'there are two fields "x"'),
+        ({"fields": [PointField(name="x", datatype=9)]}, "fields.0..datatype: 9 is not known"),
+        ({"height": 2, "row_step": 119}, "row_step: 119 bytes, but 6 points of 20 need 120"),
+        ({"width": 7}, "data: 120 bytes, but 1 x 7 points need 140"),
+        ({"height": 2**32 - 1, "row_step": 2**32 - 1}, "data: 120 bytes"),
+        (
+            {"fields": [], "point_step": 0, "height": 2**32 - 1, "width": 2**32 - 1, "row_step": 2**32 - 1},
+            "point_step: 0 bytes",
+        ),
+    ],
+)
+def test_clouds_that_do_not_fit_themselves_are_refused(changes: dict[str, Any], text: str) -> None:
+    with pytest.raises(ConversionError, match=text):
+        pointcloud_to_array(cloud(**changes))
+
+
+def test_a_field_that_is_not_there_is_named() -> None:
+    with pytest.raises(ConversionError, match='no field "intensity" in x, y, z, i'):
+        pointcloud_to_array(cloud(), ["intensity"])
+
+
+def test_a_count_of_zero_means_one_and_no_name_gets_one() -> None:
+    dtype = pointcloud_dtype(cloud(fields=[PointField(offset=4, datatype=7, count=0)]))
+    assert dtype.names == ("unnamed_field_0",)
+
+
+FIELDS = st.builds(
+    PointField,
+    name=st.text(max_size=2),
+    offset=st.integers(0, 30) | st.integers(0, 2**32 - 1),
+    datatype=st.integers(0, 10),
+    count=st.integers(0, 3) | st.integers(0, 2**32 - 1),
+)
+SIZES = st.integers(0, 40) | st.integers(0, 2**32 - 1)
+
+
+@given(
+    st.builds(
+        PointCloud2,
+        height=SIZES,
+        width=SIZES,
+        fields=st.lists(FIELDS, max_size=3),
+        point_step=SIZES,
+        row_step=SIZES,
+        is_bigendian=st.booleans(),
+        data=st.binary(max_size=200),
+    )
+)
+def test_no_cloud_raises_anything_else_or_reads_beyond_its_data(message: Any) -> None:
+    try:
+        points = pointcloud_to_array(message)
+    except RosidlError:
+        return
+    assert points.size * points.dtype.itemsize <= 200 * 200  # rows may overlap only in what is there
+    points.tobytes()
+
+
+def test_maps_come_as_rows_of_cells() -> None:
+    cells = np.array([[-1, 0, 100], [50, 1, 2]], np.int8)
+    grid = array_to_occupancygrid(cells, 0.05, cls=OccupancyGrid)
+    assert (grid.info.height, grid.info.width) == (2, 3) and grid.info.resolution == pytest.approx(0.05)
+    again = occupancygrid_to_array(OccupancyGrid.decode(grid.encode()))
+    assert again.dtype == np.int8 and (again == cells).all()
+    assert np.shares_memory(occupancygrid_to_array(grid), grid.data)
+    grid.info.width = 4
+    with pytest.raises(ConversionError, match="6 cells, but 2 x 4 need 8"):
+        occupancygrid_to_array(grid)
+    with pytest.raises(ConversionError, match="cells are from -1 to 100, got 0 to 101"):
+        array_to_occupancygrid(np.array([[0, 101]]), 1.0)

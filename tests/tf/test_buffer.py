@@ -1,0 +1,239 @@
+"""The buffer, what it says when something is missing, and nodes that feed it."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from worlds import World, run, until
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.tf import (
+    ConnectivityError,
+    ExtrapolationError,
+    InvalidTransformError,
+    StaticTransformBroadcaster,
+    Transform,
+    TransformBroadcaster,
+    TransformBuffer,
+    TransformTimeoutError,
+    UnknownFrameError,
+)
+
+TransformStamped: Any = get_message("geometry_msgs/msg/TransformStamped")
+S = 10**9
+LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
+QUARTER = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
+
+
+def moved(parent: str, child: str, stamp_s: float = 1, x: float = 0, rotation: Any = LEVEL) -> Transform:
+    return Transform(parent, child, round(stamp_s * S), np.array([x, 0.0, 0.0]), rotation)
+
+
+def filled() -> TransformBuffer:
+    """map <- odom <- base_link <- lidar (static, turned left), and another tree."""
+    buffer = TransformBuffer()
+    for second in (1, 2, 3):
+        buffer.set_transform(moved("map", "odom", second, 10))
+        buffer.set_transform(moved("odom", "base_link", second, second))
+    buffer.set_transform(moved("base_link", "lidar", 0, 0.5, QUARTER), static=True)
+    buffer.set_transform(moved("tool", "camera", 1))
+    return buffer
+
+
+def test_a_point_is_carried_through_the_tree() -> None:
+    found = filled().lookup("map", "lidar")
+    assert (found.target, found.source, found.stamp) == ("map", "lidar", 3 * S)
+    assert np.allclose(found.apply([[1, 0, 0], [0, 0, 2]]), [[13.5, 1, 0], [13.5, 0, 2]])
+    assert np.allclose(found.rotate([1, 0, 0]), [0, 1, 0])
+    assert np.allclose(found.matrix @ (1, 0, 0, 1), (13.5, 1, 0, 1))
+    assert np.allclose(found.inverse().apply([13.5, 1, 0]), [1, 0, 0])
+    assert np.allclose((found.inverse() @ found).matrix, np.eye(4))
+
+
+def test_between_two_times_it_is_interpolated() -> None:
+    buffer = filled()
+    found = buffer.lookup("odom", "base_link", round(1.25 * S))
+    assert np.allclose(found.translation, [1.25, 0, 0]) and found.stamp == round(1.25 * S)
+    buffer.set_transform(moved("base_link", "arm", 1))
+    buffer.set_transform(moved("base_link", "arm", 2, rotation=QUARTER))
+    turned = buffer.lookup("base_link", "arm", round(1.5 * S)).apply([1, 0, 0])
+    assert np.allclose(turned, [math.sqrt(0.5), math.sqrt(0.5), 0])
+
+
+def test_a_quarter_turn_is_halved_by_the_shorter_arc() -> None:
+    for sign in (1, -1):  # of the same rotation
+        buffer = TransformBuffer()
+        buffer.set_transform(moved("a", "b", 1))
+        buffer.set_transform(moved("a", "b", 2, rotation=sign * QUARTER))
+        turned = buffer.lookup("a", "b", round(1.5 * S)).apply([1, 0, 0])
+        assert np.allclose(turned, [math.sqrt(0.5), math.sqrt(0.5), 0])
+
+
+def test_what_was_seen_before_is_found_where_it_is_now() -> None:
+    found = filled().lookup_at("base_link", 3 * S, "base_link", 1 * S, "map")
+    assert np.allclose(found.translation, [-2, 0, 0])
+    assert found.stamp == 3 * S
+
+
+@pytest.mark.parametrize(
+    ("question", "error", "text"),
+    [
+        (("map", "base_lnk"), UnknownFrameError, 'the source frame "base_lnk" is not known; did you mean "base_link"'),
+        (("nowhere", "map"), UnknownFrameError, "known: base_link, camera, lidar, map, odom, tool"),
+        (("map", "camera"), ConnectivityError, '"map" and "camera" are not connected.*trees of "map" and "tool"'),
+        (("map", "lidar", 4 * S), ExtrapolationError, 'from "lidar" to "map": "base_link": asked for 4.0*, 1 s after'),
+        (("map", "lidar", S // 2), ExtrapolationError, "0.5 s before the earliest, 1.000000000"),
+        (("tool", "camera", 2 * S), ExtrapolationError, "only 1.000000000 is in the buffer"),
+        (("", "map"), InvalidTransformError, "the target frame is empty"),
+        (("map", "/odom"), InvalidTransformError, "begins with /"),
+    ],
+)
+def test_errors_say_what_is_missing_and_what_is_known(question: Any, error: type[Exception], text: str) -> None:
+    buffer = filled()
+    with pytest.raises(error, match=text):
+        buffer.lookup(*question)
+    assert not buffer.can_transform(*question)
+
+
+def test_an_empty_buffer_says_so() -> None:
+    with pytest.raises(UnknownFrameError, match="known: none"):
+        TransformBuffer().lookup("map", "odom")
+    assert TransformBuffer().lookup("map", "map").translation.tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("transform", "text"),
+    [
+        (moved("a", "a"), "the same"),
+        (moved("", "a"), "must not be empty"),
+        (moved("a", ""), "must not be empty"),
+        (moved("a", "b", x=math.nan), '"b": not finite'),
+        (moved("a", "b", x=math.inf), "not finite"),
+        (moved("a", "b", rotation=LEVEL * math.nan), "not finite"),
+        (moved("a", "b", rotation=LEVEL * 0), "no rotation: its length is 0, not 1"),
+        (moved("a", "b", rotation=LEVEL * 1.1), "its length is 1.1"),
+    ],
+)
+def test_what_is_no_transform_is_refused_and_changes_nothing(transform: Transform, text: str) -> None:
+    buffer = TransformBuffer()
+    with pytest.raises(InvalidTransformError, match=text):
+        buffer.set_transform(transform)
+    assert buffer.frames() == {}
+
+
+def test_frames_in_a_circle_are_told() -> None:
+    buffer = TransformBuffer()
+    for parent, child in (("a", "b"), ("b", "c"), ("c", "a")):
+        buffer.set_transform(moved(parent, child))
+    buffer.set_transform(moved("x", "y"))
+    with pytest.raises(UnknownFrameError, match="form a loop: a -> c -> b -> a"):
+        buffer.lookup("x", "a")
+    with pytest.raises(UnknownFrameError, match="loop"):
+        buffer.lookup("x", "a", S)
+
+
+def test_a_frame_with_a_new_parent_leaves_the_old_one_at_that_time() -> None:
+    buffer = TransformBuffer()
+    buffer.set_transform(moved("left", "ball", 1, 1))
+    buffer.set_transform(moved("right", "ball", 3, 2))
+    assert buffer.lookup("left", "ball", 2 * S).translation.tolist() == [1, 0, 0]
+    assert buffer.lookup("right", "ball").translation.tolist() == [2, 0, 0]
+    with pytest.raises(ConnectivityError):
+        buffer.lookup("right", "ball", 2 * S)
+
+
+def test_a_frame_that_was_static_moves_from_now_on() -> None:
+    buffer = TransformBuffer()
+    buffer.set_transform(moved("a", "b", 1, 1), static=True)
+    assert buffer.frames()["b"].is_static
+    buffer.set_transform(moved("a", "b", 5, 2))
+    assert not buffer.frames()["b"].is_static
+    with pytest.raises(ExtrapolationError):
+        buffer.lookup("a", "b", S)
+
+
+def test_only_the_last_seconds_are_kept() -> None:
+    buffer = TransformBuffer(cache_time_s=2)
+    for second in range(1, 100):
+        buffer.set_transform(moved("a", "b", second))
+    info = buffer.frames()["b"]
+    assert (info.oldest, info.newest) == (97 * S, 99 * S) and info.count == 3
+    with pytest.raises(InvalidTransformError, match="9 s before the latest, more than the 2 s that are kept"):
+        buffer.set_transform(moved("a", "b", 90))
+    buffer.set_transform(moved("a", "b", 98.5, 7))  # late, but not too late
+    assert buffer.lookup("a", "b", round(98.5 * S)).translation.tolist() == [7, 0, 0]
+
+
+def test_what_moves_is_forgotten_and_what_is_static_is_not() -> None:
+    buffer = filled()
+    buffer.clear()
+    assert buffer.can_transform("base_link", "lidar")
+    assert not buffer.can_transform("map", "odom")
+    buffer.set_transform(moved("map", "odom", 0.5))
+    assert buffer.can_transform("map", "odom")
+
+
+def test_messages_are_taken_and_given() -> None:
+    buffer = filled()
+    message = buffer.lookup("map", "lidar").to_message(cls=TransformStamped)
+    assert (message.header.frame_id, message.child_frame_id, message.header.stamp.sec) == ("map", "lidar", 3)
+    other = TransformBuffer()
+    other.set_transform(message)
+    assert np.allclose(other.lookup("map", "lidar").matrix, buffer.lookup("map", "lidar").matrix)
+    with pytest.raises(TypeError, match="a Time message or nanoseconds"):
+        buffer.lookup("map", "lidar", "now")
+
+
+# ------------------------------------------------------------------------------------------------------------- nodes
+
+
+def test_transforms_travel_from_broadcasters_to_buffers(world: World) -> None:
+    async def main() -> None:
+        async with world.node("robot") as robot, world.node("viewer") as viewer:
+            statics = StaticTransformBroadcaster(robot)
+            statics.send(moved("base_link", "lidar", 0, 1))
+            statics.send([moved("base_link", "camera", 0, 2)])
+            moving = TransformBroadcaster(robot)
+            buffer = TransformBuffer(viewer)
+            waiting = asyncio.ensure_future(buffer.wait_for("odom", "camera", timeout_s=20))
+            await until(lambda: robot.count_subscribers("/tf") == 1)
+            while not waiting.done():
+                moving.send([moved("odom", "base_link", 4, 10)])
+                await asyncio.sleep(0.02)
+            found = await waiting
+            assert found.translation.tolist() == [12, 0, 0] and found.stamp == 4 * S
+            assert buffer.can_transform("odom", "lidar")  # sent before there was a buffer
+
+    run(main)
+
+
+def test_waiting_ends_with_what_is_missing(memory: World) -> None:
+    async def main() -> None:
+        async with memory.node("viewer") as viewer:
+            buffer = TransformBuffer(viewer)
+            with pytest.raises(TransformTimeoutError, match=r'after 0\.05 s: the target frame "map" is not known'):
+                await buffer.wait_for("map", "odom", timeout_s=0.05)
+            with pytest.raises(InvalidTransformError, match="empty"):
+                await buffer.wait_for("", "odom", timeout_s=5)
+
+    run(main)
+
+
+def test_a_bad_transform_of_a_peer_is_logged_and_the_others_count(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def main() -> None:
+        async with memory.node("robot") as robot, memory.node("viewer") as viewer:
+            buffer = TransformBuffer(viewer)
+            moving = TransformBroadcaster(robot)
+            await until(lambda: robot.count_subscribers("/tf") == 1)
+            moving.send([moved("a", "a"), moved("a", "b", x=math.nan), moved("a", "c", 1, 5)])
+            assert (await buffer.wait_for("a", "c", timeout_s=10)).translation.tolist() == [5, 0, 0]
+            assert list(buffer.frames()) == ["a", "c"]
+        assert 'ignored a transform: "a": frame_id and child_frame_id are the same' in caplog.text
+
+    run(main)
