@@ -340,7 +340,7 @@ def absurd(told: dict[str, Any], what: str) -> None:
         key, value = changes[what]
         fields[0]["type"][key] = value
     elif what == "many":
-        told["type_description"]["fields"] = [{**fields[0], "name": f"x{index}"} for index in range(100_000)]
+        told["type_description"]["fields"] = [{**fields[0], "name": f"x{index}"} for index in range(1_001)]
     elif what == "itself":
         nested = {
             "type_id": 1,
@@ -374,6 +374,15 @@ async def test_a_description_that_no_definition_leads_to_is_refused(memory: Worl
     robot = teller(memory, "robot", lambda request: answer)
     honest.announce(robot, "rt/t", announced=rihs01(description))
     with pytest.raises(TypeDescriptionError, match=f"^what /robot said of {honest.name} cannot be used"):
+        await memory.node("asker").resolve_type("t", timeout_s=20)
+
+
+async def test_an_answer_that_is_too_long_is_not_even_decoded(memory: World) -> None:
+    told = fresh()
+    answer = told.answer()
+    answer.type_description.type_description.fields *= 100_000
+    told_by(memory, told, answer=lambda request: answer)
+    with pytest.raises(TypeDescriptionError, match=r"/robot describes .* in \d{7} bytes; expected at most 1048576"):
         await memory.node("asker").resolve_type("t", timeout_s=20)
 
 
