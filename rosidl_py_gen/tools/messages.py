@@ -1,0 +1,109 @@
+"""Messages as people write and read them: YAML, one line for each array when it is short, cut when it is long.
+
+Decides what is cut: arrays and strings of more than 128 elements, as `ros2 topic echo` does.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+import yaml
+
+from rosidl_py_gen import from_dict
+from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
+from rosidl_py_gen.tools import ToolError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+M = TypeVar("M", bound=Message)
+
+_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+TRUNCATE = 128
+MOST_TEXT = 1 << 20
+"""Characters of a value on the command line."""
+
+
+def plain(message: Message, *, truncate: int | None = TRUNCATE) -> dict[str, Any]:
+    """Dicts, lists and scalars with ROS names; what is longer than `truncate` is cut and ends with ``'...'``.
+
+    Only what is shown is converted, so a 6 MB image costs as little as a small one.
+    """
+    return {field.ros_name: _plain(getattr(message, field.py_name), truncate) for field in message._TYPE.fields}
+
+
+def plain_value(value: Any, *, truncate: int | None = TRUNCATE) -> Any:
+    """As `plain`, for the value of a field."""
+    return _plain(value, truncate)
+
+
+def _plain(value: Any, truncate: int | None) -> Any:
+    if isinstance(value, Message):
+        return plain(value, truncate=truncate)
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, str):
+        return value if truncate is None or len(value) <= truncate else value[:truncate] + "..."
+    if isinstance(value, bytes | bytearray | memoryview):
+        value = np.frombuffer(value, np.uint8)
+    if isinstance(value, np.ndarray | list | tuple):
+        rest = [] if truncate is None or len(value) <= truncate else ["..."]
+        kept = value if truncate is None else value[:truncate]
+        shown = kept.tolist() if isinstance(kept, np.ndarray) else [_plain(item, truncate) for item in kept]
+        return [*shown, *rest]
+    return value
+
+
+def to_yaml(value: Any, *, flow: bool = False) -> str:
+    """YAML of a plain value, keys in their order, with a line break at the end.
+
+    Args:
+        flow: on one line.
+    """
+    text: str = yaml.dump(
+        value, Dumper=_Dumper, allow_unicode=True, sort_keys=False, default_flow_style=flow, width=1 << 30
+    )
+    return text.removesuffix("...\n")  # the end mark behind a scalar
+
+
+def from_yaml(text: str) -> Any:
+    """The value of a YAML or JSON text from the command line.
+
+    Raises:
+        ToolError: no YAML, with line and column.
+    """
+    if len(text) > MOST_TEXT:
+        raise ToolError(f"a value of {len(text)} characters; at most {MOST_TEXT} are taken")
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        place = f"{mark.line + 1}:{mark.column + 1}: " if mark else ""
+        raise ToolError(f"not YAML: {place}{error.problem or error.context}: {text[:200]!r}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ToolError(f"not YAML: {error}") from None
+
+
+def message_from(cls: type[M], text: str) -> M:
+    """A message from YAML or JSON; what is left out has its default, as with ``ros2 topic pub``.
+
+    Raises:
+        ToolError: names the field, what was found and what was expected.
+    """
+    value = from_yaml(text) if text.strip() else {}
+    if value is None:
+        value = {}
+    if not isinstance(value, dict):
+        raise ToolError(f"{cls.__name__} takes a mapping such as '{{{_example(cls)}}}', got {text[:200]!r}")
+    try:
+        return from_dict(cls, value)
+    except (EncodeError, InvalidNameError, TypeNotFoundError) as error:
+        raise ToolError(str(error)) from None
+
+
+def _example(cls: type[Message]) -> str:
+    names: Sequence[str] = [field.ros_name for field in cls._TYPE.fields]
+    return ", ".join(f"{name}: ..." for name in names[:3])
