@@ -29,7 +29,7 @@ def line(text: str = "", style: str = "") -> None:
     Raises:
         BrokenPipeError: nobody reads any more.
     """
-    text = "\n".join(printable(one) for one in text.split("\n"))
+    text = "\n".join("\t".join(map(printable, one.split("\t"))) for one in text.split("\n"))
     if style and is_terminal():
         from rich.style import Style
 
