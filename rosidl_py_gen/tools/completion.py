@@ -34,6 +34,10 @@ def complete_names(what: str, context: click.Context, incomplete: str) -> list[C
 
 
 def _names(what: str, context: click.Context) -> list[str]:
+    if what == "types":
+        from rosidl_py_gen.tools.types import interface_names
+
+        return interface_names(paths=context.params.get("paths") or ())
     import asyncio
 
     from rosidl_py_gen.tools.session import Session

@@ -1,0 +1,108 @@
+"""The classes a command works with: of a name the user gave, or of what is announced on the network.
+
+Decides where a definition comes from: what is importable, the folders of ``--path``, AMENT_PREFIX_PATH, the bundled
+ones. Only this file knows.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import get_action, get_message, get_service
+from rosidl_py_gen.cdr import Message, TypeInfo
+from rosidl_py_gen.errors import TypeNotFoundError
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.tools import ToolError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.cdr import Action, Service
+    from rosidl_py_gen.tools.session import Session
+
+_GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
+
+
+async def message_class(
+    session: Session, topic: str, type_name: str | None = None, paths: Sequence[str] = ()
+) -> type[Message]:
+    """The class of a topic's messages.
+
+    Args:
+        topic: full name; somebody has it when `type_name` is None.
+        type_name: ``pkg/msg/Name`` or ``pkg/Name``.
+
+    Raises:
+        ToolError: the topic has several types. TypeNotFoundError. InvalidNameError. DefinitionError.
+    """
+    return get_message(type_name or topic_type(session, topic), path=paths)
+
+
+async def service_class(
+    session: Session, service: str, type_name: str | None = None, paths: Sequence[str] = ()
+) -> type[Service[Any, Any]]:
+    """The class of a service; as `message_class`."""
+    return get_service(type_name or _only("service", service, _services(session).get(service, [])), path=paths)
+
+
+async def action_class(
+    session: Session, action: str, type_name: str | None = None, paths: Sequence[str] = ()
+) -> type[Action[Any, Any, Any]]:
+    """The class of an action; as `message_class`."""
+    if type_name is None:
+        types = _services(session).get(action + _GOAL_SERVICE, [])
+        type_name = _only("action", action, [name.removesuffix(_GOAL_TYPE) for name in types])
+    return get_action(type_name, path=paths)
+
+
+def topic_type(session: Session, topic: str) -> str:
+    """The one type of a topic that somebody has.
+
+    Raises:
+        ToolError: it has several; the user has to say which one.
+    """
+    return _only("topic", topic, dict(session.node.get_topic_names_and_types()).get(topic, []))
+
+
+def opaque_class(session: Session, topic: str, type_name: str | None = None) -> type[Message]:
+    """A class with the name and hash of a topic's messages and nothing else, for subscribing to their bytes.
+
+    Raises:
+        ToolError: the topic has several types. InvalidNameError.
+    """
+    name = str(split_ros_name(type_name, "msg")) if type_name else topic_type(session, topic)
+    endpoints = [
+        *session.node.get_publishers_info_by_topic(topic),
+        *session.node.get_subscriptions_info_by_topic(topic),
+    ]
+    hashes = [one.topic_type_hash for one in endpoints if one.topic_type == name and one.topic_type_hash]
+
+    class Opaque(Message):
+        __slots__ = ()
+        _TYPE = TypeInfo(name, hashes[0] if hashes else "", ())
+
+    return Opaque
+
+
+def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
+    """Full names of the definitions on the search path, sorted.
+
+    Raises:
+        DefinitionError: a folder cannot be used.
+    """
+    from rosidl_py_gen.spec.find import search_path
+
+    packages = search_path(paths).packages.values()
+    return sorted(str(name) for package in packages for name in package.files if name.kind == kind)
+
+
+def _services(session: Session) -> dict[str, list[str]]:
+    return dict(session.node.get_service_names_and_types())
+
+
+def _only(kind: str, name: str, types: Sequence[str]) -> str:
+    if not types:
+        raise TypeNotFoundError(f"nobody says which type {kind} {name} has; give the type")
+    if len(types) > 1:
+        raise ToolError(f"{kind} {name} has more than one type: {', '.join(types)}; give the one you mean")
+    return types[0]
