@@ -29,7 +29,7 @@ def line(text: str = "", style: str = "") -> None:
     Raises:
         BrokenPipeError: nobody reads any more.
     """
-    text = "\n".join(printable(one) for one in text.split("\n"))
+    text = "\n".join("\t".join(map(printable, one.split("\t"))) for one in text.split("\n"))
     if style and is_terminal():
         from rich.style import Style
 
@@ -43,9 +43,13 @@ def note(text: str) -> None:
     print(printable(text), file=sys.stderr, flush=True)
 
 
-def document(data: Any) -> None:
-    """JSON; NaN and infinities become strings, as `rosidl_py_gen.to_json` does it."""
-    line(json.dumps(json_value(data), ensure_ascii=False, indent=2 if is_terminal() else None))
+def document(data: Any, *, in_stream: bool = False) -> None:
+    """JSON; NaN and infinities become strings, as `rosidl_py_gen.to_json` does it.
+
+    Args:
+        in_stream: one of several, each of which takes one line.
+    """
+    line(json.dumps(json_value(data), ensure_ascii=False, indent=2 if is_terminal() and not in_stream else None))
 
 
 def table(rows: Iterable[Sequence[str]], *headings: str) -> None:
