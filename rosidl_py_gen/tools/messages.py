@@ -5,6 +5,8 @@ Decides what is cut: arrays and strings of more than 128 elements, as `ros2 topi
 
 from __future__ import annotations
 
+import re
+import sys
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -26,6 +28,7 @@ M = TypeVar("M", bound=Message)
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 TRUNCATE = 128
+_TYPE = re.compile(r"\w+(/\w+){1,2}\Z")
 MOST_TEXT = 1 << 20
 """Characters of a value on the command line."""
 
@@ -118,6 +121,25 @@ def from_yaml(text: str) -> Any:
         raise ToolError(f"not YAML: {place}{error.problem or error.context}: {text[:200]!r}") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise ToolError(f"not YAML: {error}") from None
+
+
+def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str | None, str]:
+    """What ``[TYPE] [VALUES]`` on a command line mean: both may be left out, a type has a ``/`` and no blanks.
+
+    Args:
+        stdin: the values are what standard input says.
+
+    Raises:
+        ToolError: too many words.
+    """
+    rest = list(words)
+    name = rest.pop(0) if rest and _TYPE.match(rest[0]) else None
+    if len(rest) > (0 if stdin else 1):
+        expected = "no values beside --stdin" if stdin else "values in one word: put them between '"
+        raise ToolError(f"cannot make sense of {' '.join(rest)[:200]!r}; expected {expected}")
+    if stdin:
+        return name, sys.stdin.read(MOST_TEXT + 1)
+    return name, rest[0] if rest else ""
 
 
 def message_from(cls: type[M], text: str) -> M:

@@ -52,6 +52,11 @@ def document(data: Any, *, in_stream: bool = False) -> None:
     line(json.dumps(json_value(data), ensure_ascii=False, indent=2 if is_terminal() and not in_stream else None))
 
 
+def json_line(data: Any) -> None:
+    """JSON on one line, also on terminals: one of a stream of values."""
+    line(json.dumps(json_value(data), ensure_ascii=False))
+
+
 def table(rows: Iterable[Sequence[str]], *headings: str) -> None:
     """Columns: fitted into the terminal; elsewhere separated by tabs, without headings, for cut and awk."""
     rows = [[printable(cell) for cell in row] for row in rows]

@@ -41,18 +41,21 @@ async def message_class(
 async def service_class(
     session: Session, service: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Service[Any, Any]]:
-    """The class of a service; as `message_class`."""
-    return get_service(type_name or _only("service", service, _services(session).get(service, [])), path=paths)
+    """The class of a service; as `message_class`.
+
+    Raises:
+        ToolError: a type was given, and all who have the service say another.
+    """
+    types = _services(session).get(service, [])
+    return get_service(_given_or_only("service", service, types, type_name), path=paths)
 
 
 async def action_class(
     session: Session, action: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Action[Any, Any, Any]]:
-    """The class of an action; as `message_class`."""
-    if type_name is None:
-        types = _services(session).get(action + _GOAL_SERVICE, [])
-        type_name = _only("action", action, [name.removesuffix(_GOAL_TYPE) for name in types])
-    return get_action(type_name, path=paths)
+    """The class of an action; as `service_class`."""
+    types = [name.removesuffix(_GOAL_TYPE) for name in _services(session).get(action + _GOAL_SERVICE, [])]
+    return get_action(_given_or_only("action", action, types, type_name), path=paths)
 
 
 def topic_type(session: Session, topic: str) -> str:
@@ -98,6 +101,16 @@ def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
 
 def _services(session: Session) -> dict[str, list[str]]:
     return dict(session.node.get_service_names_and_types())
+
+
+def _given_or_only(kind: str, name: str, types: Sequence[str], type_name: str | None) -> str:
+    """The type somebody named, unless nobody has it: nobody would answer then."""
+    if type_name is None:
+        return _only(kind, name, types)
+    wanted = str(split_ros_name(type_name, "srv" if kind == "service" else kind))
+    if types and wanted not in types:
+        raise ToolError(f"{kind} {name} has type {', '.join(types)}, not {wanted}")
+    return wanted
 
 
 def _only(kind: str, name: str, types: Sequence[str]) -> str:
