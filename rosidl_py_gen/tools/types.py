@@ -1,7 +1,8 @@
 """The classes a command works with: of a name the user gave, or of what is announced on the network.
 
-Decides where a definition comes from: what is importable, the folders of ``--path``, AMENT_PREFIX_PATH, the bundled
-ones. Only this file knows.
+Decides where a definition comes from. What somebody announces is asked of the node, which compares hashes and asks its
+peers for what is known nowhere here; a type that nobody announces has to be importable, in the folders of ``--path``,
+in AMENT_PREFIX_PATH, or bundled.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Action, Service
     from rosidl_py_gen.tools.session import Session
 
+_PATIENCE_S = 10.0
+"""How long somebody may take to describe a type that is known nowhere else."""
 _GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
 
 
@@ -33,9 +36,14 @@ async def message_class(
         type_name: ``pkg/msg/Name`` or ``pkg/Name``.
 
     Raises:
-        ToolError: the topic has several types. TypeNotFoundError. InvalidNameError. DefinitionError.
+        ToolError: the topic has several types. TypeNotFoundError. TypeDescriptionError. InvalidNameError.
+        DefinitionError.
     """
-    return get_message(type_name or topic_type(session, topic), path=paths)
+    types = _topic_types(session, topic)
+    name = _only("topic", topic, types) if type_name is None else str(split_ros_name(type_name, "msg"))
+    if name not in types:
+        return get_message(name, path=paths)
+    return await session.node.resolve_type(topic, name, path=paths, timeout_s=_PATIENCE_S)
 
 
 async def service_class(
@@ -47,7 +55,10 @@ async def service_class(
         ToolError: a type was given, and all who have the service say another.
     """
     types = _services(session).get(service, [])
-    return get_service(_given_or_only("service", service, types, type_name), path=paths)
+    name = _given_or_only("service", service, types, type_name)
+    if name not in types:
+        return get_service(name, path=paths)
+    return await session.node.resolve_service_type(service, name, path=paths, timeout_s=_PATIENCE_S)
 
 
 async def action_class(
@@ -55,7 +66,10 @@ async def action_class(
 ) -> type[Action[Any, Any, Any]]:
     """The class of an action; as `service_class`."""
     types = [name.removesuffix(_GOAL_TYPE) for name in _services(session).get(action + _GOAL_SERVICE, [])]
-    return get_action(_given_or_only("action", action, types, type_name), path=paths)
+    name = _given_or_only("action", action, types, type_name)
+    if name not in types:
+        return get_action(name, path=paths)
+    return await session.node.resolve_action_type(action, name, path=paths, timeout_s=_PATIENCE_S)
 
 
 def topic_type(session: Session, topic: str) -> str:
@@ -64,7 +78,7 @@ def topic_type(session: Session, topic: str) -> str:
     Raises:
         ToolError: it has several; the user has to say which one.
     """
-    return _only("topic", topic, dict(session.node.get_topic_names_and_types()).get(topic, []))
+    return _only("topic", topic, _topic_types(session, topic))
 
 
 def opaque_class(session: Session, topic: str, type_name: str | None = None) -> type[Message]:
@@ -97,6 +111,10 @@ def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
 
     packages = search_path(paths).packages.values()
     return sorted(str(name) for package in packages for name in package.files if name.kind == kind)
+
+
+def _topic_types(session: Session, topic: str) -> list[str]:
+    return dict(session.node.get_topic_names_and_types()).get(topic, [])
 
 
 def _services(session: Session) -> dict[str, list[str]]:
