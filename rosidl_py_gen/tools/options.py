@@ -22,6 +22,19 @@ paths = click.option(
 )
 
 
+def timeout(what: str, default_s: float = 5) -> Callable[[F], F]:
+    """``--timeout``, handed on as `timeout_s`; infinity is welcome. `what` says in the help what is waited for."""
+    return click.option(
+        "--timeout",
+        "timeout_s",
+        type=click.FloatRange(0),
+        default=default_s,
+        show_default=True,
+        metavar="SECONDS",
+        help=what,
+    )
+
+
 def node_options(command: F) -> F:
     """Options of every command that looks at the network; a command hands them on to `session.Session` as `network`."""
     for option in reversed(_NODE_OPTIONS):

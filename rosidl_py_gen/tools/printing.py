@@ -43,9 +43,18 @@ def note(text: str) -> None:
     print(printable(text), file=sys.stderr, flush=True)
 
 
-def document(data: Any) -> None:
-    """JSON; NaN and infinities become strings, as `rosidl_py_gen.to_json` does it."""
-    line(json.dumps(json_value(data), ensure_ascii=False, indent=2 if is_terminal() else None))
+def document(data: Any, *, in_stream: bool = False) -> None:
+    """JSON; NaN and infinities become strings, as `rosidl_py_gen.to_json` does it.
+
+    Args:
+        in_stream: one of several, each of which takes one line.
+    """
+    line(json.dumps(json_value(data), ensure_ascii=False, indent=2 if is_terminal() and not in_stream else None))
+
+
+def json_line(data: Any) -> None:
+    """JSON on one line, also on terminals: one of a stream of values."""
+    line(json.dumps(json_value(data), ensure_ascii=False))
 
 
 def table(rows: Iterable[Sequence[str]], *headings: str) -> None:

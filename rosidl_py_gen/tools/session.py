@@ -94,12 +94,12 @@ class Session:
             timeout_s = NAMED_TIMEOUT_S if self._spin_time_s is None else self._spin_time_s
 
         async def watch() -> None:
-            if is_there():
-                return
             async for _ in self.node.graph_changes():
                 if is_there():
                     return
 
+        if is_there():
+            return True
         try:
             await asyncio.wait_for(watch(), timeout_s)
         except asyncio.TimeoutError:
@@ -123,7 +123,7 @@ class Session:
         full = resolve(name if name.startswith("/") else f"/{name}")
         if await self.wait_for(lambda: full in known(), timeout_s):
             return full
-        names = known()
+        names = [name for name in known() if "/_" not in name]  # not ourselves
         hint = did_you_mean(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
         raise ToolError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _nothing_there()}")
 

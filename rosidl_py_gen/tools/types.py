@@ -1,7 +1,8 @@
 """The classes a command works with: of a name the user gave, or of what is announced on the network.
 
-Decides where a definition comes from: what is importable, the folders of ``--path``, AMENT_PREFIX_PATH, the bundled
-ones. Only this file knows.
+Decides where a definition comes from. What somebody announces is asked of the node, which compares hashes and asks its
+peers for what is known nowhere here; a type that nobody announces has to be importable, in the folders of ``--path``,
+in AMENT_PREFIX_PATH, or bundled.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Action, Service
     from rosidl_py_gen.tools.session import Session
 
+_PATIENCE_S = 10.0
+"""How long somebody may take to describe a type that is known nowhere else."""
 _GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
 
 
@@ -33,26 +36,40 @@ async def message_class(
         type_name: ``pkg/msg/Name`` or ``pkg/Name``.
 
     Raises:
-        ToolError: the topic has several types. TypeNotFoundError. InvalidNameError. DefinitionError.
+        ToolError: the topic has several types. TypeNotFoundError. TypeDescriptionError. InvalidNameError.
+        DefinitionError.
     """
-    return get_message(type_name or topic_type(session, topic), path=paths)
+    types = _topic_types(session, topic)
+    name = _only("topic", topic, types) if type_name is None else str(split_ros_name(type_name, "msg"))
+    if name not in types:
+        return get_message(name, path=paths)
+    return await session.node.resolve_type(topic, name, path=paths, timeout_s=_PATIENCE_S)
 
 
 async def service_class(
     session: Session, service: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Service[Any, Any]]:
-    """The class of a service; as `message_class`."""
-    return get_service(type_name or _only("service", service, _services(session).get(service, [])), path=paths)
+    """The class of a service; as `message_class`.
+
+    Raises:
+        ToolError: a type was given, and all who have the service say another.
+    """
+    types = _services(session).get(service, [])
+    name = _given_or_only("service", service, types, type_name)
+    if name not in types:
+        return get_service(name, path=paths)
+    return await session.node.resolve_service_type(service, name, path=paths, timeout_s=_PATIENCE_S)
 
 
 async def action_class(
     session: Session, action: str, type_name: str | None = None, paths: Sequence[str] = ()
 ) -> type[Action[Any, Any, Any]]:
-    """The class of an action; as `message_class`."""
-    if type_name is None:
-        types = _services(session).get(action + _GOAL_SERVICE, [])
-        type_name = _only("action", action, [name.removesuffix(_GOAL_TYPE) for name in types])
-    return get_action(type_name, path=paths)
+    """The class of an action; as `service_class`."""
+    types = [name.removesuffix(_GOAL_TYPE) for name in _services(session).get(action + _GOAL_SERVICE, [])]
+    name = _given_or_only("action", action, types, type_name)
+    if name not in types:
+        return get_action(name, path=paths)
+    return await session.node.resolve_action_type(action, name, path=paths, timeout_s=_PATIENCE_S)
 
 
 def topic_type(session: Session, topic: str) -> str:
@@ -61,7 +78,7 @@ def topic_type(session: Session, topic: str) -> str:
     Raises:
         ToolError: it has several; the user has to say which one.
     """
-    return _only("topic", topic, dict(session.node.get_topic_names_and_types()).get(topic, []))
+    return _only("topic", topic, _topic_types(session, topic))
 
 
 def opaque_class(session: Session, topic: str, type_name: str | None = None) -> type[Message]:
@@ -96,8 +113,22 @@ def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
     return sorted(str(name) for package in packages for name in package.files if name.kind == kind)
 
 
+def _topic_types(session: Session, topic: str) -> list[str]:
+    return dict(session.node.get_topic_names_and_types()).get(topic, [])
+
+
 def _services(session: Session) -> dict[str, list[str]]:
     return dict(session.node.get_service_names_and_types())
+
+
+def _given_or_only(kind: str, name: str, types: Sequence[str], type_name: str | None) -> str:
+    """The type somebody named, unless nobody has it: nobody would answer then."""
+    if type_name is None:
+        return _only(kind, name, types)
+    wanted = str(split_ros_name(type_name, "srv" if kind == "service" else kind))
+    if types and wanted not in types:
+        raise ToolError(f"{kind} {name} has type {', '.join(types)}, not {wanted}")
+    return wanted
 
 
 def _only(kind: str, name: str, types: Sequence[str]) -> str:

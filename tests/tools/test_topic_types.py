@@ -41,3 +41,11 @@ async def test_actions_and_services_are_found_by_the_types_of_their_servers() ->
 def test_types_are_completed_without_a_network() -> None:
     found = [item.value for item in complete_names("types", click.Context(click.Command("x")), "std_msgs/msg/Str")]
     assert found == ["std_msgs/msg/String"]
+
+
+async def test_a_type_that_nobody_has_is_refused() -> None:
+    async with Session({}) as session:
+        session.node.create_service("example_interfaces/srv/AddTwoInts", "add")
+        with pytest.raises(ToolError, match="has type example_interfaces/srv/AddTwoInts, not std_srvs/srv/Empty"):
+            await types.service_class(session, "/add", "std_srvs/Empty")
+        assert (await types.service_class(session, "/new", "std_srvs/Empty"))._TYPE.name == "std_srvs/srv/Empty"
