@@ -57,19 +57,20 @@ def _plain(value: Any, field: Field) -> Any:
 def to_json(message: Message, *, indent: int | None = None) -> str:
     """The message as JSON text. The inverse of `from_json`; errors as `to_dict`."""
     try:
-        return json.dumps(_json_value(to_dict(message)), ensure_ascii=False, allow_nan=False, indent=indent)
+        return json.dumps(json_value(to_dict(message)), ensure_ascii=False, allow_nan=False, indent=indent)
     except TypeError:
         validate(message)
         raise
 
 
-def _json_value(value: Any) -> Any:
+def json_value(value: Any) -> Any:
+    """A plain value with NaN and the infinities as strings."""
     if isinstance(value, float) and not math.isfinite(value):
         return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, dict):
-        return {key: _json_value(item) for key, item in value.items()}
+        return {key: json_value(item) for key, item in value.items()}
     if isinstance(value, list):
-        return [_json_value(item) for item in value]
+        return [json_value(item) for item in value]
     return value
 
 

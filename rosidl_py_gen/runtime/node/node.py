@@ -65,6 +65,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         allow_undeclared: parameters may be set without having been declared.
         declare_overrides: declare every parameter that has an initial value.
         start_services: serve the six parameter services.
+        parameter_events: publish changes of parameters on ``/parameter_events``.
         logger_services: serve ``~/get_logger_levels`` and ``~/set_logger_levels``.
 
     Raises:
@@ -84,6 +85,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         allow_undeclared: bool = False,
         declare_overrides: bool = False,
         start_services: bool = True,
+        parameter_events: bool = True,
         logger_services: bool = False,
     ) -> None:
         if not (context is None or isinstance(context, Context)):
@@ -96,6 +98,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
             allow_undeclared=allow_undeclared,
             declare_overrides=declare_overrides,
             start_services=start_services,
+            parameter_events=parameter_events,
             logger_services=logger_services,
         )
         self.context = shared = Context.default() if context is None else context

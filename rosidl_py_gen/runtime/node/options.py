@@ -18,4 +18,5 @@ class NodeOptions:
     allow_undeclared: bool
     declare_overrides: bool
     start_services: bool
+    parameter_events: bool
     logger_services: bool

@@ -68,7 +68,7 @@ class NodeParameters:
         merged = self.context.ros_arguments.overrides_for(self._names.fully_qualified_name)
         merged.update({item.name: item.value for item in as_parameters(options.overrides or {})})
         self._changes = changes = list[Stream[ParameterChange]]()
-        events = ParameterEventPublisher(self.scope, self._names, self.clock)
+        events = ParameterEventPublisher(self.scope, self._names, self.clock) if options.parameter_events else None
 
         def tell(event: ParameterEvent) -> None:
             for stream in tuple(changes):
@@ -77,7 +77,8 @@ class NodeParameters:
                     self.scope.disown(stream)
                 for parameter in (*event.new, *event.changed, *event.deleted):
                     stream.push(ParameterChange(parameter.name, parameter.value.value))
-            events.tell(event)
+            if events is not None:
+                events.tell(event)
 
         self._store = ParameterStore(
             merged, allow_undeclared=options.allow_undeclared, on_event=tell, on_failure=self.scope.report_failure

@@ -1,0 +1,159 @@
+"""``rosidl-py``: look at a running ROS 2 system and act on it from the command line.
+
+This file knows the groups of commands, with a sentence each, and how a run ends. A group is a module in `commands/`
+that declares its commands with click and imports nothing else, so that help is quick; what a command does is in a
+module beside this one, loaded when it runs.
+
+Exit codes: 0 done, 1 it could not be done (the reason is on standard error), 2 a wrong command line, 130 interrupted.
+Commands that go on until they are interrupted end with 0 then.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rosidl_py_gen import __version__
+from rosidl_py_gen.errors import RosidlError, printable
+
+if TYPE_CHECKING:
+    from collections.abc import Coroutine
+
+_GROUPS = {
+    "action": "Actions: list, info, send goals.",
+    "completion": "Print the completion script of a shell.",
+    "doctor": "Check this installation, the network, and what answers on it.",
+    "graph": "Nodes and topics as text, Mermaid or SVG.",
+    "interface": "Definitions of messages, services and actions.",
+    "lifecycle": "Lifecycle nodes: list, get and set their states.",
+    "node": "Nodes: list, info.",
+    "param": "Parameters: list, get, set, describe, dump, load, delete.",
+    "service": "Services: list, type, call, info, echo.",
+    "topic": "Topics: list, info, echo, pub, hz, bw, delay, type, find.",
+}
+
+
+_EXTRA = ("cyclonedds", "rich", "yaml")
+"""Modules that the extra `node` brings. Definitions can be shown without it."""
+
+
+class ToolError(RosidlError):
+    """What the user asked for cannot be done; the text says why and what would help."""
+
+
+class CommandEnd(Exception):
+    """A command ended with an exit code after it said what there was to say."""
+
+    def __init__(self, code: int) -> None:
+        self.code = code
+        super().__init__(str(code))
+
+
+class _Groups(click.Group):
+    """Loads a group when it is used."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return sorted(_GROUPS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in _GROUPS:
+            return None
+        command = getattr(import_module(f"{__name__}.commands.{cmd_name}"), cmd_name)
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(sorted(_GROUPS.items()))
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
+        if args and args[0] not in _GROUPS:
+            from rosidl_py_gen.names import did_you_mean
+
+            ctx.fail(f'no command "{args[0]}"{did_you_mean(args[0], _GROUPS)}')
+        return super().resolve_command(ctx, args)
+
+
+@click.group(
+    cls=_Groups,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
+    no_args_is_help=True,
+)
+@click.version_option(__version__, prog_name="rosidl-py")
+def _cli() -> None:
+    """Look at a running ROS 2 system and act on it. No ROS installation is needed.
+
+    \b
+    rosidl-py topic list -t
+    rosidl-py topic echo /chatter
+    rosidl-py service call /add_two_ints '{a: 1, b: 2}'
+
+    ROS_DOMAIN_ID and ROS_AUTOMATIC_DISCOVERY_RANGE count, and so do --domain and --discovery of each command.
+    """
+
+
+def root() -> click.Group:
+    """All commands, for completion."""
+    return _cli
+
+
+def run_command(module: str, **arguments: Any) -> None:
+    """Load ``tools/<module>.py`` and call its `run`, whose answer is the exit code; called by what click declares."""
+    code = import_module(f"{__name__}.{module}").run(**arguments)
+    if code:
+        raise CommandEnd(code)
+
+
+def run_async(main: Coroutine[Any, Any, int], *, endless: bool = False) -> int:
+    """Run a command's coroutine; the exit code it returns, or what a signal makes of it.
+
+    Args:
+        endless: the command goes on until it is interrupted, so that this is its usual end.
+    """
+    from rosidl_py_gen.runtime import run
+
+    code = run(main)
+    if code is None:  # a signal
+        return 0 if endless else 130
+    return code
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The console script; see the head of this file for exit codes."""
+    try:
+        code = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
+        sys.stdout.flush()
+        if isinstance(code, int) and code:
+            sys.exit(code)
+    except CommandEnd as end:
+        sys.exit(end.code)
+    except click.exceptions.Exit as done:
+        sys.exit(done.exit_code)
+    except click.ClickException as wrong:
+        wrong.show()
+        sys.exit(wrong.exit_code)
+    except (click.Abort, KeyboardInterrupt):
+        sys.exit(130)
+    except BrokenPipeError:  # whoever read our output has enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
+    except RosidlError as error:
+        report(str(error))
+        sys.exit(1)
+    except ModuleNotFoundError as missing:
+        if missing.name not in _EXTRA:
+            raise
+        report(f"this needs {missing.name}, which is not installed: pip install 'rosidl-py-gen[node]'")
+        sys.exit(1)
+    except OSError as error:
+        report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))
+        sys.exit(1)
+
+
+def report(text: str) -> None:
+    """Say on standard error why something cannot be done. Text of peers may be in it: control characters are shown."""
+    click.secho(f"error: {printable(text)}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)

@@ -1,0 +1,4 @@
+"""The commands as click knows them: names, arguments, help and completion, a file for each group.
+
+Nothing but click is imported here; `run_command` loads what a command does.
+"""

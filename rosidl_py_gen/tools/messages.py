@@ -1,0 +1,164 @@
+"""Messages as people write and read them: YAML, arrays and strings cut when they are long.
+
+Decides what is cut: arrays and strings of more than 128 elements, as `ros2 topic echo` does.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
+import yaml
+
+from rosidl_py_gen import from_dict
+from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
+from rosidl_py_gen.fieldtype import Arity
+from rosidl_py_gen.tools import ToolError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.cdr import Field
+
+M = TypeVar("M", bound=Message)
+
+_Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+TRUNCATE = 128
+_TYPE = re.compile(r"\w+(/\w+){1,2}\Z")
+MOST_TEXT = 1 << 20
+"""Characters of a value on the command line."""
+
+
+class _Shown(NamedTuple):
+    truncate: int | None
+    arrays: bool
+    strings: bool
+
+
+def plain(
+    message: Message, *, truncate: int | None = TRUNCATE, arrays: bool = True, strings: bool = True
+) -> dict[str, Any]:
+    """Dicts, lists and scalars with ROS names; what is longer than `truncate` is cut and ends with ``'...'``.
+
+    Only what is shown is converted, so a 6 MB image costs as little as a small one.
+
+    Args:
+        arrays: False shows only types and sizes of arrays.
+        strings: False shows only lengths of strings.
+    """
+    return _message(message, _Shown(truncate, arrays, strings))
+
+
+def plain_value(value: Any, *, truncate: int | None = TRUNCATE, arrays: bool = True, strings: bool = True) -> Any:
+    """As `plain`, for the value of a field."""
+    return _plain(value, _Shown(truncate, arrays, strings))
+
+
+def _message(message: Message, shown: _Shown) -> dict[str, Any]:
+    if shown.arrays:
+        return {field.ros_name: _plain(getattr(message, field.py_name), shown) for field in message._TYPE.fields}
+    return {field.ros_name: _without_arrays(field, message, shown) for field in message._TYPE.fields}
+
+
+def _without_arrays(field: Field, message: Message, shown: _Shown) -> Any:
+    value, kind = getattr(message, field.py_name), field.type
+    if kind.arity is Arity.SCALAR:
+        return _plain(value, shown)
+    if kind.arity is Arity.ARRAY:
+        return f"<array type: {kind}>"
+    return f"<sequence type: {kind.element}, length: {len(value)}>"
+
+
+def _plain(value: Any, shown: _Shown) -> Any:
+    truncate = shown.truncate
+    if isinstance(value, Message):
+        return _message(value, shown)
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, str):
+        if not shown.strings:
+            return f"<string length: {len(value)}>"
+        return value if truncate is None or len(value) <= truncate else value[:truncate] + "..."
+    if isinstance(value, bytes | bytearray | memoryview):
+        value = np.frombuffer(value, np.uint8)
+    if isinstance(value, np.ndarray | list | tuple):
+        rest = [] if truncate is None or len(value) <= truncate else ["..."]
+        kept = value if truncate is None else value[:truncate]
+        items = kept.tolist() if isinstance(kept, np.ndarray) else [_plain(item, shown) for item in kept]
+        return [*items, *rest]
+    return value
+
+
+def to_yaml(value: Any, *, flow: bool | None = False) -> str:
+    """YAML of a plain value, keys in their order, with a line break at the end.
+
+    Args:
+        flow: on one line; None: only what holds nothing but scalars is on one line.
+    """
+    text: str = yaml.dump(
+        value, Dumper=_Dumper, allow_unicode=True, sort_keys=False, default_flow_style=flow, width=1 << 30
+    )
+    return text.removesuffix("...\n")  # the end mark behind a scalar
+
+
+def from_yaml(text: str) -> Any:
+    """The value of a YAML or JSON text from the command line.
+
+    Raises:
+        ToolError: no YAML, with line and column.
+    """
+    if len(text) > MOST_TEXT:
+        raise ToolError(f"a value of {len(text)} characters; at most {MOST_TEXT} are taken")
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark
+        place = f"{mark.line + 1}:{mark.column + 1}: " if mark else ""
+        raise ToolError(f"not YAML: {place}{error.problem or error.context}: {text[:200]!r}") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ToolError(f"not YAML: {error}") from None
+
+
+def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str | None, str]:
+    """What ``[TYPE] [VALUES]`` on a command line mean: both may be left out, a type has a ``/`` and no blanks.
+
+    Args:
+        stdin: the values are what standard input says.
+
+    Raises:
+        ToolError: too many words.
+    """
+    rest = list(words)
+    name = rest.pop(0) if rest and _TYPE.match(rest[0]) else None
+    if len(rest) > (0 if stdin else 1):
+        expected = "no values beside --stdin" if stdin else "values in one word: put them between '"
+        raise ToolError(f"cannot make sense of {' '.join(rest)[:200]!r}; expected {expected}")
+    if stdin:
+        return name, sys.stdin.read(MOST_TEXT + 1)
+    return name, rest[0] if rest else ""
+
+
+def message_from(cls: type[M], text: str) -> M:
+    """A message from YAML or JSON; what is left out has its default, as with ``ros2 topic pub``.
+
+    Raises:
+        ToolError: names the field, what was found and what was expected.
+    """
+    value = from_yaml(text) if text.strip() else {}
+    if value is None:
+        value = {}
+    if not isinstance(value, dict):
+        raise ToolError(f"{cls.__name__} takes a mapping such as '{{{_example(cls)}}}', got {text[:200]!r}")
+    try:
+        return from_dict(cls, value)
+    except (EncodeError, InvalidNameError, TypeNotFoundError) as error:
+        raise ToolError(str(error)) from None
+
+
+def _example(cls: type[Message]) -> str:
+    names: Sequence[str] = [field.ros_name for field in cls._TYPE.fields]
+    return ", ".join(f"{name}: ..." for name in names[:3])

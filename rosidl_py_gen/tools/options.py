@@ -1,0 +1,101 @@
+"""Options and arguments that several commands share, with their completion from the live graph."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+as_json = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
+paths = click.option(
+    "--path",
+    "paths",
+    multiple=True,
+    metavar="DIR",
+    help="Where to look for definitions, before AMENT_PREFIX_PATH and the bundled ones; may be given several times.",
+)
+
+
+def timeout(what: str, default_s: float = 5) -> Callable[[F], F]:
+    """``--timeout``, handed on as `timeout_s`; infinity is welcome. `what` says in the help what is waited for."""
+    return click.option(
+        "--timeout",
+        "timeout_s",
+        type=click.FloatRange(0),
+        default=default_s,
+        show_default=True,
+        metavar="SECONDS",
+        help=what,
+    )
+
+
+def node_options(command: F) -> F:
+    """Options of every command that looks at the network; a command hands them on to `session.Session` as `network`."""
+    for option in reversed(_NODE_OPTIONS):
+        command = option(command)
+    return command
+
+
+def _into_network(ctx: click.Context, param: click.Parameter, value: Any) -> None:
+    ctx.params.setdefault("network", {})[param.name] = value
+
+
+def _network_option(*names: str, **settings: Any) -> Callable[[F], F]:
+    return click.option(*names, expose_value=False, callback=_into_network, **settings)
+
+
+_NODE_OPTIONS = (
+    _network_option("--domain", "domain_id", type=click.IntRange(0, 232), help="DDS domain instead of ROS_DOMAIN_ID."),
+    _network_option(
+        "--discovery",
+        type=click.Choice(["localhost", "subnet", "off"]),
+        help="How far to look, instead of ROS_AUTOMATIC_DISCOVERY_RANGE.",
+    ),
+    _network_option(
+        "--spin-time",
+        "spin_time_s",
+        type=click.FloatRange(0, 3600),
+        metavar="SECONDS",
+        help="Listen this long for others, instead of until nothing new comes.",
+    ),
+)
+
+
+# -------------------------------------------------------------------------------------------------------- completion
+
+
+def completion(what: str) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """Completes names of the live graph: `what` is topics, services, actions, nodes or parameters; or types."""
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from rosidl_py_gen.tools.completion import complete_names
+
+        return complete_names(what, ctx, incomplete)
+
+    return complete
+
+
+def topic_argument(name: str = "topic", **settings: Any) -> Callable[[F], F]:
+    """A topic name."""
+    return click.argument(name, shell_complete=completion("topics"), **settings)
+
+
+def service_argument(name: str = "service", **settings: Any) -> Callable[[F], F]:
+    """A service name."""
+    return click.argument(name, shell_complete=completion("services"), **settings)
+
+
+def action_argument(name: str = "action", **settings: Any) -> Callable[[F], F]:
+    """An action name."""
+    return click.argument(name, shell_complete=completion("actions"), **settings)
+
+
+def node_argument(name: str = "node", **settings: Any) -> Callable[[F], F]:
+    """A node name."""
+    return click.argument(name, shell_complete=completion("nodes"), **settings)

@@ -1,0 +1,77 @@
+"""How answers look: tables and colours on a terminal, plain text elsewhere, JSON for programs.
+
+Text of peers is not trusted: what could steer a terminal is replaced, except line breaks in message texts, which YAML
+quotes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.convert import json_value
+from rosidl_py_gen.errors import printable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+
+def is_terminal() -> bool:
+    """Whether standard output is a terminal that shall have colours: ``NO_COLOR`` is respected."""
+    return sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def line(text: str = "", style: str = "") -> None:
+    """One or more lines, written at once; `style` is one of rich (``"bold cyan"``), for terminals.
+
+    Raises:
+        BrokenPipeError: nobody reads any more.
+    """
+    text = "\n".join("\t".join(map(printable, one.split("\t"))) for one in text.split("\n"))
+    if style and is_terminal():
+        from rich.style import Style
+
+        text = Style.parse(style).render(text)
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
+
+
+def note(text: str) -> None:
+    """A line on standard error, for what is no part of the answer."""
+    print(printable(text), file=sys.stderr, flush=True)
+
+
+def document(data: Any, *, in_stream: bool = False) -> None:
+    """JSON; NaN and infinities become strings, as `rosidl_py_gen.to_json` does it.
+
+    Args:
+        in_stream: one of several, each of which takes one line.
+    """
+    line(json.dumps(json_value(data), ensure_ascii=False, indent=2 if is_terminal() and not in_stream else None))
+
+
+def json_line(data: Any) -> None:
+    """JSON on one line, also on terminals: one of a stream of values."""
+    line(json.dumps(json_value(data), ensure_ascii=False))
+
+
+def table(rows: Iterable[Sequence[str]], *headings: str) -> None:
+    """Columns: fitted into the terminal; elsewhere separated by tabs, without headings, for cut and awk."""
+    rows = [[printable(cell) for cell in row] for row in rows]
+    if not sys.stdout.isatty():
+        sys.stdout.writelines("\t".join(row) + "\n" for row in rows)
+        sys.stdout.flush()
+        return
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    shown = Table(*headings, box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False, header_style="bold")
+    for column in shown.columns:
+        column.overflow = "fold"
+    for row in rows:
+        shown.add_row(*(Text(cell) for cell in row))
+    Console(no_color=not is_terminal(), highlight=False).print(shown)

@@ -1,0 +1,81 @@
+"""``service info`` and ``service type``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.runtime.names.dds import reply_name, request_name
+from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.session import Network, Session
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime import Node, TopicEndpointInfo
+
+
+def run(network: Network, **shown: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_info(network, **shown))
+
+
+async def _info(network: Network, service: str, as_json: bool, only_type: bool = False, verbose: bool = False) -> int:
+    async with Session(network) as session:
+        node = session.node
+        name = await find_service(session, service)
+        if not only_type:
+            await session.settle()
+        types = dict(node.get_service_names_and_types()).get(name, [])
+        found: dict[str, Any] = {
+            "name": name,
+            "types": types,
+            "clients": node.count_clients(name),
+            "servers": node.count_services(name),
+        }
+        if verbose:
+            found["endpoints"] = _ends(node, name)
+    if as_json:
+        printing.document(types if only_type else found)
+    elif only_type:
+        printing.line("\n".join(types))
+    else:
+        _print(found)
+    return 0
+
+
+async def find_service(session: Session, service: str, timeout_s: float | None = None) -> str:
+    """The full name; raises as `Session.find`."""
+    return await session.find(
+        "service", service, lambda: [name for name, _ in session.node.get_service_names_and_types()], timeout_s
+    )
+
+
+def _ends(node: Node, name: str) -> list[dict[str, Any]]:
+    """Servers, then clients, by what each writes: a server its replies, a client its requests."""
+    return [
+        _end(one, kind)
+        for kind, topic in (("SERVER", reply_name(name)), ("CLIENT", request_name(name)))
+        for one in node.get_publishers_info_by_topic(topic, no_mangle=True)
+    ]
+
+
+def _end(one: TopicEndpointInfo, kind: str) -> dict[str, Any]:
+    qos = one.qos_profile
+    return {
+        "node": fully_qualified_node_name(one.node_name, one.node_namespace),
+        "endpoint": kind,
+        "gid": one.endpoint_gid.hex("."),
+        "reliability": qos.reliability.name,
+        "durability": qos.durability.name,
+        "history": f"{qos.history.name} ({qos.depth})" if qos.depth else qos.history.name,
+    }
+
+
+def _print(found: dict[str, Any]) -> None:
+    printing.line(f"Type: {', '.join(found['types'])}")
+    printing.line(f"Clients count: {found['clients']}\nServices count: {found['servers']}")
+    for end in found.get("endpoints", ()):
+        printing.line(f"\nNode: {end['node']}\nEndpoint type: {end['endpoint']}\nGID: {end['gid']}\nQoS profile:")
+        printing.line(
+            f"  Reliability: {end['reliability']}\n  History (Depth): {end['history']}\n"
+            f"  Durability: {end['durability']}"
+        )

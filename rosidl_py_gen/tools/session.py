@@ -1,0 +1,132 @@
+"""The node a command works with, and waiting until others are found.
+
+Decides how long a command listens before it believes what it sees: discovery has no end that one could wait for.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from time import monotonic
+from typing import TYPE_CHECKING, Any, TypedDict
+
+from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.tools import ToolError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from typing_extensions import Self
+
+_LEAST_S, _QUIET_S, _MOST_S = 0.2, 0.1, 1.5
+"""When nothing is said: peers are asked at once and answer within milliseconds on a quiet network; those that answer
+later, over wireless links or when busy, are waited for as long as news keep coming."""
+NAMED_TIMEOUT_S = 5.0
+"""How long something that was named is waited for, when the user says nothing."""
+
+
+_NOTHING: dict[str, Any] = {
+    "enable_rosout": False,
+    "start_services": False,
+    "parameter_events": False,
+    "overrides": {"start_type_description_service": False},
+}
+
+
+class Network(TypedDict, total=False):
+    """What `options.node_options` give."""
+
+    domain_id: int | None
+    discovery: str | None
+    spin_time_s: float | None
+
+
+class Session:
+    """A node of a command, hidden as ROS hides tools': its name begins with ``_``, and it serves nothing.
+
+    Use with ``async with``.
+    """
+
+    def __init__(self, network: Network, **node_options: Any) -> None:
+        self._spin_time_s = network.get("spin_time_s")
+        self._began = monotonic()
+        self.context = Context(network.get("domain_id"), discovery=network.get("discovery"), args=[])
+        options = {**_NOTHING, **node_options}
+        try:
+            self.node = Node(f"_rosidl_py_{os.getpid()}", context=self.context, **options)
+        except BaseException:
+            self.context.close()
+            raise
+
+    async def __aenter__(self) -> Self:
+        await self.node.__aenter__()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        self.node.close()
+        self.context.close()
+
+    async def settle(self) -> None:
+        """Listen until discovery says nothing new: at least 0.2 s, at most 1.5 s; or as long as the user said."""
+        if self._spin_time_s is not None:
+            await asyncio.sleep(self._began + self._spin_time_s - monotonic())
+            return
+        last = [self._began + _LEAST_S - _QUIET_S]
+
+        async def watch() -> None:
+            async for _ in self.node.graph_changes():
+                last[0] = max(last[0], monotonic())
+
+        watching = asyncio.ensure_future(watch())
+        try:
+            while (now := monotonic()) < min(last[0] + _QUIET_S, self._began + _MOST_S):
+                await asyncio.sleep(min(last[0] + _QUIET_S, self._began + _MOST_S) - now)
+        finally:
+            watching.cancel()
+
+    async def wait_for(self, is_there: Callable[[], object], timeout_s: float | None = None) -> bool:
+        """Wait until `is_there` gives something true, asked after every change of the graph.
+
+        Args:
+            timeout_s: None means as long as the user said, else 5 s.
+        """
+        if timeout_s is None:
+            timeout_s = NAMED_TIMEOUT_S if self._spin_time_s is None else self._spin_time_s
+
+        async def watch() -> None:
+            async for _ in self.node.graph_changes():
+                if is_there():
+                    return
+
+        if is_there():
+            return True
+        try:
+            await asyncio.wait_for(watch(), timeout_s)
+        except asyncio.TimeoutError:
+            return False
+        return True
+
+    async def find(self, kind: str, name: str, known: Callable[[], list[str]], timeout_s: float | None = None) -> str:
+        """The full name of a topic, service, action or node that somebody has; waits until it appears.
+
+        Args:
+            kind: for the error text.
+            known: the names there are now.
+
+        Raises:
+            ToolError: it did not appear; says which similar name exists.
+            InvalidNameError.
+        """
+        from rosidl_py_gen.names import did_you_mean
+
+        resolve = self.node.resolve_topic_name if kind == "topic" else self.node.resolve_service_name
+        full = resolve(name if name.startswith("/") else f"/{name}")
+        if await self.wait_for(lambda: full in known(), timeout_s):
+            return full
+        names = [name for name in known() if "/_" not in name]  # not ourselves
+        hint = did_you_mean(full, names) or (f"; `rosidl-py {kind} list` shows {len(names)}" if names else "")
+        raise ToolError(f"no {kind} {full} was found in domain {self.context.domain_id}{hint or _nothing_there()}")
+
+
+def _nothing_there() -> str:
+    return "; there is none at all: is the domain right, and does `rosidl-py doctor` see other participants?"

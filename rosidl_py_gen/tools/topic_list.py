@@ -1,0 +1,59 @@
+"""``topic list`` and ``topic find``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.session import Network, Session
+
+
+def run(network: Network, **shown: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_list(network, **shown))
+
+
+async def _list(
+    network: Network,
+    show_types: bool,
+    verbose: bool,
+    count: bool,
+    hidden: bool,
+    as_json: bool,
+    type_name: str | None = None,
+) -> int:
+    wanted = type_name and str(split_ros_name(type_name, "msg"))
+    async with Session(network) as session:
+        await session.settle()
+        node = session.node
+        found: list[dict[str, Any]] = [
+            {"name": name, "types": types, "publishers": node.count_publishers(name), "subscribers": subscribers}
+            for name, types in node.get_topic_names_and_types()
+            if (hidden or not is_hidden(name)) and (wanted is None or wanted in types)
+            for subscribers in (node.count_subscribers(name),)
+        ]
+    if as_json:
+        printing.document(found)
+    elif count:
+        printing.line(str(len(found)))
+    elif verbose:
+        _show_ends(found, "Published", "publisher")
+        _show_ends(found, "Subscribed", "subscriber")
+    else:
+        for one in found:
+            printing.line(f"{one['name']} [{', '.join(one['types'])}]" if show_types else one["name"])
+    return 0
+
+
+def _show_ends(found: list[dict[str, Any]], heading: str, end: str) -> None:
+    printing.line(f"{heading} topics:", "bold")
+    for one in found:
+        if number := one[f"{end}s"]:
+            printing.line(f" * {one['name']} [{', '.join(one['types'])}] {number} {end}{'s' if number > 1 else ''}")
+    printing.line()
+
+
+def is_hidden(name: str) -> bool:
+    """Whether ROS tools leave the name out: one of its parts begins with an underscore."""
+    return "/_" in name

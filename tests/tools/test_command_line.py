@@ -1,0 +1,33 @@
+"""``rosidl-py`` as a whole: help, how runs end."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from rosidl_py_gen import tools
+
+
+def test_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> None:
+    tools.main(["--help"])
+    assert "\n  topic " in capsys.readouterr().out
+
+
+def test_an_unknown_command_is_a_wrong_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        tools.main(["topik"])
+    assert end.value.code == 2
+    assert 'did you mean "topic"?' in capsys.readouterr().err
+
+
+def test_help_loads_neither_the_runtime_nor_rich() -> None:
+    code = (
+        "import sys; from rosidl_py_gen.tools import main\n"
+        "try: main(['topic', '--help'])\n"
+        "except SystemExit: pass\n"
+        "print([name for name in ('rosidl_py_gen.runtime', 'rich', 'yaml', 'numpy') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
