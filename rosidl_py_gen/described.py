@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.dynamic import class_of_library
+from rosidl_py_gen.dynamic import class_of_library, library_of
+from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.typesupport import hashes_of, type_description, type_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,3 +53,28 @@ def compile_described(
 
     top = split_ros_name(name)
     return class_of_library(described_library(top, individuals, sources, is_service), top, path=path)
+
+
+def definition_text(cls: type[Any]) -> str:
+    """The definition of a class with all types it uses, as bags carry it; `compile_text` reads it.
+
+    The text of the file when it is on the search path and says the same, with comments and constants; otherwise
+    written from what the class knows. Messages that ROS derives, such as ``X_Event``, have the text of their service or
+    action.
+
+    Raises:
+        TypeNotFoundError: not a generated message, service or action; or derived from a service or action that is not
+            on the search path.
+    """
+    from rosidl_py_gen.spec.definition import full_text
+    from rosidl_py_gen.spec.described import described_library
+
+    name = split_ros_name(type_name(cls))
+    library = library_of(name)
+    if library is None or library.all_hashes(str(name)) != hashes_of(cls):
+        if "_" in name.name:
+            raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
+        told = type_description(cls)
+        parts = [told["type_description"], *told["referenced_type_descriptions"]]
+        library = described_library(name, {one["type_name"]: one for one in parts}, {})
+    return full_text(library, library.owner(name) or name)

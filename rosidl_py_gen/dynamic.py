@@ -262,6 +262,22 @@ def _library(path: tuple[str, ...]) -> Library:
     return _libraries[key]
 
 
+def library_of(name: RosName) -> Library | None:
+    """The interfaces of the search path, with this one read and checked; None when it is not there or has problems."""
+    from rosidl_py_gen.spec.definition import read_checked
+
+    with _lock:
+        library = _library(())
+        try:
+            read_checked(library, name)
+        except TypeNotFoundError:
+            return None
+        except DefinitionError:
+            _libraries.clear()
+            return None
+        return library
+
+
 def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
     from rosidl_py_gen.spec.definition import read_checked
 

@@ -78,15 +78,23 @@ def source_text(library: Library, owner: RosName) -> str:
 def full_text(library: Library, top: RosName) -> str:
     """ros2msg text as bags and MCAP files carry it; `compile_text` reads it."""
     description = describe(str(top), library.rows)
-    parts = [source_text(library, top)]
+    parts = [_file_text(library, top)]
     for one in description["referenced_type_descriptions"]:
         name = split_ros_name(one["type_name"])
         if name.kind == "msg":
             source = library.interface(name)
             mark = "IDL" if source is not None and source.source.format == "idl" else "MSG"
             shown = str(name) if mark == "IDL" else f"{name.package}/{name.name}"
-            parts.append(f"{_LINE}\n{mark}: {shown}\n{source_text(library, name)}")
+            parts.append(f"{_LINE}\n{mark}: {shown}\n{_file_text(library, name)}")
     return "".join(parts)
+
+
+def _file_text(library: Library, name: RosName) -> str:
+    """The file's text; written anew for what no file has: messages that ROS derives, and described types."""
+    interface = library.interface(name)
+    if interface is not None and interface.source.text:
+        return source_text(library, name)
+    return "".join(f"{line}\n" for line, _ in _lines(library, name))
 
 
 def expanded_lines(
@@ -127,7 +135,7 @@ def _lines(library: Library, name: RosName) -> Iterator[tuple[str, FieldDef | No
     """The lines of a definition, each with the field it defines."""
     message = library.message(str(name))
     interface = library.interface(name)
-    if interface is None or interface.source.format == "idl":
+    if interface is None or interface.source.format == "idl" or not interface.source.text:
         sections = _sections(interface) if interface is not None else [message] if message is not None else []
         for number, section in enumerate(sections):
             if number:

@@ -1,0 +1,51 @@
+"""What readers and writers of bags share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from rosidl_py_gen.errors import RosidlError
+
+
+class BagError(RosidlError, ValueError):
+    """A bag is damaged, of an unknown kind, or cannot be written; names the file and what was found."""
+
+
+@dataclass(frozen=True, slots=True)
+class BagTopic:
+    """A topic of a bag.
+
+    Attributes:
+        type_name: ``pkg/msg/Name``.
+        definition: the text with all types it uses; empty when the bag does not have it.
+        encoding: of the definition: ``ros2msg`` or ``ros2idl``.
+        message_encoding: ``cdr`` for everything of ROS 2.
+        type_hash: RIHS01 text, empty when the bag does not have it.
+        offered_qos: YAML as rosbag2 writes it, empty when the bag does not have it.
+        count: messages, None when the bag has no index.
+    """
+
+    name: str
+    type_name: str
+    definition: str = field(default="", repr=False)
+    encoding: str = "ros2msg"
+    message_encoding: str = "cdr"
+    type_hash: str = ""
+    offered_qos: str = field(default="", repr=False)
+    count: int | None = None
+
+
+class BagMessage(NamedTuple):
+    """A message of a bag; times are nanoseconds since 1970.
+
+    Attributes:
+        message: of the class of its type; bytes when read with `raw`.
+        log_time: when it was recorded.
+        publish_time: when it was published, as far as the recorder knew.
+    """
+
+    topic: str
+    message: Any
+    log_time: int
+    publish_time: int

@@ -1,0 +1,49 @@
+"""Decoding what MCAP readers read, with the classes of this library."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from mcap.decoder import DecoderFactory as McapDecoderFactory
+
+from rosidl_py_gen import compile_text
+from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from mcap.records import Schema
+
+ENCODINGS = ("ros2msg", "ros2idl")
+
+
+class DecoderFactory(McapDecoderFactory):
+    """For ``mcap.reader.make_reader(stream, decoder_factories=[DecoderFactory()])``.
+
+    Takes the place of ``mcap_ros2.decoder.DecoderFactory``: results have the same attributes, and are messages of the
+    generated class where one with this definition is importable. Schemas may be ``ros2msg`` or ``ros2idl``.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, bytes], Callable[[bytes], Any]] = {}
+
+    def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], Any] | None:
+        """The decoder of a schema; None for what is not of ROS 2.
+
+        Raises:
+            DefinitionError: the schema's text has problems.
+        """
+        if message_encoding != "cdr" or schema is None or schema.encoding not in ENCODINGS:
+            return None
+        key = schema.name, schema.data
+        if key not in self._known:
+            self._known[key] = message_class(schema.name, schema.data).decode
+        return self._known[key]
+
+
+def message_class(name: str, definition: bytes) -> type[Any]:
+    """The class of a schema; raises `DefinitionError`."""
+    try:
+        return compile_text(name, definition.decode())
+    except (UnicodeDecodeError, InvalidNameError) as error:
+        raise DefinitionError(Problem(f"<{name[:100]}>", 0, 0, f"the schema cannot be read: {error}")) from None
