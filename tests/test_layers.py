@@ -30,6 +30,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "cli": ("base", "support", "spec", "codegen", "compiler", "dynamic", "runtime", "msgs", "top"),
     "numpy": ("base", "support", "dynamic", "top"),
     "tf": ("base", "support", "dynamic", "top", "numpy", "runtime"),
+    "mcap": ("base", "support", "dynamic", "top", "runtime"),
     "tools": ("base", "support", "spec", "compiler", "dynamic", "runtime", "msgs", "top", "cli"),
     "top": ("base", "support", "dynamic"),
 }
@@ -57,6 +58,7 @@ OWNERS = {
     "cli": "cli",
     "numpy": "numpy",
     "tf": "tf",
+    "mcap": "mcap",
     "tools": "tools",
     "__main__": "cli",
 }
@@ -91,7 +93,8 @@ SEAMS = {
     "click": ("cli", "tools"),
     "rich": ("tools",),
     "cyclonedds": ("runtime.transport.cyclone",),
-    "yaml": ("runtime.parameters.files", "tools.messages"),
+    "yaml": ("runtime.parameters.files", "tools.messages", "mcap.metadata"),
+    "mcap": ("mcap",),
     "pytest": ("runtime.pytest_plugin",),
 }
 # Only these may import the node: everything else gets a transport and a resolved name.

@@ -1,0 +1,204 @@
+"""The files a bag can consist of: MCAP and SQLite. Each gives its topics and raw messages in order of log time.
+
+Whatever a damaged file makes the libraries raise becomes a `BagError` that names the file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+import sqlite3
+from dataclasses import replace
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, Protocol
+
+from mcap.exceptions import EndOfFile
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.mcap.common import BagError, BagMessage, BagTopic
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+    from pathlib import Path
+
+_MOST_INT = (1 << 63) - 1
+
+
+class Storage(Protocol):
+    """One file."""
+
+    def topics(self) -> list[BagTopic]:
+        """What it holds, with counts where it has an index."""
+
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+        """Raw messages with ``start <= log_time < end``, by log time; None means all topics."""
+
+    def close(self) -> None:
+        """May be called twice."""
+
+
+@contextlib.contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (RosidlError, GeneratorExit):
+        raise
+    except MemoryError:
+        raise BagError(f"{path}: damaged: a length in it is larger than memory") from None
+    except Exception as error:  # compression libraries, struct, sqlite: whatever wrong bytes lead to
+        raise BagError(f"{path}: damaged: {type(error).__name__}: {str(error)[:200]}") from None
+
+
+class McapFile:
+    """An MCAP file; without an index, as after a crash, it is read from the beginning to where it ends."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stream = path.open("rb")
+        try:
+            with _told(path):
+                size = path.stat().st_size
+                self._reader = SeekingReader(self._stream, validate_crcs=True, record_size_limit=max(size, 1))
+                try:
+                    self._summary = self._reader.get_summary()
+                except Exception:
+                    self._summary = None
+        except BaseException:
+            self._stream.close()
+            raise
+        self.is_whole = self._summary is not None and bool(self._summary.channels or not self._summary.chunk_indexes)
+        self._size = max(size, 1)
+
+    def topics(self) -> list[BagTopic]:
+        with _told(self._path):
+            if self.is_whole and self._summary is not None:
+                told, counts = self._summary, getattr(self._summary.statistics, "channel_message_counts", None)
+                rows = (
+                    _topic(channel, told.schemas.get(channel.schema_id), None if counts is None else counts.get(id, 0))
+                    for id, channel in told.channels.items()
+                )
+            else:
+                schemas: dict[int, Schema] = {}
+                channels: dict[int, Channel] = {}
+                counted: dict[int, int] = {}
+                for record in self._records():
+                    if isinstance(record, Schema):
+                        schemas[record.id] = record
+                    elif isinstance(record, Channel):
+                        channels[record.id] = record
+                    elif isinstance(record, Message):
+                        counted[record.channel_id] = counted.get(record.channel_id, 0) + 1
+                rows = (_topic(one, schemas.get(one.schema_id), counted.get(id, 0)) for id, one in channels.items())
+            return _joined(rows)
+
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+        with _told(self._path):
+            if self.is_whole:
+                found = self._reader.iter_messages(topics, starting_at=start, ending_before=end)
+                for _, channel, record in found:
+                    yield BagMessage(channel.topic, record.data, record.log_time, record.publish_time)
+                return
+            yield from sorted(self._unindexed(topics, start, end), key=attrgetter("log_time"))
+
+    def _unindexed(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+        names: dict[int, str] = {}
+        for record in self._records():
+            if isinstance(record, Channel):
+                names[record.id] = record.topic
+            elif isinstance(record, Message) and start <= record.log_time < end:
+                topic = names.get(record.channel_id)
+                if topic is not None and (topics is None or topic in topics):
+                    yield BagMessage(topic, record.data, record.log_time, record.publish_time)
+
+    def _records(self) -> Iterator[Any]:
+        """Everything up to the end, or to where the file breaks off."""
+        self._stream.seek(0)
+        reader = StreamReader(self._stream, validate_crcs=True, record_size_limit=self._size)
+        with contextlib.suppress(EndOfFile):
+            yield from reader.records
+
+    def close(self) -> None:
+        self._stream.close()
+
+
+def _topic(channel: Channel, schema: Schema | None, count: int | None) -> BagTopic:
+    told = channel.metadata
+    return BagTopic(
+        channel.topic,
+        schema.name if schema else "",
+        schema.data.decode(errors="replace") if schema else "",
+        schema.encoding if schema else "",
+        channel.message_encoding,
+        told.get("topic_type_hash", ""),
+        told.get("offered_qos_profiles", ""),
+        count,
+    )
+
+
+def _joined(rows: Any) -> list[BagTopic]:
+    """One row for each topic: files may have several channels of one name."""
+    found: dict[str, BagTopic] = {}
+    for row in rows:
+        before = found.get(row.name)
+        both = None if before is None or before.count is None or row.count is None else before.count + row.count
+        found[row.name] = row if before is None else replace(before, count=both)
+    return sorted(found.values(), key=attrgetter("name"))
+
+
+class SqliteFile:
+    """A ``.db3`` file of rosbag2."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        if not path.is_file():
+            raise BagError(f"{path}: there is no such file")
+        with _told(path):
+            self._base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+            self._base.execute("pragma trusted_schema=off")
+
+    def topics(self) -> list[BagTopic]:
+        with _told(self._path):
+            columns = {row[1] for row in self._base.execute("pragma table_info(topics)")}
+            texts = self._definitions()
+            counts = dict(self._base.execute("select topic_id, count(*) from messages group by topic_id"))
+            optional = [name if name in columns else "''" for name in ("offered_qos_profiles", "type_description_hash")]
+            rows = self._base.execute(
+                f"select id, name, type, serialization_format, {', '.join(optional)} from topics"
+            ).fetchall()
+            return _joined(
+                BagTopic(name, kind, *texts.get(kind, ("", "")), how, hash_, qos, counts.get(key, 0))
+                for key, name, kind, how, qos, hash_ in ((row[0], *map(str, row[1:])) for row in rows)
+            )
+
+    def _definitions(self) -> dict[Any, tuple[str, str]]:
+        tables = {row[0] for row in self._base.execute("select name from sqlite_master")}
+        if "message_definitions" not in tables:
+            return {}
+        rows = self._base.execute("select topic_type, encoded_message_definition, encoding from message_definitions")
+        return {name: (str(text), str(how)) for name, text, how in rows}
+
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+        with _told(self._path):
+            names = {key: str(name) for key, name in self._base.execute("select id, name from topics")}
+            wanted = [key for key, name in names.items() if topics is None or name in topics]
+            marks = ",".join("?" * len(wanted))
+            rows = self._base.execute(
+                f"select topic_id, timestamp, data from messages where topic_id in ({marks}) and timestamp >= ? "
+                "and timestamp < ? order by timestamp, id",
+                [*wanted, min(start, _MOST_INT), min(end, _MOST_INT)],
+            )
+            for key, stamp, data in rows:
+                if not isinstance(data, bytes) or not isinstance(stamp, int):
+                    raise BagError(f"{self._path}: a message on {names[key]} is no bytes with a time")
+                yield BagMessage(names[key], data, stamp, stamp)
+
+    def close(self) -> None:
+        self._base.close()
+
+
+def merged(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+    """The messages of several files by log time."""
+    return heapq.merge(*(one.messages(topics, start, end) for one in files), key=attrgetter("log_time"))

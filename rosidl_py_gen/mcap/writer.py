@@ -1,0 +1,198 @@
+"""Writing bags: one MCAP file, or a folder that rosbag2 plays."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mcap.writer import CompressionType, Writer
+
+from rosidl_py_gen import __version__, type_hash, type_name
+from rosidl_py_gen.described import definition_text
+from rosidl_py_gen.mcap.common import BagError, BagTopic
+from rosidl_py_gen.mcap.metadata import FILE, FileStatistics, metadata_text, qos_text
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
+
+    from typing_extensions import Self
+
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.runtime import QoSProfile
+
+_COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
+_CHUNK = 4 << 20
+"""Bytes of messages that are written, and found again, together."""
+
+
+class BagWriter:
+    """Writes messages with their definitions. Use it with ``with``; without `close` there is no index.
+
+    A folder that rosbag2 accepts, with ``metadata.yaml``; or one file when `path` ends with ``.mcap``.
+
+    Args:
+        compression: ``"zstd"``, ``"lz4"`` or ``""``, of chunks inside the file.
+        split_bytes: a new file is begun after so many bytes of messages; for folders.
+        split_s: a new file is begun after so many seconds of log time; for folders.
+
+    Raises:
+        BagError: there is something at `path` already; an unknown compression, or splitting of one file.
+        OSError: the file cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        compression: str = "zstd",
+        split_bytes: int | None = None,
+        split_s: float | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self._is_folder = self.path.suffix != ".mcap"
+        if compression not in _COMPRESSIONS:
+            raise BagError(
+                f'compression "{compression}" is not known; there are {", ".join(filter(None, _COMPRESSIONS))}'
+            )
+        if not self._is_folder and (split_bytes or split_s):
+            raise BagError(f"{self.path} is one file; a folder can be split")
+        if self.path.exists():
+            raise BagError(f"{self.path} exists already")
+        self._compression = _COMPRESSIONS[compression]
+        self._split_bytes = split_bytes
+        self._split_ns = None if split_s is None else round(split_s * 1e9)
+        self._topics: dict[str, BagTopic] = {}
+        self._files: list[FileStatistics] = []
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._written = 0
+        self._closed = False
+        if self._is_folder:
+            self.path.mkdir(parents=True)
+        self._open()
+
+    # ------------------------------------------------------------------------------------------------------ writing
+
+    def add_topic(
+        self,
+        topic: str,
+        msg_type: type[Message] | BagTopic,
+        *,
+        qos: Sequence[QoSProfile] = (),
+    ) -> None:
+        """Make a topic known, so that raw bytes can be written to it; `write` does this for messages by itself.
+
+        Args:
+            msg_type: the class, or a `BagTopic` as a reader gives it.
+            qos: of those who publish it; rosbag2 plays with it.
+
+        Raises:
+            BagError: the topic has another type already. TypeNotFoundError: not a message class.
+        """
+        if isinstance(msg_type, BagTopic):
+            known = msg_type
+        else:
+            text = definition_text(msg_type)
+            known = BagTopic(topic, type_name(msg_type), text, type_hash=type_hash(msg_type), offered_qos=qos_text(qos))
+        before = self._topics.get(topic)
+        if before is not None and (before.type_name, before.type_hash) != (known.type_name, known.type_hash):
+            raise BagError(f"{topic} has the type {before.type_name} {before.type_hash}, not {known.type_name}")
+        self._topics[topic] = before or known
+
+    def write(
+        self, topic: str, message: Message | bytes, log_time_ns: int | None = None, publish_time_ns: int | None = None
+    ) -> None:
+        """Write a message; bytes are CDR of the type that `add_topic` named.
+
+        Args:
+            log_time_ns: None means now. publish_time_ns: None means `log_time_ns`.
+
+        Raises:
+            BagError: bytes for an unknown topic, a message of another type, a time below 0, or the bag is closed.
+            EncodeError: a value of the message does not fit. OSError: the disk is full.
+        """
+        if self._closed:
+            raise BagError(f"{self.path} is closed")
+        if isinstance(message, bytes | bytearray | memoryview):
+            data = message
+            if topic not in self._topics:
+                raise BagError(f"{topic} has no type yet: call add_topic before bytes are written")
+        else:
+            data = message.encode()
+            known = self._topics.get(topic)
+            if known is None or known.type_hash != type_hash(message):
+                self.add_topic(topic, type(message))
+        log_time = time.time_ns() if log_time_ns is None else log_time_ns
+        if not 0 <= log_time < 1 << 63:
+            raise BagError(f"{topic}: log time {log_time} is not from 0 to 2**63-1 ns")
+        self._split_if_due(log_time)
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._register(self._topics[topic])
+        self._files[-1].add(topic, log_time)
+        self._written += len(data)
+        published = log_time if publish_time_ns is None else publish_time_ns
+        self._writer.add_message(channel, log_time, data, published)
+
+    def _register(self, topic: BagTopic) -> int:
+        key = topic.type_name, topic.definition
+        if key not in self._schemas:
+            self._schemas[key] = self._writer.register_schema(
+                topic.type_name, topic.encoding, topic.definition.encode()
+            )
+        told = {"offered_qos_profiles": topic.offered_qos, "topic_type_hash": topic.type_hash}
+        return self._writer.register_channel(topic.name, topic.message_encoding, self._schemas[key], told)
+
+    # ------------------------------------------------------------------------------------------------------- files
+
+    def _open(self) -> None:
+        name = f"{self.path.name}_{len(self._files)}.mcap" if self._is_folder else self.path.name
+        file = self.path / name if self._is_folder else self.path
+        self._stream = file.open("xb", buffering=1 << 16)
+        self._writer = Writer(self._stream, chunk_size=_CHUNK, compression=self._compression)
+        self._writer.start("ros2", f"rosidl-py-gen {__version__}")
+        self._files.append(FileStatistics(name))
+        self._channels, self._schemas, self._written = {}, {}, 0
+
+    def _split_if_due(self, log_time: int) -> None:
+        current = self._files[-1]
+        is_long = (
+            self._split_ns is not None and current.first is not None and log_time - current.first >= self._split_ns
+        )
+        if is_long or (self._split_bytes is not None and self._written >= self._split_bytes):
+            self._finish()
+            self._open()
+
+    def _finish(self) -> None:
+        text = metadata_text("mcap", [self._files[-1]], self._topics.values())
+        try:
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
+            self._writer.finish()  # type: ignore[no-untyped-call]
+        finally:
+            self._stream.close()
+
+    def close(self) -> None:
+        """Write the index, and ``metadata.yaml`` of a folder; may be called twice.
+
+        Raises:
+            OSError: the disk is full. What was written before can be read.
+        """
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self._finish()
+        finally:
+            if self._is_folder:
+                partial = self.path / f".{FILE}"
+                partial.write_text(metadata_text("mcap", self._files, self._topics.values()), encoding="utf-8")
+                shutil.move(partial, self.path / FILE)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

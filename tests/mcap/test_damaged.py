@@ -1,0 +1,123 @@
+"""Damaged files: right data or our error, soon, and without much memory."""
+
+from __future__ import annotations
+
+import os
+import resource
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.mcap import BagError, BagReader, BagWriter
+
+STRIDE = int(os.environ.get("DAMAGE_STRIDE", "17"))
+"""Every byte with 1, which takes minutes."""
+Bool: Any = get_message("std_msgs/msg/Bool")
+
+
+@pytest.fixture
+def little_memory() -> Iterator[None]:
+    """Half a gigabyte more than there is."""
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (1 << 29), limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
+def read(path: Path) -> int | None:
+    """How many messages; None when it is refused."""
+    try:
+        with BagReader(path) as reader:
+            return sum(1 for _ in reader)
+    except RosidlError as error:
+        assert str(error)
+        return None
+
+
+@pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
+@pytest.mark.usefixtures("little_memory")
+def test_every_byte_of_an_mcap_file_may_be_wrong(tmp_path: Path, compression: str) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path, compression=compression) as writer:
+        for number in range(3):
+            writer.write("/a", Bool(data=True), number)
+    data = path.read_bytes()
+    path.unlink()
+    damaged = tmp_path / "b.mcap"
+    answers = set()
+    for at in range(0, len(data), STRIDE):
+        for flip in (0xFF, 1 << at % 8):
+            damaged.write_bytes(data[:at] + bytes([data[at] ^ flip]) + data[at + 1 :])
+            answers.add(read(damaged))
+    assert {3, None} <= answers
+
+
+def test_an_mcap_file_may_end_anywhere(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path, compression="") as writer:
+        for number in range(3):
+            writer.write("/a", Bool(data=True), number)
+    data = path.read_bytes()
+    cut = tmp_path / "b.mcap"
+    answers = set()
+    for end in range(0, len(data), 5):
+        cut.write_bytes(data[:end])
+        answers.add(read(cut))
+    assert answers == {None, 0, 3}
+
+
+@pytest.mark.usefixtures("little_memory")
+def test_bytes_of_a_database_may_be_wrong(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/s", "std_msgs/msg/Bool", typestore=store)
+        for number in range(3):
+            writer.write(connection, number, b"\0\1\0\0\1")
+    (file,) = (tmp_path / "bag").glob("*.db3")
+    data = file.read_bytes()
+    used = [at for at, byte in enumerate(data) if byte]
+    damaged = tmp_path / "b.db3"
+    answers = set()
+    for at in used[:: max(2, STRIDE // 4)]:
+        for flip in (0xFF, 0x10):
+            damaged.write_bytes(data[:at] + bytes([data[at] ^ flip]) + data[at + 1 :])
+            answers.add(read(damaged))
+    for end in range(0, len(data), 500):
+        damaged.write_bytes(data[:end])
+        answers.add(read(damaged))
+    assert {3, None} <= answers
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "not as rosbag2 writes it"),
+        ("{", "not YAML: "),
+        ("rosbag2_bagfile_information: 3", "not as rosbag2 writes it"),
+        ("rosbag2_bagfile_information: {relative_file_paths: [a.mcap]}", "KeyError 'storage_identifier'"),
+        ("a: &a [x, x]\nb: &b [*a, *a]\nrosbag2_bagfile_information: [*b, *b]", "not as rosbag2"),
+    ],
+)
+def test_metadata_that_is_none_is_told(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "metadata.yaml").write_text(text)
+    with pytest.raises(BagError, match=said):
+        BagReader(tmp_path)
+
+
+def test_metadata_does_not_lead_out_of_its_folder(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "secret.mcap") as writer:
+        writer.write("/s", Bool())
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    text = "rosbag2_bagfile_information: {relative_file_paths: [../secret.mcap], storage_identifier: mcap}"
+    (bag / "metadata.yaml").write_text(text)
+    with pytest.raises(OSError, match=r"bag.secret\.mcap"):
+        BagReader(bag)
