@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.description_cache import MOST_BYTES, keep_description, load_description
 from rosidl_py_gen.descriptions import rihs01
-from rosidl_py_gen.errors import ClosedError, DefinitionError, RosidlError, TypeNotFoundError, printable
+from rosidl_py_gen.errors import (
+    ClosedError,
+    DefinitionError,
+    InvalidNameError,
+    RosidlError,
+    TypeNotFoundError,
+    printable,
+)
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
 from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, announced, is_complete, some
@@ -121,6 +128,11 @@ class _Resolution:
             raise self._several("types", found, "type_name")
         if self._request.type_hash is None and found[0].is_ambiguous():
             raise self._several("definitions", found, "type_hash")
+        try:
+            split_ros_name(found[0].type_name)
+        except InvalidNameError:
+            told = some(found[0].lines())
+            raise TypeDescriptionError(f"the type of {_named(self._request)} is none of ROS: {told}") from None
         return found[0]
 
     def _nobody(self, timeout_s: float | None) -> str:
