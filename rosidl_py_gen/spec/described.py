@@ -140,7 +140,7 @@ def _from_source(
 ) -> Interface | None:
     """What the source of a type says, if there is one that says what the description does."""
     encoding, text = sources.get(str(name), ("", ""))
-    if encoding not in (name.kind, "idl") or not text:
+    if encoding not in (name.kind, "idl") or not text or _elements(encoding, text) > 2 * MOST_OF_ONE:
         return None
     source = Source(f"<{name}>", text.replace("\r\n", "\n").replace("\r", "\n"), encoding)
     try:
@@ -148,10 +148,15 @@ def _from_source(
     except DefinitionError:
         return None
     known = {str(message.name): message for message in messages_of(found)} if found else {}
-    if any(len(message.constants) > MOST_OF_ONE for message in known.values()):
-        return None
     is_same = all(one in known and _fields_of(individuals.get(one)) == _rows(known[one]) for one in own)
     return found if is_same else None
+
+
+def _elements(encoding: str, text: str) -> int:
+    """About how many fields and constants there are, before any of them is looked at."""
+    if encoding == "idl":
+        return text.count(";")
+    return sum(line[:1] not in ("", "#") for line in map(str.lstrip, text.splitlines()))
 
 
 class _NoFindings(Findings):
