@@ -37,7 +37,7 @@ MOST_FIELDS = 5000
 """Of all types together."""
 MOST_OF_ONE = 1000
 """Fields of one type; CPython takes 0.2 s for its class then, and far more than twice as long for twice as many."""
-MOST_TEXT = 1 << 20
+MOST_TEXT = 1 << 18
 """Characters of all sources together, and of all default values; more are not looked at."""
 
 Sources = Mapping[str, tuple[str, str]]
@@ -140,16 +140,30 @@ def _from_source(
 ) -> Interface | None:
     """What the source of a type says, if there is one that says what the description does."""
     encoding, text = sources.get(str(name), ("", ""))
-    if encoding not in (name.kind, "idl") or not text:
+    if encoding not in (name.kind, "idl") or not text or _elements(encoding, text) > 2 * MOST_OF_ONE:
         return None
-    findings = Findings()
     source = Source(f"<{name}>", text.replace("\r\n", "\n").replace("\r", "\n"), encoding)
-    found = parse_interface(name, source, findings)
-    if found is None or findings.problems:
+    try:
+        found = parse_interface(name, source, _NoFindings())
+    except DefinitionError:
         return None
-    known = {str(message.name): message for message in messages_of(found)}
+    known = {str(message.name): message for message in messages_of(found)} if found else {}
     is_same = all(one in known and _fields_of(individuals.get(one)) == _rows(known[one]) for one in own)
     return found if is_same else None
+
+
+def _elements(encoding: str, text: str) -> int:
+    """About how many fields and constants there are, before any of them is looked at."""
+    if encoding == "idl":
+        return text.count(";")
+    return sum(line[:1] not in ("", "#") for line in map(str.lstrip, text.splitlines()))
+
+
+class _NoFindings(Findings):
+    """The first problem ends it: showing the line of each would take the square of their number."""
+
+    def add(self, location: Location, text: str) -> None:
+        raise DefinitionError(location.problem(text))
 
 
 def _rows(message: MessageDef) -> list[tuple[object, object]]:

@@ -104,11 +104,12 @@ class Announced:
 
     def lines(self) -> list[str]:
         """What there is, for people."""
-        return [
-            f"{printable(name[:100])} {text or 'without a hash'} ({some(sorted(node or 'no name' for node in nodes))})"
-            for name, told in sorted(self.hashes.items())
-            for text, nodes in sorted(told.items())
-        ]
+        lines = []
+        for name, told in sorted(self.hashes.items()):
+            for text, nodes in sorted(told.items()):
+                who = some(sorted(printable(node[:300]) or "no name" for node in nodes))
+                lines.append(f"{printable(name[:100])} {text or 'without a hash'} ({who})")
+        return lines
 
 
 def announced(graph: Graph, subject: Subject) -> dict[str, Announced]:

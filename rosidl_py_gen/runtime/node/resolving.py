@@ -13,20 +13,27 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.description_cache import MOST_BYTES, keep_description, load_description
 from rosidl_py_gen.descriptions import rihs01
-from rosidl_py_gen.errors import ClosedError, DefinitionError, RosidlError, TypeNotFoundError, printable
+from rosidl_py_gen.errors import (
+    ClosedError,
+    DefinitionError,
+    InvalidNameError,
+    RosidlError,
+    TypeNotFoundError,
+    printable,
+)
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
 from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, announced, is_complete, some
 from rosidl_py_gen.runtime.names.dds import reply_name
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError, ask_type_description, described_by
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.typesupport import hashes_of
+from rosidl_py_gen.typesupport import hashes_of, type_hash
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping
+    from collections.abc import Collection, Mapping
 
     from rosidl_py_gen.descriptions import Description
-    from rosidl_py_gen.dynamic import Folders
+    from rosidl_py_gen.dynamic import Fits, Folders
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.graph.announced import Announced, Subject
     from rosidl_py_gen.runtime.names.remap import NodeNames
@@ -97,8 +104,16 @@ class _Resolution:
         one = await self._announced(timeout_s)
         if not one.has_hashes():
             return await self._by_name(one)
-        cls = await self._local(one)
-        return cls or await self._fetched(one)
+        cls = await self._local(one, self._fits(one))
+        if cls is not None:
+            return cls
+        try:
+            return await self._fetched(one)
+        except TypeDescriptionError as error:
+            other = await self._local(one, lambda hashes: True)
+            if other is None:
+                raise
+            raise TypeDescriptionError(f"{error}; the definition here has another hash, {type_hash(other)}") from error
 
     # ------------------------------------------------------------------------------------------------ announcements
 
@@ -121,6 +136,11 @@ class _Resolution:
             raise self._several("types", found, "type_name")
         if self._request.type_hash is None and found[0].is_ambiguous():
             raise self._several("definitions", found, "type_hash")
+        try:
+            split_ros_name(found[0].type_name)
+        except InvalidNameError:
+            told = some(found[0].lines())
+            raise TypeDescriptionError(f"the type of {_named(self._request)} is none of ROS: {told}") from None
         return found[0]
 
     def _nobody(self, timeout_s: float | None) -> str:
@@ -133,7 +153,7 @@ class _Resolution:
         lines = [line for one in sorted(found, key=lambda one: one.type_name) for line in one.lines()]
         return TypeDescriptionError(f"{_named(self._request)} has several {what}: {some(lines)}; say which by {by}")
 
-    def _fits(self, one: Announced) -> Callable[[Mapping[str, str]], bool]:
+    def _fits(self, one: Announced) -> Fits:
         """Whether hashes, by name, are those that are announced."""
         wanted = self._request.type_hash
 
@@ -146,15 +166,15 @@ class _Resolution:
 
     # -------------------------------------------------------------------------------------------------- local ones
 
-    async def _local(self, one: Announced) -> type[Any] | None:
+    async def _local(self, one: Announced, fits: Fits) -> type[Any] | None:
         from rosidl_py_gen.dynamic import find_class
 
-        return await asyncio.to_thread(find_class, one.type_name, self._fits(one), path=self._request.path)
+        return await asyncio.to_thread(find_class, one.type_name, fits, path=self._request.path)
 
     async def _by_name(self, one: Announced) -> type[Any]:
         """What to take where nobody tells a hash."""
         who = f"the nodes of {_named(self._request)} announce no hash for {one.type_name}, as those of ROS 2 Humble do"
-        cls = await self._local(one)
+        cls = await self._local(one, self._fits(one))
         if cls is None:
             what = (
                 "and no local definition has the hash" if self._request.type_hash else "and there is no definition here"

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.codec import encode
+from rosidl_py_gen.descriptions import rihs01
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
 from rosidl_py_gen.names import split_ros_name
@@ -80,7 +81,9 @@ class _Describer:
         reason = "Failed to populate TypeDescription to response."
         try:
             found = self._find(request.type_hash)
-            if found is None:
+            if (
+                found is None or rihs01(type_description(found)) != request.type_hash
+            ):  # whoever leaves bytes as they are
                 return _failure("Type not currently in use by this node")
             response = srv.GetTypeDescription_Response(successful=True, type_description=_described(found))
             encode(response)  # what does not fit a message, such as names of over 255 characters, must be told as well

@@ -1,7 +1,4 @@
-"""Classes of types that are not installed: who is asked, what is believed, what is kept.
-
-The definitions exist only as what a node tells of them: a class of the same hash in this process would be taken.
-"""
+"""Classes of types that are not installed: who is asked, what is believed, what is kept."""
 
 from __future__ import annotations
 
@@ -11,31 +8,17 @@ import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from told_types import Told, fresh, teller, told_by
 from worlds import World, until
 
-from rosidl_py_gen import compile_text, from_dict, get_message, get_service, type_description, type_hash
-from rosidl_py_gen.descriptions import describe, rihs01
-from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription, TypeSource
-from rosidl_py_gen.msgs.type_description_interfaces.srv import (
-    GetTypeDescription,
-    GetTypeDescription_Request,
-    GetTypeDescription_Response,
-)
-from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen import compile_text, get_message, get_service, type_description, type_hash
+from rosidl_py_gen.descriptions import describe
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, topic_name, type_name
-from rosidl_py_gen.runtime.transport.qos import QoSProfile
-from rosidl_py_gen.spec.find import search_path
-from rosidl_py_gen.spec.model import Source
-from rosidl_py_gen.spec.resolve import Library
+from rosidl_py_gen.runtime.names.dds import reply_name, request_name, topic_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
-    from rosidl_py_gen.runtime import Node
-
-SERVICE_OFF = {"start_type_description_service": False}
 _numbers = itertools.count()
 
 
@@ -44,62 +27,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "cache"
     monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(folder))
     return folder
-
-
-class Told:
-    """What a definition text means, without a class for it: names, hashes, and answers."""
-
-    def __init__(self, name: str, text: str, **others: str) -> None:
-        self.name, self.text = name, text
-        self.library = Library(search_path((), ament=""))
-        for full_name, body in {name: text, **others}.items():
-            part = split_ros_name(full_name)
-            self.library.add_text(part, Source(full_name, body, part.kind))
-
-    @property
-    def hash(self) -> str:
-        return self.library.type_hash(self.name)
-
-    def answer(self, name: str = "", *, sources: bool = True) -> GetTypeDescription_Response:
-        told = from_dict(TypeDescription, describe(name or self.name, self.library.rows))
-        kind = self.name.split("/")[1]
-        source = TypeSource(type_name=self.name, encoding=kind, raw_file_contents=self.text)
-        return GetTypeDescription_Response(
-            successful=True, type_description=told, type_sources=[source] if sources and not name else []
-        )
-
-    def announce(self, node: Node, topic: str, part: str = "", announced: str | None = None) -> None:
-        """A writer, or the reader of requests, that carries the type, or a part of it."""
-        name = self.name + part
-        told = self.library.type_hash(name) if announced is None else announced
-        make = node.scope.participant.create_reader if "Request" in part else node.scope.participant.create_writer
-        endpoint = make(topic, type_name(name), QoSProfile(), endpoint_user_data(told))
-        node.scope.own(endpoint, endpoint.guid)
-
-    def __call__(self, request: GetTypeDescription_Request) -> GetTypeDescription_Response:
-        for name in (self.name, *self.library.all_hashes(self.name)):
-            if request.type_hash == self.library.type_hash(name):
-                return self.answer("" if name == self.name else name)
-        return GetTypeDescription_Response(failure_reason="Type not currently in use by this node")
-
-
-def fresh(text: str = "int32 x 5\nstring LABEL=deep", kind: str = "msg", **others: str) -> Told:
-    """A type of a name of its own: what was once compiled is never forgotten."""
-    return Told(f"nowhere_msgs/{kind}/Kind{next(_numbers)}", text, **others)
-
-
-def teller(world: World, name: str, answer: Callable[[Any], Any] | None) -> Node:
-    """A node that answers for its types in its own way, or has no such service."""
-    node = world.node(name, overrides=SERVICE_OFF)
-    if answer is not None:
-        node.create_service(GetTypeDescription, "~/get_type_description", answer)
-    return node
-
-
-def told_by(world: World, told: Told, topic: str = "/t", answer: Callable[[Any], Any] | None = None) -> Node:
-    node = teller(world, "robot", answer or told)
-    told.announce(node, topic_name(topic))
-    return node
 
 
 async def test_a_type_that_only_another_node_has_becomes_a_class(world: World) -> None:
@@ -182,7 +109,10 @@ async def test_a_liar_is_refused_and_named_with_both_hashes(world: World) -> Non
     assert len(set(re.findall(r"RIHS01_[0-9a-f]{64}", str(caught.value)))) == 2
 
 
-async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(world: World) -> None:
+async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rosidl_py_gen.runtime.node.resolving._PATIENCE_S", 0.5)
     told, lie = fresh(), fresh("int32 y")
 
     async def never(request: Any) -> Any:
@@ -212,6 +142,28 @@ async def test_a_node_without_the_service_is_an_error_that_says_what_to_do(world
     told.announce(teller(world, "robot", None), "rt/t")
     with pytest.raises(TypeDescriptionError, match=r"/robot/get_type_description.*install its package"):
         await world.node("asker").resolve_type("t", timeout_s=2)
+
+
+async def test_a_local_definition_of_another_hash_is_mentioned_when_nobody_can_be_asked(world: World) -> None:
+    robot, service = teller(world, "robot", None), Told("std_srvs/srv/SetBool", "bool other\n---\nbool done")
+    service.announce(robot, request_name("/s"), "_Request")
+    service.announce(robot, reply_name("/s"), "_Response")
+    here = type_hash(get_service("std_srvs/srv/SetBool"))
+    with pytest.raises(TypeDescriptionError, match=f"describe a service only by.*another hash, {here}$"):
+        await world.node("asker").resolve_service_type("s", timeout_s=2)
+
+
+async def test_parts_of_two_definitions_are_not_put_together(world: World) -> None:
+    one = fresh("int32 a\n---\nint32 b", "srv")
+    two = Told(one.name, "int32 a\n---\nint64 c")
+    first, second = teller(world, "first", one), teller(world, "second", None)
+    one.announce(first, request_name("/s"), "_Request")
+    one.announce(first, reply_name("/s"), "_Response")
+    asker = world.node("asker")
+    two.announce(second, topic_name("/s/_service_event"), "_Event")
+    await until(lambda: asker.count_publishers("/s/_service_event") == 1)
+    with pytest.raises(TypeDescriptionError, match="several definitions"):
+        await asker.resolve_service_type("s", timeout_s=5)
 
 
 async def test_without_a_hash_the_local_definition_is_taken_and_said_so(
@@ -324,71 +276,3 @@ async def test_a_folder_that_cannot_be_used_is_no_error(
     told = fresh()
     told_by(world, told)
     assert type_hash(await world.node("asker").resolve_type("t", timeout_s=5)) == told.hash
-
-
-def absurd(told: dict[str, Any], what: str) -> None:
-    """Make a description, in place, one that no definition leads to."""
-    fields = told["type_description"]["fields"]
-    changes: dict[str, tuple[str, Any]] = {
-        "id": ("type_id", 77),
-        "size": ("capacity", 3),
-        "no size": ("type_id", 54),
-        "bound": ("string_capacity", 4),
-        "nested": ("nested_type_name", "a/msg/B"),
-    }
-    if what in changes:
-        key, value = changes[what]
-        fields[0]["type"][key] = value
-    elif what == "many":
-        told["type_description"]["fields"] = [{**fields[0], "name": f"x{index}"} for index in range(1_001)]
-    elif what == "itself":
-        nested = {
-            "type_id": 1,
-            "capacity": 0,
-            "string_capacity": 0,
-            "nested_type_name": told["type_description"]["type_name"],
-        }
-        fields[0]["type"] = nested
-    elif what == "not described":
-        fields[0]["type"] = {"type_id": 1, "capacity": 0, "string_capacity": 0, "nested_type_name": "gone/msg/Gone"}
-    elif what == "twice":
-        fields.append(dict(fields[0]))
-    elif what == "default":
-        fields[0]["default_value"] = "(" * 5000
-    elif what == "empty":
-        fields.clear()
-    else:
-        fields[0]["name"] = what
-
-
-TYPES = ["id", "size", "no size", "bound", "nested", "itself", "not described"]
-NAMES = ["__init__", "x y", "x\nimport os", "\N{SNOWMAN}", "9x", ""]
-
-
-@pytest.mark.parametrize("what", [*TYPES, *NAMES, "many", "twice", "default", "empty"])
-async def test_a_description_that_no_definition_leads_to_is_refused(memory: World, what: str) -> None:
-    honest = fresh()
-    description = describe(honest.name, honest.library.rows)
-    absurd(description, what)
-    answer = GetTypeDescription_Response(successful=True, type_description=from_dict(TypeDescription, description))
-    robot = teller(memory, "robot", lambda request: answer)
-    honest.announce(robot, "rt/t", announced=rihs01(description))
-    with pytest.raises(TypeDescriptionError, match=f"^what /robot said of {honest.name} cannot be used"):
-        await memory.node("asker").resolve_type("t", timeout_s=20)
-
-
-async def test_an_answer_that_is_too_long_is_not_even_decoded(memory: World) -> None:
-    told = fresh()
-    answer = told.answer()
-    answer.type_description.type_description.fields *= 100_000
-    told_by(memory, told, answer=lambda request: answer)
-    with pytest.raises(TypeDescriptionError, match=r"/robot describes .* in \d{7} bytes; expected at most 1048576"):
-        await memory.node("asker").resolve_type("t", timeout_s=20)
-
-
-async def test_names_that_are_none_are_errors_of_ours(memory: World) -> None:
-    robot = teller(memory, "robot", lambda request: GetTypeDescription_Response())
-    writer = robot.scope.participant.create_writer("rt/t", "no::such dds_::Name_", QoSProfile(), b"typehash=x;")
-    robot.scope.own(writer, writer.guid)
-    with pytest.raises(ValueError, match=r"is not an interface name|is not a package name"):
-        await memory.node("asker").resolve_type("t", timeout_s=5)

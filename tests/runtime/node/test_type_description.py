@@ -12,6 +12,8 @@ import pytest
 from worlds import World, until
 
 from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen.cdr import Message
+from rosidl_py_gen.cdr.message import TypeInfo
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
@@ -97,6 +99,18 @@ async def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> N
     node.create_action_server(Walk, "walk", lambda goal: None)
     got = await asker.get_type_description("/ns/n", "my_pkg/action/Walk_FeedbackMessage", None, timeout_s=5)
     assert [name for name, _ in fields_of(got)] == ["goal_id", "feedback"]
+
+
+async def test_a_class_without_the_fields_of_its_hash_is_not_described(world: World) -> None:
+    class Opaque(Message):
+        """What tools subscribe with that never decode."""
+
+        __slots__ = ()
+        _TYPE = TypeInfo("my_pkg/msg/Closed", "RIHS01_" + "7" * 64, ())
+
+    world.node("n").create_subscription(Opaque, "closed", raw=True)
+    with pytest.raises(TypeDescriptionError, match=NOT_IN_USE):
+        await world.node("asker").get_type_description("/n", "my_pkg/msg/Closed", timeout_s=5)
 
 
 async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:

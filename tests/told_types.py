@@ -1,0 +1,87 @@
+"""Types that exist only as what nodes tell of them: a class of the same hash in this process would be taken instead."""
+
+from __future__ import annotations
+
+import itertools
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import from_dict
+from rosidl_py_gen.descriptions import describe
+from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription, TypeSource
+from rosidl_py_gen.msgs.type_description_interfaces.srv import (
+    GetTypeDescription,
+    GetTypeDescription_Request,
+    GetTypeDescription_Response,
+)
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
+from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.spec.model import Source
+from rosidl_py_gen.spec.resolve import Library
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from worlds import World
+
+    from rosidl_py_gen.runtime import Node
+
+SERVICE_OFF = {"start_type_description_service": False}
+_numbers = itertools.count()
+
+
+class Told:
+    """What a definition text means, without a class for it: names, hashes, and answers."""
+
+    def __init__(self, name: str, text: str, **others: str) -> None:
+        self.name, self.text = name, text
+        self.library = Library(search_path((), ament=""))
+        for full_name, body in {name: text, **others}.items():
+            part = split_ros_name(full_name)
+            self.library.add_text(part, Source(full_name, body, part.kind))
+
+    @property
+    def hash(self) -> str:
+        return self.library.type_hash(self.name)
+
+    def answer(self, name: str = "", *, sources: bool = True) -> GetTypeDescription_Response:
+        told = from_dict(TypeDescription, describe(name or self.name, self.library.rows))
+        kind = self.name.split("/")[1]
+        source = TypeSource(type_name=self.name, encoding=kind, raw_file_contents=self.text)
+        return GetTypeDescription_Response(
+            successful=True, type_description=told, type_sources=[source] if sources and not name else []
+        )
+
+    def announce(self, node: Node, topic: str, part: str = "", announced: str | None = None) -> None:
+        """A writer, or the reader of requests, that carries the type, or a part of it."""
+        name = self.name + part
+        told = self.library.type_hash(name) if announced is None else announced
+        make = node.scope.participant.create_reader if "Request" in part else node.scope.participant.create_writer
+        endpoint = make(topic, type_name(name), QoSProfile(), endpoint_user_data(told))
+        node.scope.own(endpoint, endpoint.guid)
+
+    def __call__(self, request: GetTypeDescription_Request) -> GetTypeDescription_Response:
+        for name in (self.name, *self.library.all_hashes(self.name)):
+            if request.type_hash == self.library.type_hash(name):
+                return self.answer("" if name == self.name else name)
+        return GetTypeDescription_Response(failure_reason="Type not currently in use by this node")
+
+
+def fresh(text: str = "int32 x 5\nstring LABEL=deep", kind: str = "msg", **others: str) -> Told:
+    """A type of a name of its own: what was once compiled is never forgotten."""
+    return Told(f"nowhere_msgs/{kind}/Kind{next(_numbers)}", text, **others)
+
+
+def teller(world: World, name: str, answer: Callable[[Any], Any] | None) -> Node:
+    """A node that answers for its types in its own way, or has no such service."""
+    node = world.node(name, overrides=SERVICE_OFF)
+    if answer is not None:
+        node.create_service(GetTypeDescription, "~/get_type_description", answer)
+    return node
+
+
+def told_by(world: World, told: Told, topic: str = "/t", answer: Callable[[Any], Any] | None = None) -> Node:
+    node = teller(world, "robot", answer or told)
+    told.announce(node, topic_name(topic))
+    return node
