@@ -1,11 +1,12 @@
 """The one crossing from the transport to asyncio.
 
-Decides which event loop serves a context, and how what arrived gets onto it: the loop watches the transport's file
-descriptor with `add_reader`, or, where there is none or the loop cannot watch it, the transport calls `_notified` from
-any thread. Both end in `dispatch`, batched: one wake-up for all that is ready.
+Decides which event loop serves a context, and how what arrived gets onto it. An `EventLoop` calls `dispatch` while it
+still waits; others watch the transport's file descriptor with `add_reader`, or, where there is none or the loop cannot
+watch it, the transport calls `_notified` from any thread. All end in calling sinks, batched: one wake-up for all that
+is ready.
 
 Only public functions of asyncio are used, so that any loop will do. Sinks are called one after the other; one that
-raises is logged and the others still run.
+raises is logged and the others still run. What calls functions of the user always runs as a callback of the loop.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ import itertools
 import logging
 import os
 import threading
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
+from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.portal import Portal
 
 if TYPE_CHECKING:
@@ -122,7 +125,10 @@ class Bridge:
             return False
         watched = os.dup(descriptor)
         try:
-            loop.add_reader(watched, self.dispatch)
+            if isinstance(loop, EventLoop):
+                loop.watch(watched, partial(self.dispatch, loop.call_soon))
+            else:
+                loop.add_reader(watched, self.dispatch)
         except NotImplementedError:  # Windows' proactor
             os.close(watched)
             return False
@@ -139,7 +145,10 @@ class Bridge:
             return
 
         def unwatch() -> None:
-            loop.remove_reader(watched)
+            if isinstance(loop, EventLoop):
+                loop.unwatch(watched)
+            else:
+                loop.remove_reader(watched)
             os.close(watched)
 
         if loop.is_running() and loop is not current_loop():
@@ -232,10 +241,15 @@ class Bridge:
             self._scheduled = False
             self.dispatch()
 
-    def dispatch(self) -> None:
-        """Call every sink that has something to do."""
+    def dispatch(self, soon: Callable[[Callable[[], None]], object] | None = None) -> None:
+        """Call every sink that has something to do; `soon` is for what calls functions of the user, None is now."""
         for sink in self._participant.collect():
             try:
-                sink()
+                rest = sink()
+                if rest is not None:
+                    if soon is None:
+                        rest()
+                    else:
+                        soon(rest)
             except (Exception, asyncio.CancelledError):  # the latter would end the loop
                 _log.exception("an internal receive function failed; other endpoints are not affected")
