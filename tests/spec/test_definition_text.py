@@ -9,7 +9,6 @@ from rosidl_py_gen import compile_text, get_service, type_description, type_hash
 from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.errors import TypeNotFoundError
 
-
 ELSEWHERE = ("test_msgs/", "test_interface_files/", "ros2cli_test_interfaces/")  # not on the search path
 BUNDLED = [name for name in message_names() if not name.startswith(ELSEWHERE)]
 OTHERS = [name for name in message_names() if name.startswith(ELSEWHERE) and "/msg/" in name]
