@@ -2,7 +2,8 @@
 
 A block with a title is a file. Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
 background, so that a server of one block answers the client of the next. Shell blocks run what they say to
-``rosidl-py-gen``, and to Python and pytest about files of the page. A text block says what the block before it prints.
+``rosidl-py-gen``, and to Python and pytest about files of the page. A text block says what the block before it prints;
+behind a shell block it makes the examples that are named there run until they have, and end by themselves or by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ import contextlib
 import importlib
 import inspect
 import io
+import itertools
 import os
 import re
 import shlex
+import signal
 import sys
 import types
 from pathlib import Path
@@ -53,9 +56,12 @@ class Page:
 
     async def run_all(self) -> None:
         """Run the page; raises what went wrong."""
-        for block in blocks(self.path):
+        found = blocks(self.path)
+        for block, following in itertools.pairwise([*found, None]):
             try:
                 await self.run_block(block)
+                if block.language == "sh" and following and following.language == "text" and not following.title:
+                    await self.run_examples(block.text, following.text.splitlines())
                 for program in self.programs:
                     if program.done():
                         program.result()
@@ -129,6 +135,36 @@ class Page:
         importlib.invalidate_caches()  # it may have made packages
         if process.returncode != ends_with:
             raise PageError(f"{shlex.join(command)} ended with {process.returncode}: {output.decode()}")
+
+    async def run_examples(self, text: str, lines: list[str]) -> None:
+        """Start the examples that a shell block names, until they have printed these lines."""
+        started = [
+            await asyncio.create_subprocess_exec(
+                sys.executable, str(ROOT / words[1]), *words[2:], stdout=asyncio.subprocess.PIPE
+            )
+            for line in re.findall(r"^python examples/.*", text, re.MULTILINE)
+            for words in [shlex.split(line, comments=True)]
+        ]
+        if not started:
+            return
+        readers = [asyncio.ensure_future(self.read(process)) for process in started]
+        try:
+            await self.expect(lines)
+            await asyncio.wait(readers, timeout=1.5)
+        finally:
+            for process in started:
+                if process.returncode is None:
+                    process.send_signal(signal.SIGINT)
+            await asyncio.wait_for(asyncio.gather(*readers), PATIENCE_S)
+        for process in started:
+            if await process.wait():
+                raise PageError(f"an example ended with {process.returncode}")
+
+    async def read(self, process: asyncio.subprocess.Process) -> None:
+        """Its output is the block's."""
+        assert process.stdout is not None
+        async for line in process.stdout:
+            self.output.write(line.decode())
 
     async def expect(self, lines: list[str]) -> None:
         """Wait until the block before has printed these lines first; ``…`` stands for anything."""
