@@ -25,13 +25,16 @@ from rosidl_py_gen.ownership import owns
 from rosidl_py_gen.typesupport import constants, referenced_classes, type_description, type_hash
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from rosidl_py_gen.spec.find import SearchPath
     from rosidl_py_gen.spec.resolve import Library
 
 T = TypeVar("T")
 Folders: TypeAlias = "Sequence[str | os.PathLike[str]] | str | os.PathLike[str]"
+Fits: TypeAlias = "Callable[[Mapping[str, str]], bool]"
+Find: TypeAlias = "Callable[[Library, RosName], type | None]"
+"""Gives a class that is there already for a checked type."""
 
 _MEMORY = "rosidl_py_gen_memory"  # top of the module names of classes compiled in memory
 _lock = threading.RLock()
@@ -101,7 +104,7 @@ def compile_text(name: str, text: str) -> type[Any]:
         raise_findings(library)
         if library.owner(top) is None or not library.knows(str(top)):
             raise DefinitionError(Problem(f"<{top}>", 0, 0, f"the text does not define {top}"))
-        return _class(library, top)
+        return _class(library, top, _says_all_the_same)
 
 
 def _read_as(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
@@ -150,6 +153,57 @@ def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:
             raise DefinitionError(problem) from error
         parts.append((part, "\n".join(lines[start + 2 : end]), found[1] == "IDL"))
     return parts
+
+
+# --- by hash ----------------------------------------------------------------------------------------------------------
+
+
+def find_class(name: str, fits: Fits, *, path: Folders = ()) -> type[Any] | None:
+    """A class of this name that this process has, or can make of what is on the search path.
+
+    Args:
+        name: full name.
+        fits: is told the RIHS01 hashes of the type and of all it refers to, by name; says whether it is the right one.
+        path: looked through first, as by `get_message`.
+
+    Raises:
+        DefinitionError: `path` cannot be read. InvalidNameError: not a name.
+    """
+
+    def is_right(cls: type) -> bool:
+        return fits({part: type_hash(known) for part, known in referenced_classes(cls).items()})
+
+    split_ros_name(name)
+    with _lock:
+        for cls in _loaded.get(name, ()):
+            if is_right(cls):
+                return cls
+        for folders in (path, ()) if path else ((),):
+            try:
+                cls = _get(name, "", object, folders)
+            except TypeNotFoundError:
+                continue
+            except DefinitionError:
+                if folders:
+                    raise
+                continue
+            if is_right(cls):
+                return cls
+    return None
+
+
+def class_of_library(library: Library, name: RosName, *, path: Folders = ()) -> type[Any]:
+    """The class of a checked type: for it, and for each type it refers to, one of that hash, compiled if there is none.
+
+    `path` as for `find_class`.
+    """
+
+    def find(library: Library, part: RosName) -> type | None:
+        text, wanted = str(part), library.type_hash(str(part))
+        return find_class(text, lambda hashes: hashes[text] == wanted, path=path)
+
+    with _lock:
+        return _class(library, name, find)
 
 
 # --- by name ----------------------------------------------------------------------------------------------------------
@@ -227,7 +281,7 @@ def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
         raise_findings(library)
     if not library.knows(str(name)):
         raise TypeNotFoundError(_not_found(library.search, name))
-    return _class(library, name)
+    return _class(library, name, _says_all_the_same)
 
 
 def _not_found(search: SearchPath, name: RosName) -> str:
@@ -242,14 +296,19 @@ def _not_found(search: SearchPath, name: RosName) -> str:
 # --- compile in memory ------------------------------------------------------------------------------------------------
 
 
-def _class(library: Library, name: RosName) -> type:
+def _class(library: Library, name: RosName, find: Find) -> type:
     """The class of a checked type: in use already, importable, or compiled now."""
+    return find(library, name) or _compile(library, name, find)
+
+
+def _says_all_the_same(library: Library, name: RosName) -> type | None:
+    """A class in use, or importable, with the same defaults and constants, too."""
     in_use = _loaded.setdefault(str(name), [])
     found = next((cls for cls in in_use if _says_the_same(library, str(name), cls)), None)
     if found is None:
         found = _importable(name)
         if found is None or not _says_the_same(library, str(name), found):
-            return _compile(library, name)
+            return None
         in_use.append(found)
     return found
 
@@ -266,7 +325,7 @@ def _says_the_same(library: Library, full_name: str, cls: type) -> bool:
     return type_description(cls) == description and own == constants_of
 
 
-def _compile(library: Library, name: RosName) -> type:
+def _compile(library: Library, name: RosName, find: Find) -> type:
     from rosidl_py_gen.codegen import Layouts, Target, module_path, module_source
     from rosidl_py_gen.spec.model import messages_of
 
@@ -280,7 +339,7 @@ def _compile(library: Library, name: RosName) -> type:
         """Compile what the type needs first, or find it."""
         if full_name not in modules:
             needed = split_ros_name(full_name)
-            cls = _class(library, needed) if needed != top else None
+            cls = _class(library, needed, find) if needed != top else None
             modules[full_name] = cls.__module__ if cls else root + module_path(full_name)
         return modules[full_name]
 

@@ -17,6 +17,7 @@ from rosidl_py_gen.names import INTERFACE_RULE, RosName, did_you_mean, split_ros
 from rosidl_py_gen.spec.derive import IMPLIED
 from rosidl_py_gen.spec.interface import may_be_file, parse_interface, read_source
 from rosidl_py_gen.spec.model import (
+    ActionDef,
     FieldDef,
     Findings,
     Interface,
@@ -50,8 +51,12 @@ class Library:
 
     def add_text(self, name: RosName, source: Source) -> Interface | None:
         """Parse text that comes from no file of the search path; it hides a file of the same name."""
+        return self.add(name, parse_interface(name, source, self.findings))
+
+    def add(self, name: RosName, interface: Interface | None) -> Interface | None:
+        """Take in what comes from no file of the search path; it hides a file of the same name."""
         self._texts.add(name)
-        return self._keep(name, parse_interface(name, source, self.findings))
+        return self._keep(name, interface)
 
     def interface(self, name: RosName) -> Interface | None:
         """The interface of this name; None when there is no file, or it has problems (see `findings`)."""
@@ -107,7 +112,7 @@ class Library:
         if message is not None:
             return [(item.name, item.type, default_text(item.default)) for item in message.fields]
         name = split_ros_name(full_name)
-        if name.kind == "action" and self.interface(name) is not None:
+        if isinstance(self.interface(name), ActionDef):
             return action_rows(full_name)
         if self.message(f"{full_name}_Request") is None:
             raise TypeNotFoundError(f"no interface {full_name}")
@@ -118,6 +123,12 @@ class Library:
         if full_name not in self._hashes:
             self._hashes[full_name] = rihs01(describe(full_name, self.rows))
         return self._hashes[full_name]
+
+    def all_hashes(self, full_name: str) -> dict[str, str]:
+        """RIHS01 of a type and of every type it refers to, by name."""
+        description = describe(full_name, self.rows)
+        names = [full_name, *(one["type_name"] for one in description["referenced_type_descriptions"])]
+        return {name: self.type_hash(name) for name in names}
 
     def constants(self, full_name: str) -> dict[str, str]:
         """The constants of a message as name -> repr of the Python value; empty for services and actions."""

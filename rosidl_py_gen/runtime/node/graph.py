@@ -1,4 +1,4 @@
-"""The questions a node can ask about the graph, and other nodes about their types.
+"""The questions a node can ask about the graph.
 
 Decides names and arguments as ROS users know them; the answers are computed by `graph/state.py`. What is not
 discovered yet is not in the answers: use the waiting ones, or `graph_changes`.
@@ -10,12 +10,10 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.names.dds import reply_name, topic_name
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
-from rosidl_py_gen.runtime.node.type_description import announced_hash, ask_type_description
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
-    from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.graph.state import Graph, NamesAndTypes, NodeInfo, TopicEndpointInfo
     from rosidl_py_gen.runtime.names.remap import NodeNames
@@ -134,32 +132,3 @@ class NodeGraph:
             if not scope.closed:
                 seen = graph.version
                 yield seen
-
-    # -------------------------------------------------------------------------------------------------------- types
-
-    async def get_type_description(
-        self,
-        remote_node: str,
-        type_name: str,
-        type_hash: str | None = None,
-        *,
-        include_type_sources: bool = True,
-        timeout_s: float | None = None,
-    ) -> GetTypeDescription_Response:
-        """Ask another node how one of its types is defined.
-
-        Args:
-            type_name: of an endpoint: ``pkg/msg/Name``, ``pkg/srv/Name_Request``, ``pkg/action/Name_FeedbackMessage``.
-                With a hash, which alone decides then, anything.
-            type_hash: None takes the one that the node announces for its endpoints of that type. Whole services and
-                actions are not announced; they need theirs.
-
-        Raises:
-            TypeDescriptionError: the node's own reason; or it announces no hash for that type, or several.
-            CallTimeoutError. InvalidNameError.
-        """
-        node = self._names.resolve_topic(remote_node)
-        service = self._names.resolve_service(f"{node}/get_type_description")
-        if type_hash is None:
-            type_hash, timeout_s = await announced_hash(self.scope, node, type_name, timeout_s)
-        return await ask_type_description(self.scope, service, type_name, type_hash, include_type_sources, timeout_s)

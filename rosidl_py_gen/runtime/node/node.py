@@ -26,6 +26,7 @@ from rosidl_py_gen.runtime.node.options import NodeOptions
 from rosidl_py_gen.runtime.node.parameters import NodeParameters
 from rosidl_py_gen.runtime.node.rosout import RosoutPublisher
 from rosidl_py_gen.runtime.node.time import NodeTime
+from rosidl_py_gen.runtime.node.types import NodeTypes
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.values import ClockType
 from rosidl_py_gen.runtime.transport.qos import as_profile
@@ -45,7 +46,7 @@ ResponseT = TypeVar("ResponseT", bound=Message)
 _DEFAULT_DEPTH = 10
 
 
-class Node(NodeGraph, NodeTime, NodeActions, NodeParameters):
+class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
     """A ROS 2 node.
 
     Callbacks run on the asyncio event loop. The loop is attached by the first use of the node inside it: ``async with

@@ -9,13 +9,13 @@ contents. Whoever asks without a hash takes the one that the node itself announc
 from __future__ import annotations
 
 import os
-import re
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.codec import encode
-from rosidl_py_gen.errors import RosidlError, TypeNotFoundError
+from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.resources import interfaces_dir
@@ -23,7 +23,8 @@ from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
 from rosidl_py_gen.runtime.endpoints.late_types import SERVICES, late_service_type
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
-from rosidl_py_gen.runtime.endpoints.types import class_of
+from rosidl_py_gen.runtime.endpoints.types import class_of, raw_type
+from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, some
 from rosidl_py_gen.runtime.names.dds import demangle_service, demangle_topic, demangle_type
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 
 SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 PARAMETER = "start_type_description_service"
-_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
 _ENDPOINTS_PATIENCE_S = 1.0
 """A node's endpoints are usually known some milliseconds after its name, or before it."""
 _PARTS = {
@@ -75,7 +75,7 @@ class _Describer:
         self._scope = scope
 
     def answer(self, request: srv.GetTypeDescription_Request) -> srv.GetTypeDescription_Response:
-        if not _HASH.match(request.type_hash):
+        if not TYPE_HASH.match(request.type_hash):
             return _failure("Failed to parse type hash")
         reason = "Failed to populate TypeDescription to response."
         try:
@@ -206,13 +206,13 @@ async def announced_hash(scope: Scope, node: str, type_name: str, timeout_s: flo
 
 
 def _only_hash(node: str, type_name: str, found: dict[str, set[str]]) -> str:
-    told = {text: topics for text, topics in found.items() if _HASH.match(text)}
+    told = {text: topics for text, topics in found.items() if TYPE_HASH.match(text)}
     if len(told) == 1:
         return next(iter(told))
     if told:
         listed = [f"{text} ({_topics(topics)})" for text, topics in sorted(told.items())]
         raise TypeDescriptionError(
-            f"{node} announces {len(told)} type hashes for {type_name}: {_some(listed)}; say which by type_hash"
+            f"{node} announces {len(told)} type hashes for {type_name}: {some(listed)}; say which by type_hash"
         )
     if found:
         where = _topics(set().union(*found.values()))
@@ -223,12 +223,7 @@ def _only_hash(node: str, type_name: str, found: dict[str, set[str]]) -> str:
 
 
 def _topics(dds_names: set[str]) -> str:
-    return _some(sorted({demangle_topic(name) or demangle_service(name) or name for name in dds_names}))
-
-
-def _some(texts: list[str], most: int = 5) -> str:
-    """Not all of them when they are many: a peer decides how many there are."""
-    return ", ".join(texts[:most]) + (f" and {len(texts) - most} more" if len(texts) > most else "")
+    return some(sorted({demangle_topic(name) or demangle_service(name) or name for name in dds_names}))
 
 
 async def ask_type_description(
@@ -238,18 +233,28 @@ async def ask_type_description(
     wanted_hash: str,
     include_sources: bool,
     timeout_s: float | None,
-) -> srv.GetTypeDescription_Response:
-    """Call ``get_type_description`` of a node; raises `TypeDescriptionError` with the node's reason."""
-    client: Client[srv.GetTypeDescription_Request, srv.GetTypeDescription_Response] = Client(
-        scope, late_service_type(SERVICE), service, SERVICES_DEFAULT
+) -> bytes:
+    """Call ``get_type_description`` of a node; the answer is left encoded, as it may be large.
+
+    Raises:
+        CallTimeoutError, ForeignServiceError, InvalidNameError.
+    """
+    known = late_service_type(SERVICE)
+    client: Client[srv.GetTypeDescription_Request, bytes] = Client(
+        scope, replace(known, response=raw_type(known.response)), service, SERVICES_DEFAULT
     )
     try:
         request = srv.GetTypeDescription_Request(
             type_name=type_name, type_hash=wanted_hash, include_type_sources=include_sources
         )
-        response = await client.call(request, timeout_s)
+        return await client.call(request, timeout_s)
     finally:
         client.close()
+
+
+def described_by(who: str, answer: bytes) -> srv.GetTypeDescription_Response:
+    """Decode what `ask_type_description` gives; raises `TypeDescriptionError` with the reason of the node, `who`."""
+    response = srv.GetTypeDescription_Response.decode(answer)
     if not response.successful:
-        raise TypeDescriptionError(f"{service}: {response.failure_reason}")
+        raise TypeDescriptionError(f"{who}: {printable(response.failure_reason[:500])}")
     return response

@@ -99,6 +99,14 @@ async def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> N
     assert [name for name, _ in fields_of(got)] == ["goal_id", "feedback"]
 
 
+async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
+    world.node("n", "/ns").create_publisher(Foo, "foo")
+    asker = world.node("asker", "/ns", args="--ros-args -r rostopic:///ns/n:=/elsewhere")
+    assert fields_of(await asker.get_type_description("n", "my_pkg/msg/Foo", timeout_s=5)) == [("x", 6)]
+    with pytest.raises(InvalidNameError, match="invalid namespace"):
+        await asker.get_type_description("~/n", "my_pkg/msg/Foo", timeout_s=5)
+
+
 async def test_a_node_that_comes_later_is_waited_for(world: World) -> None:
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))

@@ -1,0 +1,79 @@
+"""Type descriptions kept on disk, by their RIHS01 hash, so that nobody has to be asked twice.
+
+Decides the folder, and that a file appears whole or not at all. What is read may have been changed by anybody: who
+reads it has to look at its hash again. A folder that cannot be used is no error; then nothing is kept.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+VARIABLE = "ROSIDL_PY_GEN_CACHE"
+"""Environment variable that names another folder; ``off`` keeps nothing."""
+MOST_FILES = 2000
+MOST_BYTES = 8 << 20
+"""Of one description; larger ones are neither kept nor read."""
+_SUFFIX = ".cdr"
+
+
+def cache_folder() -> Path | None:
+    """Where the descriptions are; None when none are to be kept."""
+    chosen = os.environ.get(VARIABLE, "")
+    if chosen:
+        return None if chosen == "off" else Path(chosen)
+    try:
+        return _platform_folder() / "rosidl-py-gen" / "types"
+    except RuntimeError:  # there is no home
+        return None
+
+
+def _platform_folder() -> Path:
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    told = os.environ.get("XDG_CACHE_HOME", "")
+    return Path(told) if os.path.isabs(told) else Path.home() / ".cache"
+
+
+def load_description(type_hash: str) -> bytes | None:
+    """What was kept for a hash; None when there is nothing that can be read."""
+    folder = cache_folder()
+    if folder is None:
+        return None
+    try:
+        with (folder / f"{type_hash}{_SUFFIX}").open("rb") as file:
+            data = file.read(MOST_BYTES + 1)
+    except (OSError, ValueError):
+        return None
+    return data if len(data) <= MOST_BYTES else None
+
+
+def keep_description(type_hash: str, data: bytes) -> None:
+    """Keep an encoded description; the oldest go when there are too many."""
+    folder = cache_folder()
+    if folder is None or len(data) > MOST_BYTES:
+        return
+    import tempfile  # takes longer to import than most of a node
+
+    with suppress(OSError, ValueError):
+        folder.mkdir(parents=True, exist_ok=True)
+        _make_room(folder)
+        handle, name = tempfile.mkstemp(dir=folder, prefix="new-")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(data)
+            os.replace(name, folder / f"{type_hash}{_SUFFIX}")
+        except BaseException:
+            os.unlink(name)
+            raise
+
+
+def _make_room(folder: Path) -> None:
+    with os.scandir(folder) as entries:
+        aged = sorted((entry.stat().st_mtime_ns, entry.path) for entry in entries if entry.name.endswith(_SUFFIX))
+    for _, path in aged[: max(0, len(aged) - MOST_FILES + 1)]:
+        os.unlink(path)

@@ -1,0 +1,143 @@
+"""What nodes announce about the type of one topic, service or action.
+
+Decides which DDS topics tell of it, and how the messages they carry lead to the type: a service is announced as its
+request and response, an action as the messages of its two services and its feedback. Nothing announces the hash of a
+service or action itself.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import printable
+from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
+from rosidl_py_gen.runtime.names.dds import demangle_type, reply_name, request_name, topic_name
+from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rosidl_py_gen.runtime.graph.state import Endpoint, Graph
+
+TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
+_MOST_SHOWN = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """A topic, service or action whose type is asked for.
+
+    Attributes:
+        kind: topic, service or action.
+        name: fully qualified.
+        needed: DDS topics that all have to be there -> what their type has behind the name of the type.
+        extra: DDS topics that may be there.
+        messages: for each part that makes up the type, the announced messages that contain it, best first; all of them
+            by what they have behind the name of the type.
+    """
+
+    kind: str
+    name: str
+    needed: dict[str, str]
+    extra: dict[str, str]
+    messages: dict[str, tuple[str, ...]]
+
+
+def topic_subject(name: str) -> Subject:
+    """Of a topic given by its fully qualified name."""
+    return Subject("topic", name, {topic_name(name): ""}, {}, {"": ("",)})
+
+
+def service_subject(name: str, kind: str = "service", behind: str = "") -> Subject:
+    """Of a service given by its fully qualified name."""
+    needed = {request_name(name): f"{behind}_Request", reply_name(name): f"{behind}_Response"}
+    # A ROS 2 node describes neither request nor response, but what it publishes for introspection.
+    messages: dict[str, tuple[str, ...]] = {part: (f"{behind}_Event", part) for part in needed.values()}
+    return Subject(kind, name, needed, {topic_name(f"{name}/_service_event"): f"{behind}_Event"}, messages)
+
+
+def action_subject(name: str, send_goal: str, get_result: str, feedback: str) -> Subject:
+    """Of an action given by its name and those of its services and topic, all fully qualified."""
+    halves = (service_subject(send_goal, behind="_SendGoal"), service_subject(get_result, behind="_GetResult"))
+    needed = {topic: part for half in halves for topic, part in half.needed.items()}
+    messages: dict[str, tuple[str, ...]] = {
+        "_Goal": ("_SendGoal_Event", "_SendGoal_Request"),
+        "_Result": ("_GetResult_Event", "_GetResult_Response"),
+        "_Feedback": ("_FeedbackMessage",),
+    }
+    extra = {topic: part for half in halves for topic, part in half.extra.items()}
+    return Subject("action", name, {**needed, topic_name(feedback): "_FeedbackMessage"}, extra, messages)
+
+
+@dataclass(slots=True)
+class Announced:
+    """What is announced for one type name.
+
+    Attributes:
+        hashes: message -> hash, "" where none is announced -> the nodes that announce it, "" those without a name.
+    """
+
+    type_name: str
+    hashes: dict[str, dict[str, set[str]]] = field(default_factory=dict)
+
+    def of(self, part: str) -> dict[str, set[str]]:
+        """The nodes by hash, for a message of the type."""
+        told = self.hashes.get(self.type_name + part, {})
+        return {text: nodes for text, nodes in told.items() if text}
+
+    def has_hashes(self) -> bool:
+        """Whether any endpoint told a hash."""
+        return any(text for told in self.hashes.values() for text in told)
+
+    def is_ambiguous(self) -> bool:
+        """Whether there are several hashes for one message."""
+        return any(len([text for text in told if text]) > 1 for told in self.hashes.values())
+
+    def nodes(self) -> set[str]:
+        """All that announce something, as far as their names are known."""
+        return {node for told in self.hashes.values() for nodes in told.values() for node in nodes} - {""}
+
+    def lines(self) -> list[str]:
+        """What there is, for people."""
+        return [
+            f"{printable(name[:100])} {text or 'without a hash'} ({some(sorted(node or 'no name' for node in nodes))})"
+            for name, told in sorted(self.hashes.items())
+            for text, nodes in sorted(told.items())
+        ]
+
+
+def announced(graph: Graph, subject: Subject) -> dict[str, Announced]:
+    """By type name, all that is announced; a type of another kind has the name that DDS gives it."""
+    found: dict[str, Announced] = {}
+    for topic, part in (*subject.needed.items(), *subject.extra.items()):
+        for writers in (True, False):
+            for endpoint in graph.on_topic(topic, writers=writers):
+                told = demangle_type(endpoint.info.type) or endpoint.info.type
+                name = told[: len(told) - len(part)] if told.endswith(part) else told
+                by_hash = found.setdefault(name, Announced(name)).hashes.setdefault(told, defaultdict(set))
+                by_hash[_hash_of(endpoint)].add(_node_of(graph, endpoint))
+    return found
+
+
+def is_complete(one: Announced, subject: Subject) -> bool:
+    """Whether everything is announced that is needed."""
+    return all(one.type_name + part in one.hashes for part in subject.needed.values())
+
+
+def some(texts: Iterable[str]) -> str:
+    """Not all of them when they are many: a peer decides how many there are."""
+    listed = list(texts)
+    return ", ".join(listed[:_MOST_SHOWN]) + (f" and {len(listed) - _MOST_SHOWN} more" if listed[_MOST_SHOWN:] else "")
+
+
+def _hash_of(endpoint: Endpoint) -> str:
+    told = endpoint.user_data.get("typehash", "")
+    return told if TYPE_HASH.match(told) else ""
+
+
+def _node_of(graph: Graph, endpoint: Endpoint) -> str:
+    namespace, name = graph.node_of(endpoint.info)
+    return "" if (namespace, name) in (UNKNOWN_NODE, BARE_DDS_NODE) else fully_qualified_node_name(name, namespace)

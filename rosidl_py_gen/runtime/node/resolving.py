@@ -1,0 +1,303 @@
+"""From what nodes announce to a class: a local one of the same hash, or a definition that one of these nodes gives.
+
+Decides the order (local, kept on disk, asked for), who is asked and for how long, and what is refused. Nothing that a
+node says of a type is used before its hash is the announced one. Whatever takes long runs in a thread.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.cdr import Action, Message, Service
+from rosidl_py_gen.description_cache import MOST_BYTES, keep_description, load_description
+from rosidl_py_gen.descriptions import rihs01
+from rosidl_py_gen.errors import ClosedError, DefinitionError, RosidlError, TypeNotFoundError, printable
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
+from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, announced, is_complete, some
+from rosidl_py_gen.runtime.names.dds import reply_name
+from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError, ask_type_description, described_by
+from rosidl_py_gen.runtime.time.deadline import Deadline
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+
+    from rosidl_py_gen.descriptions import Description
+    from rosidl_py_gen.dynamic import Folders
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.graph.announced import Announced, Subject
+    from rosidl_py_gen.runtime.names.remap import NodeNames
+
+_PATIENCE_S = 3.0
+"""How long a node may take to answer, where others could be asked."""
+_SERVICE_PATIENCE_S = 1.0
+"""The same for a node whose service is not known: it may have none."""
+_NAMES_PATIENCE_S = 4.0
+"""With Fast DDS the names of nodes may follow by 3 s (protocol.md 6)."""
+_MOST_ASKED = 8
+_KINDS = {Message: "a message", Service: "a service", Action: "an action"}
+_WHAT_TO_DO = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """What is asked for; `base` is what the class has to be."""
+
+    subject: Subject
+    base: type[Any]
+    type_name: str | None
+    type_hash: str | None
+    path: Folders
+
+
+@dataclass(slots=True)
+class _Learned:
+    """What nodes said, by type name; every answer had the hash that was announced."""
+
+    who: dict[str, None] = field(default_factory=dict)
+    individuals: dict[str, Description] = field(default_factory=dict)
+    sources: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+
+async def resolve(scope: Scope, names: NodeNames, request: Request, timeout_s: float | None) -> Any:
+    """The class of a topic, service or action; see `Node.resolve_type`."""
+    if request.type_name is not None:
+        split_ros_name(request.type_name)
+    if request.type_hash is not None and not TYPE_HASH.match(request.type_hash):
+        raise TypeDescriptionError(
+            f"expected a hash like RIHS01_ and 64 hexadecimal digits, got {request.type_hash!r:.100}"
+        )
+    cls = await _Resolution(scope, names, request, Deadline(timeout_s)).run(timeout_s)
+    if not issubclass(cls, request.base):
+        raise TypeDescriptionError(
+            f"{_named(request)} has the type {cls._TYPE.name}, which is not {_KINDS[request.base]}"
+        )
+    return cls
+
+
+def _named(request: Request) -> str:
+    return f"the {request.subject.kind} {request.subject.name}"
+
+
+class _Resolution:
+    """One request under way."""
+
+    def __init__(self, scope: Scope, names: NodeNames, request: Request, deadline: Deadline) -> None:
+        self._scope = scope
+        self._names = names
+        self._request = request
+        self._subject = request.subject
+        self._deadline = deadline
+        self._learned = _Learned()
+
+    async def run(self, timeout_s: float | None) -> type[Any]:
+        one = await self._announced(timeout_s)
+        if not one.has_hashes():
+            return await self._by_name(one)
+        cls = await self._local(one)
+        return cls or await self._fetched(one)
+
+    # ------------------------------------------------------------------------------------------------ announcements
+
+    def _all(self) -> dict[str, Announced]:
+        return announced(self._scope.graph, self._subject)
+
+    def _candidates(self) -> list[Announced]:
+        """The types of which everything is announced that is needed, the wanted one only if one is."""
+        found = self._all()
+        wanted = self._request.type_name
+        return [one for one in found.values() if is_complete(one, self._subject) and wanted in (None, one.type_name)]
+
+    async def _announced(self, timeout_s: float | None) -> Announced:
+        scope = self._scope
+        scope.discovery.refresh()
+        if not await scope.wait_until(lambda: bool(self._candidates()), timeout_s, lambda: scope.closed):
+            raise CallTimeoutError(self._nobody(timeout_s))
+        found = self._candidates()
+        if len(found) > 1:
+            raise self._several("types", found, "type_name")
+        if self._request.type_hash is None and found[0].is_ambiguous():
+            raise self._several("definitions", found, "type_hash")
+        return found[0]
+
+    def _nobody(self, timeout_s: float | None) -> str:
+        found = [line for one in self._all().values() for line in one.lines()]
+        wanted = f"the type {self._request.type_name}" if self._request.type_name else "a type"
+        there = f"; there is {some(found)}" if found else ""
+        return f"nobody announced {wanted} for {_named(self._request)} in {timeout_s} s{there}"
+
+    def _several(self, what: str, found: list[Announced], by: str) -> TypeDescriptionError:
+        lines = [line for one in sorted(found, key=lambda one: one.type_name) for line in one.lines()]
+        return TypeDescriptionError(f"{_named(self._request)} has several {what}: {some(lines)}; say which by {by}")
+
+    def _fits(self, one: Announced) -> Callable[[Mapping[str, str]], bool]:
+        """Whether hashes, by name, are those that are announced."""
+        wanted = self._request.type_hash
+
+        def fits(hashes: Mapping[str, str]) -> bool:
+            told = {name: {text for text in by_hash if text} for name, by_hash in one.hashes.items()}
+            is_told = all(hashes.get(name) in texts for name, texts in told.items() if texts)
+            return is_told and wanted in (None, hashes.get(one.type_name))
+
+        return fits
+
+    # -------------------------------------------------------------------------------------------------- local ones
+
+    async def _local(self, one: Announced) -> type[Any] | None:
+        from rosidl_py_gen.dynamic import find_class
+
+        return await asyncio.to_thread(find_class, one.type_name, self._fits(one), path=self._request.path)
+
+    async def _by_name(self, one: Announced) -> type[Any]:
+        """What to take where nobody tells a hash."""
+        who = f"the nodes of {_named(self._request)} announce no hash for {one.type_name}, as those of ROS 2 Humble do"
+        cls = await self._local(one)
+        if cls is None:
+            what = (
+                "and no local definition has the hash" if self._request.type_hash else "and there is no definition here"
+            )
+            raise TypeNotFoundError(f"{who}, {what}; {_WHAT_TO_DO}")
+        self._scope.logger.warning(f"{who}; the local definition is used, whether or not it is theirs")
+        return cls
+
+    # ------------------------------------------------------------------------------------------------- fetched ones
+
+    async def _fetched(self, one: Announced) -> type[Any]:
+        from rosidl_py_gen.described import compile_described, described_hashes
+
+        name, is_service = one.type_name, self._subject.kind == "service"
+        whole = self._request.type_hash
+        if whole is not None:
+            await self._learn(name, whole, self._who(one, whole))
+        else:
+            await self._learn_messages(one)
+        learned = self._learned
+        try:
+            hashes = await asyncio.to_thread(described_hashes, name, learned.individuals, is_service=is_service)
+            if not self._fits(one)(hashes):
+                raise self._several("definitions", [one], "type_name and type_hash")
+            if name not in learned.individuals:
+                await self._learn_more(name, hashes[name], one.nodes())
+            return await asyncio.to_thread(
+                compile_described,
+                name,
+                learned.individuals,
+                learned.sources,
+                is_service=is_service,
+                path=self._request.path,
+            )
+        except DefinitionError as error:
+            raise TypeDescriptionError(f"what {some(learned.who)} said of {name} cannot be used: {error}") from error
+
+    async def _learn_messages(self, one: Announced) -> None:
+        """All parts of the type, each from one of the messages that contain it."""
+        for part, carriers in self._subject.messages.items():
+            failures: list[str] = []
+            for carrier in carriers:
+                if one.type_name + part in self._learned.individuals:
+                    break
+                for wanted in one.of(carrier):
+                    try:
+                        await self._learn(one.type_name + carrier, wanted, self._who(one, wanted))
+                    except TypeDescriptionError as error:
+                        failures.append(str(error))
+            if one.type_name + part not in self._learned.individuals:
+                raise TypeDescriptionError("; ".join(failures) + self._advice(one, part))
+
+    def _advice(self, one: Announced, part: str) -> str:
+        if self._subject.kind == "topic":
+            return f"; {_WHAT_TO_DO}"
+        return (
+            f"; so nobody tells what {printable(one.type_name + part)} is (nodes of ROS 2 describe "
+            f"{_KINDS[self._request.base]} only by its own hash, which they do not announce): {_WHAT_TO_DO}, "
+            "or give that hash as type_hash"
+        )
+
+    def _who(self, one: Announced, wanted: str) -> set[str]:
+        """The nodes that announce a hash; all of them when it is that of something which is not announced."""
+        told = {node for by_hash in one.hashes.values() for node in by_hash.get(wanted, ())} - {""}
+        return told or one.nodes()
+
+    async def _learn_more(self, name: str, wanted: str, nodes: Collection[str]) -> None:
+        """The whole of what is known in parts, for its sources; nobody has to have it."""
+        try:
+            await self._learn(name, wanted, nodes)
+        except TypeDescriptionError as error:
+            self._scope.logger.debug(f"no sources of {name}: {error}")
+
+    async def _learn(self, name: str, wanted: str, nodes: Collection[str]) -> None:
+        """Have a type described: from the disk, or by one of the nodes, of which several may be asked."""
+        kept = await asyncio.to_thread(load_description, wanted)
+        if kept is not None:
+            try:
+                await asyncio.to_thread(self._take, "the cache", name, wanted, kept)
+            except RosidlError as error:
+                self._scope.logger.warning(f"{error}; it is asked for again")
+            else:
+                return
+        failures = []
+        asked = self._in_order(await self._named_nodes(nodes))
+        for index, node in enumerate(asked):
+            try:
+                answer = await self._ask(node, name, wanted, len(asked) - index)
+                await asyncio.to_thread(self._take, node, name, wanted, answer)
+            except ClosedError:
+                raise
+            except RosidlError as error:
+                failures.append(str(error))
+                continue
+            await asyncio.to_thread(keep_description, wanted, answer)
+            return
+        raise TypeDescriptionError(
+            "; ".join(failures) or f"{name} {wanted} is announced, but not by a node that has a name"
+        )
+
+    async def _named_nodes(self, nodes: Collection[str]) -> Collection[str]:
+        """The nodes, or those whose names come a moment later."""
+        if nodes:
+            return nodes
+        scope = self._scope
+
+        def late() -> set[str]:
+            return set().union(*(one.nodes() for one in self._candidates()))
+
+        await scope.wait_until(lambda: bool(late()), self._deadline.left_s(_NAMES_PATIENCE_S), lambda: scope.closed)
+        return late()
+
+    def _in_order(self, nodes: Collection[str]) -> list[str]:
+        """Whom to ask, those first that are known to have the service; never this node, which waits for an answer."""
+        others = sorted(set(nodes) - {self._scope.node_name})
+        return sorted(others, key=lambda node: not self._serves(node))[:_MOST_ASKED]
+
+    def _serves(self, node: str) -> bool:
+        return bool(self._scope.graph.on_topic(reply_name(f"{node}/get_type_description"), writers=True))
+
+    async def _ask(self, node: str, name: str, wanted: str, remaining: int) -> bytes:
+        limit_s = _PATIENCE_S if self._serves(node) else _SERVICE_PATIENCE_S
+        left_s = self._deadline.left_s()
+        if left_s is not None:
+            limit_s = min(limit_s, left_s / remaining)
+        service = self._names.resolve_service(f"{node}/get_type_description")
+        return await ask_type_description(self._scope, service, name, wanted, True, limit_s)
+
+    def _take(self, who: str, name: str, wanted: str, answer: bytes) -> None:
+        """Use an answer; raises `TypeDescriptionError` for one that is about something else. Runs in a thread."""
+        from rosidl_py_gen import to_dict
+
+        if len(answer) > MOST_BYTES:
+            raise TypeDescriptionError(f"{who} describes {name} in {len(answer)} bytes; expected at most {MOST_BYTES}")
+        response = described_by(who, answer)
+        description = to_dict(response.type_description)
+        told, found = description["type_description"]["type_name"], rihs01(description)
+        if (told, found) != (name, wanted):
+            raise TypeDescriptionError(
+                f"{who} describes {printable(told)} with the hash {found}, but {name} with the hash {wanted} was "
+                "announced: the answer is refused"
+            )
+        self._learned.who[who] = None
+        everything = [description["type_description"], *description["referenced_type_descriptions"]]
+        self._learned.individuals |= {one["type_name"]: one for one in everything}
+        for source in response.type_sources:
+            self._learned.sources.setdefault(source.type_name, (source.encoding, source.raw_file_contents))

@@ -1,0 +1,385 @@
+"""Classes of types that are not installed: who is asked, what is believed, what is kept.
+
+The definitions exist only as what a node tells of them: a class of the same hash in this process would be taken.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import re
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from worlds import World, until
+
+from rosidl_py_gen import compile_text, from_dict, get_message, get_service, type_description, type_hash
+from rosidl_py_gen.descriptions import describe, rihs01
+from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription, TypeSource
+from rosidl_py_gen.msgs.type_description_interfaces.srv import (
+    GetTypeDescription,
+    GetTypeDescription_Request,
+    GetTypeDescription_Response,
+)
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
+from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, topic_name, type_name
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
+from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.spec.model import Source
+from rosidl_py_gen.spec.resolve import Library
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from rosidl_py_gen.runtime import Node
+
+SERVICE_OFF = {"start_type_description_service": False}
+_numbers = itertools.count()
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "cache"
+    monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(folder))
+    return folder
+
+
+class Told:
+    """What a definition text means, without a class for it: names, hashes, and answers."""
+
+    def __init__(self, name: str, text: str, **others: str) -> None:
+        self.name, self.text = name, text
+        self.library = Library(search_path((), ament=""))
+        for full_name, body in {name: text, **others}.items():
+            part = split_ros_name(full_name)
+            self.library.add_text(part, Source(full_name, body, part.kind))
+
+    @property
+    def hash(self) -> str:
+        return self.library.type_hash(self.name)
+
+    def answer(self, name: str = "", *, sources: bool = True) -> GetTypeDescription_Response:
+        told = from_dict(TypeDescription, describe(name or self.name, self.library.rows))
+        kind = self.name.split("/")[1]
+        source = TypeSource(type_name=self.name, encoding=kind, raw_file_contents=self.text)
+        return GetTypeDescription_Response(
+            successful=True, type_description=told, type_sources=[source] if sources and not name else []
+        )
+
+    def announce(self, node: Node, topic: str, part: str = "", announced: str | None = None) -> None:
+        """A writer, or the reader of requests, that carries the type, or a part of it."""
+        name = self.name + part
+        told = self.library.type_hash(name) if announced is None else announced
+        make = node.scope.participant.create_reader if "Request" in part else node.scope.participant.create_writer
+        endpoint = make(topic, type_name(name), QoSProfile(), endpoint_user_data(told))
+        node.scope.own(endpoint, endpoint.guid)
+
+    def __call__(self, request: GetTypeDescription_Request) -> GetTypeDescription_Response:
+        for name in (self.name, *self.library.all_hashes(self.name)):
+            if request.type_hash == self.library.type_hash(name):
+                return self.answer("" if name == self.name else name)
+        return GetTypeDescription_Response(failure_reason="Type not currently in use by this node")
+
+
+def fresh(text: str = "int32 x 5\nstring LABEL=deep", kind: str = "msg", **others: str) -> Told:
+    """A type of a name of its own: what was once compiled is never forgotten."""
+    return Told(f"nowhere_msgs/{kind}/Kind{next(_numbers)}", text, **others)
+
+
+def teller(world: World, name: str, answer: Callable[[Any], Any] | None) -> Node:
+    """A node that answers for its types in its own way, or has no such service."""
+    node = world.node(name, overrides=SERVICE_OFF)
+    if answer is not None:
+        node.create_service(GetTypeDescription, "~/get_type_description", answer)
+    return node
+
+
+def told_by(world: World, told: Told, topic: str = "/t", answer: Callable[[Any], Any] | None = None) -> Node:
+    node = teller(world, "robot", answer or told)
+    told.announce(node, topic_name(topic))
+    return node
+
+
+async def test_a_type_that_only_another_node_has_becomes_a_class(world: World) -> None:
+    told = fresh()
+    told_by(world, told)
+    cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
+    assert (cls._TYPE.name, type_hash(cls), cls.LABEL, cls().x) == (told.name, told.hash, "deep", 5)
+    assert cls.decode(b"\0\1\0\0\7\0\0\0").x == 7
+    assert compile_text(told.name, told.text) is cls
+
+
+async def test_messages_arrive_with_the_class(world: World) -> None:
+    told = fresh()
+    told_by(world, told)
+    asker = world.node("asker")
+    cls: Any = await asker.resolve_type("t", timeout_s=10)
+    subscription = asker.create_subscription(cls, "t")
+    publisher = world.node("other").create_publisher(cls, "t")
+    assert await publisher.wait_for_subscribers(5)
+    publisher.publish(cls(x=9))
+    assert (await subscription.receive(5)).x == 9
+
+
+async def test_the_description_is_enough_when_there_is_no_source(world: World) -> None:
+    told = fresh(
+        'int32 x 5\nstring<=9 word "a\'b"\nfloat64[2] pair [1.5, -2.0]\nstring[<=3] words ["p", "q"]\nbool on true'
+    )
+    told_by(world, told, answer=lambda request: told.answer(sources=False))
+    cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
+    made = cls()
+    assert (made.x, made.word, list(made.pair), made.words, made.on) == (5, "a'b", [1.5, -2.0], ["p", "q"], True)
+    assert type_description(cls) == describe(told.name, told.library.rows)
+
+
+async def test_a_source_that_says_something_else_is_not_used(world: World) -> None:
+    told, other = fresh(), "int64 x 5\nstring LABEL=other"
+    answer = told.answer()
+    answer.type_sources[0].raw_file_contents = other
+    told_by(world, told, answer=lambda request: answer)
+    cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
+    assert type_hash(cls) == told.hash and not hasattr(cls, "LABEL") and cls().x == 5
+
+
+async def test_a_local_class_of_the_same_hash_is_taken_and_nobody_asked(world: World) -> None:
+    string = get_message("std_msgs/msg/String")
+    told = Told("std_msgs/msg/String", "string data")
+    told_by(world, told, answer=lambda request: pytest.fail("asked"))
+    assert await world.node("asker").resolve_type("t", timeout_s=10) is string
+
+
+async def test_a_local_class_of_another_hash_is_left_alone(world: World) -> None:
+    string = get_message("std_msgs/msg/String")
+    told = Told("std_msgs/msg/String", f"int32 not_a_string_{next(_numbers)}")
+    told_by(world, told)
+    cls = await world.node("asker").resolve_type("t", timeout_s=10)
+    assert cls is not string and type_hash(cls) == told.hash
+    assert get_message("std_msgs/msg/String") is string
+
+
+async def test_nested_types_are_local_ones_where_the_hash_is_the_same(world: World) -> None:
+    point = f"int32 other_{next(_numbers)}"
+    told = fresh("std_msgs/Header header\ngeometry_msgs/Point32 point", **{"geometry_msgs/msg/Point32": point})
+    told_by(world, told)
+    cls: Any = await world.node("asker").resolve_type("t", timeout_s=10)
+    header, nested = (field.cls for field in cls._TYPE.fields)
+    assert header is get_message("std_msgs/msg/Header")
+    assert nested is not get_message("geometry_msgs/msg/Point32") and [f.ros_name for f in nested._TYPE.fields] == [
+        point.split()[1]
+    ]
+
+
+async def test_a_liar_is_refused_and_named_with_both_hashes(world: World) -> None:
+    told, lie = fresh(), fresh("int32 y")
+    answer = lie.answer()
+    answer.type_description.type_description.type_name = told.name
+    told_by(world, told, answer=lambda request: answer)
+    with pytest.raises(TypeDescriptionError, match="the answer is refused") as caught:
+        await world.node("asker").resolve_type("t", timeout_s=10)
+    assert "/robot" in str(caught.value) and told.hash in str(caught.value)
+    assert len(set(re.findall(r"RIHS01_[0-9a-f]{64}", str(caught.value)))) == 2
+
+
+async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(world: World) -> None:
+    told, lie = fresh(), fresh("int32 y")
+
+    async def never(request: Any) -> Any:
+        await asyncio.sleep(60)
+
+    for name, answer in (("a_liar", lambda request: lie.answer()), ("b_silent", never), ("c_honest", told)):
+        told.announce(teller(world, name, answer), "rt/t")
+    asker = world.node("asker")
+    await until(lambda: asker.count_publishers("t") == 3)
+    assert type_hash(await asker.resolve_type("t", timeout_s=20)) == told.hash
+
+
+async def test_a_node_that_never_answers_is_an_error_in_time(world: World) -> None:
+    async def never(request: Any) -> Any:
+        await asyncio.sleep(60)
+
+    told = fresh()
+    told_by(world, told, answer=never)
+    start = asyncio.get_running_loop().time()
+    with pytest.raises(TypeDescriptionError, match="/robot/get_type_description"):
+        await world.node("asker").resolve_type("t", timeout_s=0.8)
+    assert asyncio.get_running_loop().time() - start < 3
+
+
+async def test_a_node_without_the_service_is_an_error_that_says_what_to_do(world: World) -> None:
+    told = fresh()
+    told.announce(teller(world, "robot", None), "rt/t")
+    with pytest.raises(TypeDescriptionError, match=r"/robot/get_type_description.*install its package"):
+        await world.node("asker").resolve_type("t", timeout_s=2)
+
+
+async def test_without_a_hash_the_local_definition_is_taken_and_said_so(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    robot = teller(world, "robot", None)
+    Told("std_msgs/msg/Bool", "bool data").announce(robot, "rt/known", announced="")
+    fresh().announce(robot, "rt/unknown", announced="")
+    asker = world.node("asker")
+    assert await asker.resolve_type("known", timeout_s=5) is get_message("std_msgs/msg/Bool")
+    assert "announce no hash for std_msgs/msg/Bool, as those of ROS 2 Humble do" in caplog.text
+    with pytest.raises(TypeNotFoundError, match=r"there is no definition here; install its package.*--path"):
+        await asker.resolve_type("unknown", timeout_s=5)
+
+
+async def test_several_types_or_hashes_are_listed_with_their_nodes(world: World) -> None:
+    one, two = fresh(), fresh("int32 y")
+    told_by(world, one)
+    two.announce(teller(world, "second", two), "rt/t")
+    asker = world.node("asker")
+    await until(lambda: asker.count_publishers("t") == 2)
+    await until(lambda: {"robot", "second"} <= {info.node_name for info in asker.get_publishers_info_by_topic("t")})
+    with pytest.raises(TypeDescriptionError, match="several types") as caught:
+        await asker.resolve_type("t", timeout_s=5)
+    for told, node in ((one, "/robot"), (two, "/second")):
+        assert f"{told.name} {told.hash} ({node})" in str(caught.value)
+    assert type_hash(await asker.resolve_type("t", two.name, timeout_s=5)) == two.hash
+
+
+async def test_several_definitions_of_one_type_are_told_apart_by_their_hash(world: World) -> None:
+    one = fresh()
+    two = Told(one.name, "int32 y")
+    told_by(world, one)
+    two.announce(teller(world, "second", two), "rt/t")
+    asker = world.node("asker")
+    await until(lambda: asker.count_publishers("t") == 2)
+    with pytest.raises(TypeDescriptionError, match=r"several definitions.*type_hash"):
+        await asker.resolve_type("t", timeout_s=5)
+    for told in (one, two):
+        assert type_hash(await asker.resolve_type("t", type_hash=told.hash, timeout_s=5)) == told.hash
+
+
+async def test_nobody_is_waited_for_in_vain(world: World) -> None:
+    asker = world.node("asker")
+    with pytest.raises(CallTimeoutError, match=r"nobody announced a type for the topic /t in 0\.2 s"):
+        await asker.resolve_type("t", timeout_s=0.2)
+    told = fresh()
+    asking = asyncio.ensure_future(asker.resolve_type("t", timeout_s=10))
+    await asyncio.sleep(0.1)
+    told_by(world, told)
+    assert type_hash(await asking) == told.hash
+
+
+async def test_a_service_of_a_node_of_this_package(world: World) -> None:
+    told = fresh("int32 a 3\nstring MORE=x\n---\nstring b", "srv")
+    robot = teller(world, "robot", told)
+    told.announce(robot, request_name("/s"), "_Request")
+    told.announce(robot, reply_name("/s"), "_Response")
+    cls: Any = await world.node("asker").resolve_service_type("s", timeout_s=10)
+    assert type_hash(cls) == told.hash and cls.Request().a == 3 and cls.Request.MORE == "x"
+
+
+async def test_an_action_of_a_node_of_this_package(world: World) -> None:
+    told = fresh("int32 order\n---\nint32[] result\n---\nfloat32 left", "action")
+    robot = teller(world, "robot", told)
+    for verb, word in (("send_goal", "SendGoal"), ("get_result", "GetResult")):
+        told.announce(robot, request_name(f"/a/_action/{verb}"), f"_{word}_Request")
+        told.announce(robot, reply_name(f"/a/_action/{verb}"), f"_{word}_Response")
+    told.announce(robot, "rt/a/_action/feedback", "_FeedbackMessage")
+    cls: Any = await world.node("asker").resolve_action_type("a", timeout_s=10)
+    assert type_hash(cls) == told.hash and cls.Goal(order=3).order == 3
+
+
+async def test_a_local_service_needs_the_hashes_of_request_and_response(world: World) -> None:
+    node, asker = world.node("robot"), world.node("asker")
+    ask = get_service("std_srvs/srv/SetBool")
+    node.create_service(ask, "s", lambda request: None)
+    assert await asker.resolve_service_type("s", timeout_s=5) is ask
+
+
+async def test_what_was_asked_once_is_not_asked_again(world: World, cache: Path) -> None:
+    told = fresh()
+    cache.mkdir()
+    data = told.answer().encode()
+    (cache / f"{told.hash}.cdr").write_bytes(data)
+    told_by(world, told, answer=lambda request: pytest.fail("asked"))
+    assert type_hash(await world.node("asker").resolve_type("t", timeout_s=5)) == told.hash
+
+
+@pytest.mark.parametrize("what", ["cut", "noise", "other"])
+async def test_a_changed_file_is_not_believed_and_replaced(
+    world: World, cache: Path, what: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    told = fresh()
+    good = told.answer().encode()
+    bad = {"cut": good[:40], "noise": b"\xff" * 100, "other": fresh("int32 z").answer().encode()}[what]
+    cache.mkdir()
+    file = cache / f"{told.hash}.cdr"
+    file.write_bytes(bad)
+    told_by(world, told)
+    assert type_hash(await world.node("asker").resolve_type("t", timeout_s=5)) == told.hash
+    assert "asked for again" in caplog.text and file.read_bytes() == good
+
+
+async def test_a_folder_that_cannot_be_used_is_no_error(
+    world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(tmp_path / "file" / "below"))
+    told = fresh()
+    told_by(world, told)
+    assert type_hash(await world.node("asker").resolve_type("t", timeout_s=5)) == told.hash
+
+
+def absurd(told: dict[str, Any], what: str) -> None:
+    """Make a description, in place, one that no definition leads to."""
+    fields = told["type_description"]["fields"]
+    changes: dict[str, tuple[str, Any]] = {
+        "id": ("type_id", 77),
+        "size": ("capacity", 3),
+        "no size": ("type_id", 54),
+        "bound": ("string_capacity", 4),
+        "nested": ("nested_type_name", "a/msg/B"),
+    }
+    if what in changes:
+        key, value = changes[what]
+        fields[0]["type"][key] = value
+    elif what == "many":
+        told["type_description"]["fields"] = [{**fields[0], "name": f"x{index}"} for index in range(100_000)]
+    elif what == "itself":
+        nested = {
+            "type_id": 1,
+            "capacity": 0,
+            "string_capacity": 0,
+            "nested_type_name": told["type_description"]["type_name"],
+        }
+        fields[0]["type"] = nested
+    elif what == "not described":
+        fields[0]["type"] = {"type_id": 1, "capacity": 0, "string_capacity": 0, "nested_type_name": "gone/msg/Gone"}
+    elif what == "twice":
+        fields.append(dict(fields[0]))
+    elif what == "default":
+        fields[0]["default_value"] = "(" * 5000
+    elif what == "empty":
+        fields.clear()
+    else:
+        fields[0]["name"] = what
+
+
+TYPES = ["id", "size", "no size", "bound", "nested", "itself", "not described"]
+NAMES = ["__init__", "x y", "x\nimport os", "\N{SNOWMAN}", "9x", ""]
+
+
+@pytest.mark.parametrize("what", [*TYPES, *NAMES, "many", "twice", "default", "empty"])
+async def test_a_description_that_no_definition_leads_to_is_refused(memory: World, what: str) -> None:
+    honest = fresh()
+    description = describe(honest.name, honest.library.rows)
+    absurd(description, what)
+    answer = GetTypeDescription_Response(successful=True, type_description=from_dict(TypeDescription, description))
+    robot = teller(memory, "robot", lambda request: answer)
+    honest.announce(robot, "rt/t", announced=rihs01(description))
+    with pytest.raises(TypeDescriptionError, match=f"^what /robot said of {honest.name} cannot be used"):
+        await memory.node("asker").resolve_type("t", timeout_s=20)
+
+
+async def test_names_that_are_none_are_errors_of_ours(memory: World) -> None:
+    robot = teller(memory, "robot", lambda request: GetTypeDescription_Response())
+    writer = robot.scope.participant.create_writer("rt/t", "no::such dds_::Name_", QoSProfile(), b"typehash=x;")
+    robot.scope.own(writer, writer.guid)
+    with pytest.raises(ValueError, match=r"is not an interface name|is not a package name"):
+        await memory.node("asker").resolve_type("t", timeout_s=5)
