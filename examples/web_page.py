@@ -1,7 +1,7 @@
 """A topic as a live number and plot in the browser, with asyncio alone: python examples/web_page.py
 
-Then open http://127.0.0.1:8765. A wave is shown, which the program publishes itself; another topic and its field come
-as arguments: python examples/web_page.py /imu angular_velocity.z. Other machines cannot reach the page. Seen:
+Then open http://127.0.0.1:8765; other machines cannot. A wave is shown, which the program publishes itself, or a topic
+of any type and one of its fields: python examples/web_page.py /imu angular_velocity.z. Seen:
 
     /wave data at http://127.0.0.1:8765, stop with Ctrl-C
 
@@ -20,20 +20,19 @@ from time import monotonic
 
 from std_msgs.msg import Float64
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import Message
 from rosidl_py_gen.runtime import Node, run
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
 
 PAGE = Path(__file__).with_suffix(".html")
-HOST, PORT = "127.0.0.1", int(os.environ.get("PORT", "8765"))
-UPDATES_S = 0.05
+PORT = int(os.environ.get("PORT", "8765"))
 
 
 class LivePage:
     """Answers browsers: the page at /, its values at /values as server-sent events."""
 
-    def __init__(self, node: Node, type_name: str, topic: str, field: str) -> None:
-        self.node, self.type, self.topic, self.field = node, get_message(type_name), topic, field
+    def __init__(self, node: Node, message_type: type[Message], topic: str, field: str) -> None:
+        self.node, self.type, self.topic, self.field = node, message_type, topic, field
         self.value = attrgetter(field)
 
     async def answer(self, reader: StreamReader, writer: StreamWriter) -> None:
@@ -43,15 +42,12 @@ class LivePage:
             if path == b"/values":
                 await self.send_values(writer)
             elif path == b"/":
-                title = f"{self.topic} {self.field}"
                 self.head(writer, "200 OK", "text/html; charset=utf-8")
-                writer.write(PAGE.read_bytes().replace(b"TITLE", title.encode()))
+                writer.write(PAGE.read_bytes().replace(b"TITLE", f"{self.topic} {self.field}".encode()))
             else:
                 self.head(writer, "404 Not Found", "text/plain")
-        except (OSError, EOFError, ValueError, asyncio.LimitOverrunError, asyncio.TimeoutError):
-            pass  # the browser has gone, or is none
-        except asyncio.CancelledError:
-            pass  # the end of the program; before CPython 3.12 asyncio would log it
+        except (OSError, EOFError, ValueError, asyncio.LimitOverrunError, asyncio.TimeoutError, asyncio.CancelledError):
+            pass  # the browser has gone, or is none; or the program ends, which asyncio logs before CPython 3.12
         finally:
             writer.close()
 
@@ -65,7 +61,7 @@ class LivePage:
             async for message in subscription:
                 writer.write(f"data: {self.value(message)}\n\n".encode())
                 await writer.drain()
-                await asyncio.sleep(UPDATES_S)
+                await asyncio.sleep(0.05)  # messages meanwhile are not shown
 
 
 async def main() -> None:
@@ -74,10 +70,10 @@ async def main() -> None:
         if topic == "/wave":
             wave = node.create_publisher(Float64, topic)
             node.create_timer(0.02, lambda: wave.publish(Float64(data=math.sin(monotonic()))))
-        type_name = dict(node.get_topic_names_and_types())[topic][0]
-        async with await asyncio.start_server(LivePage(node, type_name, topic, field).answer, HOST, PORT) as server:
-            port = server.sockets[0].getsockname()[1]
-            print(f"{topic} {field} at http://{HOST}:{port}, stop with Ctrl-C", flush=True)
+        page = LivePage(node, await node.resolve_type(topic, timeout_s=10), topic, field)
+        async with await asyncio.start_server(page.answer, "127.0.0.1", PORT) as server:
+            host, port = server.sockets[0].getsockname()
+            print(f"{topic} {field} at http://{host}:{port}, stop with Ctrl-C", flush=True)
             await server.serve_forever()
 
 

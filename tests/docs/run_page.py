@@ -3,7 +3,8 @@
 A block with a title is a file. Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
 background, so that a server of one block answers the client of the next. Shell blocks run what they say to
 ``rosidl-py-gen``, and to Python and pytest about files of the page. A text block says what the block before it prints;
-behind a shell block it makes the examples that are named there run until they have, and end by themselves or by Ctrl-C.
+behind a shell block it makes the examples that are named there run until the last one has printed it; then they end by
+themselves or by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -137,28 +138,26 @@ class Page:
             raise PageError(f"{shlex.join(command)} ended with {process.returncode}: {output.decode()}")
 
     async def run_examples(self, text: str, lines: list[str]) -> None:
-        """Start the examples that a shell block names, until they have printed these lines."""
-        started = [
-            await asyncio.create_subprocess_exec(
-                sys.executable, str(ROOT / words[1]), *words[2:], stdout=asyncio.subprocess.PIPE
-            )
-            for line in re.findall(r"^python examples/.*", text, re.MULTILINE)
-            for words in [shlex.split(line, comments=True)]
-        ]
+        """Start the examples that a shell block names, until the last one has printed these lines."""
+        commands = [shlex.split(line, comments=True) for line in re.findall(r"^python examples/.*", text, re.MULTILINE)]
+        started = []
+        for command in commands:
+            output = asyncio.subprocess.PIPE if command is commands[-1] else asyncio.subprocess.DEVNULL
+            program = [sys.executable, str(ROOT / command[1]), *command[2:]]
+            started.append(await asyncio.create_subprocess_exec(*program, stdout=output))
         if not started:
             return
-        readers = [asyncio.ensure_future(self.read(process)) for process in started]
+        reader = asyncio.ensure_future(self.read(started[-1]))
         try:
             await self.expect(lines)
-            await asyncio.wait(readers, timeout=1.5)
+            await asyncio.wait([reader], timeout=1)
         finally:
             for process in started:
                 if process.returncode is None:
                     process.send_signal(signal.SIGINT)
-            await asyncio.wait_for(asyncio.gather(*readers), PATIENCE_S)
-        for process in started:
-            if await process.wait():
-                raise PageError(f"an example ended with {process.returncode}")
+            await asyncio.wait_for(asyncio.gather(reader, *(process.wait() for process in started)), PATIENCE_S)
+        if ended := [end for process in started if (end := process.returncode) not in (0, -signal.SIGINT)]:
+            raise PageError(f"an example ended with {ended[0]}")
 
     async def read(self, process: asyncio.subprocess.Process) -> None:
         """Its output is the block's."""
@@ -167,13 +166,14 @@ class Page:
             self.output.write(line.decode())
 
     async def expect(self, lines: list[str]) -> None:
-        """Wait until the block before has printed these lines first; ``…`` stands for anything."""
-        pattern = "\n".join(re.escape(line).replace("…", ".*") for line in lines) + "\n"
+        """Wait until the block before has printed these lines first; ``…`` stands for anything, alone for any lines."""
+        patterns = [re.escape(line).replace("…", ".*") + "\n" if line != "…" else "(?:.*\n)*?" for line in lines]
+        pattern = "".join(patterns)
         for _ in range(int(PATIENCE_S / 0.02)):
             if re.match(pattern, self.output.getvalue()):
                 return
             await asyncio.sleep(0.02)
-        raise PageError(f"expected {lines}, printed {self.output.getvalue()!r}")
+        raise PageError(f"expected {lines}, printed {self.output.getvalue()!r:.1000}")
 
 
 class Tee(io.TextIOBase):

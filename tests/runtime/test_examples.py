@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import re
 import shutil
@@ -39,6 +40,21 @@ def no_survivors() -> Iterator[None]:
 
 
 _started: list[subprocess.Popen[str]] = []
+
+
+@pytest.fixture(autouse=True)
+def no_kept_types(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Types that examples ask others for are not known from an earlier run."""
+    monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(tmp_path / "types"))
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
+def test_an_example_is_short_says_how_to_run_it_and_is_on_the_page(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    head = text.split('"""')[1]
+    assert len(text.splitlines()) <= 80
+    assert "Seen" in head and (f"python examples/{path.name}" in head or f"pytest {path.name}" in head)
+    assert path.name.removeprefix("test_") in (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
 
 
 def start(name: str, *arguments: str) -> subprocess.Popen[str]:
@@ -201,3 +217,34 @@ def test_a_page_shows_a_live_topic(browser: Browser, monkeypatch: pytest.MonkeyP
     assert browser.screenshot().startswith(b"\x89PNG")
     stop(showing)
     browser.wait_for("return state.textContent.includes('gone')")
+
+
+def test_a_type_that_only_its_publisher_has_is_copied_and_printed_by_others() -> None:
+    robot, copying = start("strange_robot.py"), start("echo_any.py", "/battery", "/copy")
+    assert copying.stdout is not None
+    assert copying.stdout.readline() == "copying /battery, a strange_msgs/msg/Battery, to /copy\n"
+    echoes = start("echo_any.py", "/battery"), start("echo_any.py", "/copy")
+    for echo in echoes:
+        assert echo.stdout is not None
+        assert echo.stdout.readline() == "strange_msgs/msg/Battery RIHS01_45fd688a...\n"
+        battery = json.loads(echo.stdout.readline())
+        assert battery["name"] == "main" and [3 < cell["voltage"] < 4 for cell in battery["cells"]] == [True, True]
+    for process in (robot, copying, *echoes):
+        stop(process)
+
+
+def test_a_script_stops_a_robot_whose_types_it_never_saw() -> None:
+    robot = start("strange_robot.py")
+    output, errors = start("meet_robot.py").communicate(timeout=30)
+    *watched, last = output.splitlines()
+    assert (watched[:2], errors) == (
+        [
+            '/battery is strange_msgs/msg/Battery: {"name": "", "cells": []}',
+            '/drive is strange_msgs/msg/Drive: {"speed": 0.0, "reason": ""}',
+        ],
+        "",
+    )
+    assert re.fullmatch(r"stop: cell 1 is at 3\.3\d V", last)
+    assert all(re.fullmatch(r"the lowest cell is at 3\.4\d V", line) for line in watched[2:])
+    output, errors = robot.communicate(timeout=10)
+    assert (output.splitlines()[-1], errors) == (f"stopped by a visitor: {last.removeprefix('stop: ')}", "")
