@@ -41,15 +41,16 @@ array('i', [0, 1, 1])
 array('i', [0, 1, 1, 2])
 4 array('i', [0, 1, 1, 2])
 set
-too fast for indoors
+too fast
 Parameter max_speed out of range Min: 0.0, Max: 2.5, value: 9.0
 True True
 done with one
 [1.0, 2.5] 0
 1.5
-['std_msgs/msg/String'] 1
+['std_msgs/msg/String']
+1
 [('mine', '/')]
-['RELIABLE']
+RELIABLE
 TransitionCallbackReturnType.SUCCESS
 ended at Ctrl-C
 """
