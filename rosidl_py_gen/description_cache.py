@@ -14,8 +14,8 @@ from pathlib import Path
 VARIABLE = "ROSIDL_PY_GEN_CACHE"
 """Environment variable that names another folder; ``off`` keeps nothing."""
 MOST_FILES = 2000
-MOST_BYTES = 8 << 20
-"""Of one description; larger ones are neither kept nor read."""
+MOST_BYTES = 1 << 20
+"""Of one description with its sources; those of the largest actions have some 50 KB."""
 _SUFFIX = ".cdr"
 
 

@@ -22,7 +22,7 @@ from rosidl_py_gen.cdr.message import Action, Message, Service
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem, TypeNotFoundError
 from rosidl_py_gen.names import RosName, did_you_mean, py_name, split_ros_name
 from rosidl_py_gen.ownership import owns
-from rosidl_py_gen.typesupport import constants, referenced_classes, type_description, type_hash
+from rosidl_py_gen.typesupport import constants, hashes_of, referenced_classes, type_description, type_hash
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -169,14 +169,10 @@ def find_class(name: str, fits: Fits, *, path: Folders = ()) -> type[Any] | None
     Raises:
         DefinitionError: `path` cannot be read. InvalidNameError: not a name.
     """
-
-    def is_right(cls: type) -> bool:
-        return fits({part: type_hash(known) for part, known in referenced_classes(cls).items()})
-
     split_ros_name(name)
     with _lock:
         for cls in _loaded.get(name, ()):
-            if is_right(cls):
+            if fits(hashes_of(cls)):
                 return cls
         for folders in (path, ()) if path else ((),):
             try:
@@ -187,7 +183,7 @@ def find_class(name: str, fits: Fits, *, path: Folders = ()) -> type[Any] | None
                 if folders:
                     raise
                 continue
-            if is_right(cls):
+            if fits(hashes_of(cls)):
                 return cls
     return None
 

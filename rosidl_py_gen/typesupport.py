@@ -79,6 +79,11 @@ def referenced_classes(subject: object) -> dict[str, type]:
     return found
 
 
+def hashes_of(subject: object) -> dict[str, str]:
+    """RIHS01 hash of the class itself and of every class it leads to, by type name."""
+    return {name: type_hash(cls) for name, cls in referenced_classes(subject).items()}
+
+
 def constants(cls: type) -> dict[str, bool | int | float | str]:
     """The constants of a generated class by name."""
     annotations: dict[str, object] = getattr(cls, "__annotations__", {})

@@ -54,6 +54,7 @@ def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id()))
     for name in ("CYCLONEDDS_URI", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY"):
         monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", "off")
     monkeypatch.setattr(sys, "argv", ["test"])
     from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 

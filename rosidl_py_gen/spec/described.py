@@ -34,8 +34,10 @@ from rosidl_py_gen.spec.resolve import Library, check, raise_findings
 
 MOST_TYPES = 500
 MOST_FIELDS = 5000
-"""Of all types together; that many take some seconds to compile."""
-MOST_TEXT = 1 << 20
+"""Of all types together."""
+MOST_OF_ONE = 1000
+"""Fields of one type; CPython takes 0.2 s for its class then, and far more than twice as long for twice as many."""
+MOST_TEXT = 1 << 18
 """Characters of all sources together, and of all default values; more are not looked at."""
 
 Sources = Mapping[str, tuple[str, str]]
@@ -87,12 +89,12 @@ def described_library(
 
 
 def _limit(name: RosName, individuals: Mapping[str, Description]) -> None:
-    count = sum(len(one["fields"]) for one in individuals.values())
-    if len(individuals) > MOST_TYPES or count > MOST_FIELDS:
+    counts = [len(one["fields"]) for one in individuals.values()]
+    if len(counts) > MOST_TYPES or sum(counts) > MOST_FIELDS or max(counts, default=0) > MOST_OF_ONE:
         raise _problem(
             str(name),
-            f"expected at most {MOST_TYPES} types with {MOST_FIELDS} fields in a description, "
-            f"found {len(individuals)} with {count}",
+            f"expected a description of at most {MOST_TYPES} types with {MOST_OF_ONE} fields each and {MOST_FIELDS} "
+            f"together, found {len(counts)} types with up to {max(counts)} fields and {sum(counts)} together",
         )
 
 
@@ -140,14 +142,23 @@ def _from_source(
     encoding, text = sources.get(str(name), ("", ""))
     if encoding not in (name.kind, "idl") or not text:
         return None
-    findings = Findings()
     source = Source(f"<{name}>", text.replace("\r\n", "\n").replace("\r", "\n"), encoding)
-    found = parse_interface(name, source, findings)
-    if found is None or findings.problems:
+    try:
+        found = parse_interface(name, source, _NoFindings())
+    except DefinitionError:
         return None
-    known = {str(message.name): message for message in messages_of(found)}
+    known = {str(message.name): message for message in messages_of(found)} if found else {}
+    if any(len(message.constants) > MOST_OF_ONE for message in known.values()):
+        return None
     is_same = all(one in known and _fields_of(individuals.get(one)) == _rows(known[one]) for one in own)
     return found if is_same else None
+
+
+class _NoFindings(Findings):
+    """The first problem ends it: showing the line of each would take the square of their number."""
+
+    def add(self, location: Location, text: str) -> None:
+        raise DefinitionError(location.problem(text))
 
 
 def _rows(message: MessageDef) -> list[tuple[object, object]]:

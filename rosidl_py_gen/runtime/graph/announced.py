@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.state import Endpoint, Graph
 
 TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
+_DESCRIBERS = reply_name("|/get_type_description").split("|")
+"""What is before and behind the name of a node in the DDS topic of its answers."""
 _MOST_SHOWN = 5
 
 
@@ -102,11 +104,12 @@ class Announced:
 
     def lines(self) -> list[str]:
         """What there is, for people."""
-        return [
-            f"{printable(name[:100])} {text or 'without a hash'} ({some(sorted(node or 'no name' for node in nodes))})"
-            for name, told in sorted(self.hashes.items())
-            for text, nodes in sorted(told.items())
-        ]
+        lines = []
+        for name, told in sorted(self.hashes.items()):
+            for text, nodes in sorted(told.items()):
+                who = some(sorted(printable(node[:300]) or "no name" for node in nodes))
+                lines.append(f"{printable(name[:100])} {text or 'without a hash'} ({who})")
+        return lines
 
 
 def announced(graph: Graph, subject: Subject) -> dict[str, Announced]:
@@ -139,5 +142,21 @@ def _hash_of(endpoint: Endpoint) -> str:
 
 
 def _node_of(graph: Graph, endpoint: Endpoint) -> str:
+    """The node's name, "" when it cannot be told.
+
+    With Fast DDS it may come seconds after the endpoint; but where only one node of the participant serves descriptions
+    it can only be that one.
+    """
     namespace, name = graph.node_of(endpoint.info)
-    return "" if (namespace, name) in (UNKNOWN_NODE, BARE_DDS_NODE) else fully_qualified_node_name(name, namespace)
+    if (namespace, name) not in (UNKNOWN_NODE, BARE_DDS_NODE):
+        return fully_qualified_node_name(name, namespace)
+    participant = endpoint.info.participant_guid
+    names = {
+        other.info.topic[len(_DESCRIBERS[0]) : -len(_DESCRIBERS[1])]
+        for other in graph.endpoints.values()
+        if other.info.participant_guid == participant
+        and other.info.is_writer
+        and other.info.topic.startswith(_DESCRIBERS[0])
+        and other.info.topic.endswith(_DESCRIBERS[1])
+    }
+    return names.pop() if len(names) == 1 else ""

@@ -13,13 +13,21 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.description_cache import MOST_BYTES, keep_description, load_description
 from rosidl_py_gen.descriptions import rihs01
-from rosidl_py_gen.errors import ClosedError, DefinitionError, RosidlError, TypeNotFoundError, printable
+from rosidl_py_gen.errors import (
+    ClosedError,
+    DefinitionError,
+    InvalidNameError,
+    RosidlError,
+    TypeNotFoundError,
+    printable,
+)
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
 from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, announced, is_complete, some
 from rosidl_py_gen.runtime.names.dds import reply_name
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError, ask_type_description, described_by
 from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.typesupport import hashes_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -120,6 +128,11 @@ class _Resolution:
             raise self._several("types", found, "type_name")
         if self._request.type_hash is None and found[0].is_ambiguous():
             raise self._several("definitions", found, "type_hash")
+        try:
+            split_ros_name(found[0].type_name)
+        except InvalidNameError:
+            told = some(found[0].lines())
+            raise TypeDescriptionError(f"the type of {_named(self._request)} is none of ROS: {told}") from None
         return found[0]
 
     def _nobody(self, timeout_s: float | None) -> str:
@@ -175,12 +188,11 @@ class _Resolution:
             await self._learn_messages(one)
         learned = self._learned
         try:
-            hashes = await asyncio.to_thread(described_hashes, name, learned.individuals, is_service=is_service)
-            if not self._fits(one)(hashes):
-                raise self._several("definitions", [one], "type_name and type_hash")
             if name not in learned.individuals:
+                hashes = await asyncio.to_thread(described_hashes, name, learned.individuals, is_service=is_service)
+                self._require_fit(one, hashes)
                 await self._learn_more(name, hashes[name], one.nodes())
-            return await asyncio.to_thread(
+            cls = await asyncio.to_thread(
                 compile_described,
                 name,
                 learned.individuals,
@@ -190,6 +202,13 @@ class _Resolution:
             )
         except DefinitionError as error:
             raise TypeDescriptionError(f"what {some(learned.who)} said of {name} cannot be used: {error}") from error
+        self._require_fit(one, hashes_of(cls))
+        return cls
+
+    def _require_fit(self, one: Announced, hashes: Mapping[str, str]) -> None:
+        """Each message alone was what was announced; together they may be of several definitions."""
+        if not self._fits(one)(hashes):
+            raise self._several("definitions", [one], "type_hash")
 
     async def _learn_messages(self, one: Announced) -> None:
         """All parts of the type, each from one of the messages that contain it."""

@@ -182,7 +182,10 @@ async def test_a_liar_is_refused_and_named_with_both_hashes(world: World) -> Non
     assert len(set(re.findall(r"RIHS01_[0-9a-f]{64}", str(caught.value)))) == 2
 
 
-async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(world: World) -> None:
+async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rosidl_py_gen.runtime.node.resolving._PATIENCE_S", 0.5)
     told, lie = fresh(), fresh("int32 y")
 
     async def never(request: Any) -> Any:
@@ -340,7 +343,7 @@ def absurd(told: dict[str, Any], what: str) -> None:
         key, value = changes[what]
         fields[0]["type"][key] = value
     elif what == "many":
-        told["type_description"]["fields"] = [{**fields[0], "name": f"x{index}"} for index in range(100_000)]
+        told["type_description"]["fields"] = [{**fields[0], "name": f"x{index}"} for index in range(1_001)]
     elif what == "itself":
         nested = {
             "type_id": 1,
@@ -377,9 +380,35 @@ async def test_a_description_that_no_definition_leads_to_is_refused(memory: Worl
         await memory.node("asker").resolve_type("t", timeout_s=20)
 
 
+@pytest.mark.parametrize("line", ["?", "int8 a=1", 'string S="x"', "module"])
+@pytest.mark.parametrize("encoding", ["msg", "idl"])
+async def test_a_source_costs_no_more_than_its_length(memory: World, line: str, encoding: str) -> None:
+    told = fresh()
+    answer = told.answer()
+    text = "\n".join(f"{line}{index}" for index in range(250_000 // (len(line) + 6)))
+    answer.type_sources[0].encoding, answer.type_sources[0].raw_file_contents = encoding, f"{told.text}\n{text}"
+    told_by(memory, told, answer=lambda request: answer)
+    start = asyncio.get_running_loop().time()
+    cls: Any = await memory.node("asker").resolve_type("t", timeout_s=20)
+    assert (
+        not hasattr(cls, "LABEL") and asyncio.get_running_loop().time() - start < 15
+    )  # the square of it would be minutes
+
+
+async def test_an_answer_that_is_too_long_is_not_even_decoded(memory: World) -> None:
+    told = fresh()
+    answer = told.answer()
+    answer.type_description.type_description.fields *= 100_000
+    told_by(memory, told, answer=lambda request: answer)
+    with pytest.raises(TypeDescriptionError, match=r"/robot describes .* in \d{7} bytes; expected at most 1048576"):
+        await memory.node("asker").resolve_type("t", timeout_s=20)
+
+
 async def test_names_that_are_none_are_errors_of_ours(memory: World) -> None:
     robot = teller(memory, "robot", lambda request: GetTypeDescription_Response())
-    writer = robot.scope.participant.create_writer("rt/t", "no::such dds_::Name_", QoSProfile(), b"typehash=x;")
+    writer = robot.scope.participant.create_writer("rt/t", "no::such \x1bdds_::Name_", QoSProfile(), b"typehash=x;")
     robot.scope.own(writer, writer.guid)
-    with pytest.raises(ValueError, match=r"is not an interface name|is not a package name"):
+    with pytest.raises(
+        TypeDescriptionError, match=r"^the type of the topic /t is none of ROS: no/such \ufffdName without a hash"
+    ):
         await memory.node("asker").resolve_type("t", timeout_s=5)

@@ -1,0 +1,82 @@
+"""Types of rclpy nodes on Fast DDS whose packages our process has nowhere."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy_peer import Peer
+from rclpy_worlds import action, fresh, random_values, repeated, service
+from worlds import ROOT
+
+from rosidl_py_gen import type_hash
+
+NESTED = "test_msgs/msg/MultiNested"
+BASIC = "test_msgs/srv/BasicTypes"
+FIBONACCI = "test_msgs/action/Fibonacci"
+
+
+@pytest.fixture
+def stranger(tmp_path: Path) -> Any:
+    """Runs `stranger.py`; its result, or its error as text."""
+
+    async def run(do: str, **arguments: Any) -> Any:
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(tmp_path / "cache")}
+        environment.pop("AMENT_PREFIX_PATH", None)
+        script = str(Path(__file__).with_name("stranger.py"))
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, script, do, json.dumps(arguments), env=environment, stdout=asyncio.subprocess.PIPE
+        )
+        try:
+            output, _ = await asyncio.wait_for(process.communicate(), 25)
+        finally:
+            if process.returncode is None:
+                process.kill()
+        answer = json.loads(output)
+        return answer.get("result", answer.get("error"))
+
+    return run
+
+
+async def test_a_topic_of_theirs_is_read(shared_peer: Peer, stranger: Any) -> None:
+    topic = fresh("unknown")
+    (values,) = random_values(shared_peer.share, NESTED)[:1]
+    await shared_peer.ask("publisher", topic=topic, type=NESTED)
+
+    async def send() -> None:
+        await shared_peer.ask("publish", topic=topic, messages_=[values])
+
+    answer = await repeated(send, stranger("echo", topic=topic))
+    assert answer["message"] == values
+    assert answer["constants"]["test_msgs/msg/Constants"]["INT32_CONST"] == -30000  # only the source says that
+    await shared_peer.ask("unpublish", topic=topic)
+
+
+async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: Peer, stranger: Any) -> None:
+    name = fresh("unknown")
+    await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
+    request = {"int32_value": -5, "string_value": "words"}
+    error = await stranger("call", service=name, request=request, type_hash=None)
+    assert f"/{shared_peer.name}: Type not currently in use by this node" in error and "type_hash" in error
+    told = type_hash(service(shared_peer, BASIC))
+    answer = await stranger("call", service=name, request=request, type_hash=told)
+    assert (answer["int32_value"], answer["string_value"]) == (-5, "words")
+    await shared_peer.ask("introspect", kind="service", name=name, state="METADATA")
+    answer = await stranger("call", service=name, request=request, type_hash=None)
+    assert (answer["int32_value"], answer["string_value"]) == (-5, "words")
+    await shared_peer.ask("unserve", name=name)
+
+
+async def test_an_action_of_theirs_needs_its_hash(shared_peer: Peer, stranger: Any) -> None:
+    name = fresh("unknown")
+    done = {"sequence": [0, 1, 1, 2]}
+    await shared_peer.ask("action_server", name=name, type=FIBONACCI, how="succeed", result=done)
+    error = await stranger("send", action=name, goal={"order": 4}, type_hash=None)
+    assert f"/{shared_peer.name}: Type not currently in use by this node" in error and "type_hash" in error
+    told = type_hash(action(shared_peer, FIBONACCI))
+    assert await stranger("send", action=name, goal={"order": 4}, type_hash=told) == done
