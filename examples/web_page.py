@@ -70,7 +70,7 @@ async def main() -> None:
         if topic == "/wave":
             wave = node.create_publisher(Float64, topic)
             node.create_timer(0.02, lambda: wave.publish(Float64(data=math.sin(monotonic()))))
-        page = LivePage(node, await node.resolve_type(topic, timeout_s=10), topic, field)
+        page = LivePage(node, await node.resolve_type(topic, timeout_s=20), topic, field)
         async with await asyncio.start_server(page.answer, "127.0.0.1", PORT) as server:
             host, port = server.sockets[0].getsockname()
             print(f"{topic} {field} at http://{host}:{port}, stop with Ctrl-C", flush=True)

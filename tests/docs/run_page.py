@@ -153,8 +153,9 @@ class Page:
             await asyncio.wait([reader], timeout=1)
         finally:
             for process in started:
-                if process.returncode is None:
-                    process.send_signal(signal.SIGINT)
+                with contextlib.suppress(ProcessLookupError):  # process.send_signal may take its return code away
+                    if process.returncode is None:
+                        os.kill(process.pid, signal.SIGINT)
             await asyncio.wait_for(asyncio.gather(reader, *(process.wait() for process in started)), PATIENCE_S)
         if ended := [end for process in started if (end := process.returncode) not in (0, -signal.SIGINT)]:
             raise PageError(f"an example ended with {ended[0]}")

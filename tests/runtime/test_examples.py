@@ -169,7 +169,7 @@ def test_simulated_time_runs_ten_times_as_fast_and_others_follow() -> None:
 def test_a_handler_calls_other_services_and_answers_when_one_is_gone() -> None:
     output, errors = start("service_chain.py").communicate(timeout=20)
     assert (output.splitlines(), errors) == (
-        ["ready: battery: 87 %; camera: 30 frames/s", "not ready: battery: 87 %; camera: no answer within 0.5 s"],
+        ["ready: battery: 87 %; camera: 30 frames/s", "not ready: battery: 87 %; camera: no answer within 1 s"],
         "",
     )
 
