@@ -1,4 +1,7 @@
-"""Count Fibonacci numbers for whoever asks, many goals at once; each can be cancelled. Stop with Ctrl-C."""
+"""Count Fibonacci numbers for whoever asks: python examples/fibonacci_server.py, stop with Ctrl-C.
+
+Many goals at once, each can be cancelled. Seen: ``cancelled after 4 numbers``, when fibonacci_client.py was there.
+"""
 
 import asyncio
 

@@ -1,6 +1,7 @@
-"""Parameters as a dataclass: python parameters.py --ros-args --params-file examples/parameters.yaml
+"""Parameters as a dataclass: python examples/parameters.py --ros-args --params-file examples/parameters.yaml
 
-Change them with `ros2 param set /drive max_speed 1.5`, or from Python with `create_parameter_client`.
+Change them with `ros2 param set /drive max_speed 1.5`, or from Python with `create_parameter_client`. Seen:
+``manual, 1.2 m/s, left 120, tags ['indoor', 'slow']``, then ``max_speed = 1.5; the maximum speed is 1.5 m/s``.
 """
 
 from dataclasses import dataclass, field

@@ -1,4 +1,7 @@
-"""The service again, with a plain function. Stop with Ctrl-C."""
+"""The service again, with a plain function: python examples/service_callbacks.py, stop with Ctrl-C.
+
+Seen, once client.py asks: ``request: 40 + 1``.
+"""
 
 from example_interfaces.srv import AddTwoInts
 

@@ -1,6 +1,7 @@
-"""Simulated time at ten times the normal speed: published by one node, followed by another. Stop with Ctrl-C.
+"""Simulated time at ten times the normal speed: python examples/sim_time.py, stop with Ctrl-C.
 
-Other programs follow too: python talker_callbacks.py --ros-args -p use_sim_time:=true
+Published by one node, followed by another. Seen: ``simulated time: 7.0 s`` ten times a second. Other programs follow,
+too: python examples/talker_callbacks.py --ros-args -p use_sim_time:=true
 """
 
 from rosidl_py_gen.runtime import Node, run

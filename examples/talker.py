@@ -1,4 +1,7 @@
-"""Publish a greeting twice a second. Stop with Ctrl-C."""
+"""Publish a greeting twice a second: python examples/talker.py, stop with Ctrl-C.
+
+Seen: ``publishing: Hello World: 1`` and so on, whether or not listener.py runs.
+"""
 
 from std_msgs.msg import String
 

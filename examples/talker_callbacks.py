@@ -1,4 +1,7 @@
-"""The talker again, with callbacks instead of async functions. Stop with Ctrl-C."""
+"""The talker again, with callbacks instead of async functions: python examples/talker_callbacks.py, stop with Ctrl-C.
+
+Seen: ``publishing: Hello World: 1`` and so on, whether or not listener.py runs.
+"""
 
 from std_msgs.msg import String
 

@@ -2,7 +2,9 @@
 
 A block with a title is a file. Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
 background, so that a server of one block answers the client of the next. Shell blocks run what they say to
-``rosidl-py-gen``, and to Python and pytest about files of the page. A text block says what the block before it prints.
+``rosidl-py-gen``, and to Python and pytest about files of the page. A text block says what the block before it prints;
+behind a shell block it makes the examples that are named there run until the last one has printed it; then they end by
+themselves or by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -13,9 +15,11 @@ import contextlib
 import importlib
 import inspect
 import io
+import itertools
 import os
 import re
 import shlex
+import signal
 import sys
 import types
 from pathlib import Path
@@ -53,9 +57,12 @@ class Page:
 
     async def run_all(self) -> None:
         """Run the page; raises what went wrong."""
-        for block in blocks(self.path):
+        found = blocks(self.path)
+        for block, following in itertools.pairwise([*found, None]):
             try:
                 await self.run_block(block)
+                if block.language == "sh" and following and following.language == "text" and not following.title:
+                    await self.run_examples(block.text, following.text.splitlines())
                 for program in self.programs:
                     if program.done():
                         program.result()
@@ -130,14 +137,44 @@ class Page:
         if process.returncode != ends_with:
             raise PageError(f"{shlex.join(command)} ended with {process.returncode}: {output.decode()}")
 
+    async def run_examples(self, text: str, lines: list[str]) -> None:
+        """Start the examples that a shell block names, until the last one has printed these lines."""
+        commands = [shlex.split(line, comments=True) for line in re.findall(r"^python examples/.*", text, re.MULTILINE)]
+        started = []
+        for command in commands:
+            output = asyncio.subprocess.PIPE if command is commands[-1] else asyncio.subprocess.DEVNULL
+            program = [sys.executable, str(ROOT / command[1]), *command[2:]]
+            started.append(await asyncio.create_subprocess_exec(*program, stdout=output))
+        if not started:
+            return
+        reader = asyncio.ensure_future(self.read(started[-1]))
+        try:
+            await self.expect(lines)
+            await asyncio.wait([reader], timeout=1)
+        finally:
+            for process in started:
+                with contextlib.suppress(ProcessLookupError):  # process.send_signal may take its return code away
+                    if process.returncode is None:
+                        os.kill(process.pid, signal.SIGINT)
+            await asyncio.wait_for(asyncio.gather(reader, *(process.wait() for process in started)), PATIENCE_S)
+        if ended := [end for process in started if (end := process.returncode) not in (0, -signal.SIGINT)]:
+            raise PageError(f"an example ended with {ended[0]}")
+
+    async def read(self, process: asyncio.subprocess.Process) -> None:
+        """Its output is the block's."""
+        assert process.stdout is not None
+        async for line in process.stdout:
+            self.output.write(line.decode())
+
     async def expect(self, lines: list[str]) -> None:
-        """Wait until the block before has printed these lines first; ``…`` stands for anything."""
-        pattern = "\n".join(re.escape(line).replace("…", ".*") for line in lines) + "\n"
+        """Wait until the block before has printed these lines first; ``…`` stands for anything, alone for any lines."""
+        patterns = [re.escape(line).replace("…", ".*") + "\n" if line != "…" else "(?:.*\n)*?" for line in lines]
+        pattern = "".join(patterns)
         for _ in range(int(PATIENCE_S / 0.02)):
             if re.match(pattern, self.output.getvalue()):
                 return
             await asyncio.sleep(0.02)
-        raise PageError(f"expected {lines}, printed {self.output.getvalue()!r}")
+        raise PageError(f"expected {lines}, printed {self.output.getvalue()!r:.1000}")
 
 
 class Tee(io.TextIOBase):

@@ -39,6 +39,10 @@ def test_shell_blocks_can_be_parsed(page: Path) -> None:
         ("```python\nasync def main():\n    raise KeyError\n\n\nrun(main)\n```", "KeyError"),
         ("```sh\nrosidl-py-gen --filter no_such_package --out generated\n```", "no_such_package"),
         ("```sh\npython examples/no_such_example.py\n```", "no_such_example"),
+        (
+            "```sh\npython examples/service_chain.py\n```\n\n```text\nnever ready\n```",
+            "expected ['never ready'], printed",
+        ),
         ('```python title="test_one.py"\ndef test_one():\n    assert False\n```', "test_one.py ended with 1"),
         ("<!-- test\nassert False\n-->", "AssertionError"),
     ],
