@@ -18,7 +18,7 @@ import itertools
 import logging
 import os
 import threading
-from functools import partial
+from collections import deque
 from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
@@ -29,7 +29,7 @@ from rosidl_py_gen.runtime.loop.portal import Portal
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.interface import Participant
+    from rosidl_py_gen.runtime.transport.interface import Participant, Sink
 
 _log = logging.getLogger(__name__)
 
@@ -38,6 +38,7 @@ T = TypeVar("T")
 _numbers = itertools.count()
 _LOOP_ENDED_S = 0.2
 """How often a thread that waits for the loop looks whether there still is one."""
+_FAILED = "an internal receive function failed; other endpoints are not affected"
 _MISMATCH = (
     "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
     "Node(..., context=Context())"
@@ -63,6 +64,8 @@ class Bridge:
         self._closed = False
         self._closed_reason = "this context is closed"
         self._lock = threading.RLock()
+        self._rest: deque[Callable[[], None]] = deque()
+        """What sinks left to do: functions of the user have to be called."""
         self._starts: dict[int, Callable[[], None]] = {}
 
     @property
@@ -126,7 +129,7 @@ class Bridge:
         watched = os.dup(descriptor)
         try:
             if isinstance(loop, EventLoop):
-                loop.watch(watched, partial(self.dispatch, loop.call_soon))
+                loop.watch(watched, self._take_in, self._call_back)
             else:
                 loop.add_reader(watched, self.dispatch)
         except NotImplementedError:  # Windows' proactor
@@ -241,15 +244,30 @@ class Bridge:
             self._scheduled = False
             self.dispatch()
 
-    def dispatch(self, soon: Callable[[Callable[[], None]], object] | None = None) -> None:
-        """Call every sink that has something to do; `soon` is for what calls functions of the user, None is now."""
-        for sink in self._participant.collect():
+    def dispatch(self) -> None:
+        """Call every sink that has something to do, and what is left to do then."""
+        if self._take_in():
+            self._call_back()
+
+    def _take_in(self) -> bool:
+        """Call every sink that has something to do; whether that left something for `_call_back`."""
+        sinks: list[Sink] = []
+        try:
+            sinks = self._participant.collect()
+        except Exception:
+            _log.exception("taking in what arrived failed")
+        for sink in sinks:
             try:
                 rest = sink()
                 if rest is not None:
-                    if soon is None:
-                        rest()
-                    else:
-                        soon(rest)
+                    self._rest.append(rest)
             except (Exception, asyncio.CancelledError):  # the latter would end the loop
-                _log.exception("an internal receive function failed; other endpoints are not affected")
+                _log.exception(_FAILED)
+        return bool(self._rest)
+
+    def _call_back(self) -> None:
+        for _ in range(len(self._rest)):
+            try:
+                self._rest.popleft()()
+            except (Exception, asyncio.CancelledError):
+                _log.exception(_FAILED)

@@ -1,8 +1,9 @@
 """An event loop that takes in what arrives while it still waits.
 
 With `add_reader` the loop comes round once more before a task sees what a descriptor brought: one round finds it
-readable and completes a future, the next one runs the task. Here the function of a descriptor is called by the
-selector, before asyncio looks what there is to do, and the task runs in the same round.
+readable and completes a future, the next one runs the task. Here the selector calls a function for a descriptor, before
+asyncio looks what there is to do, and the task runs in the same round. The callback of `add_reader` follows, as an
+ordinary one, if the function left something to do for it.
 
 Decides that this is no other loop but asyncio's own, with a selector of ours handed to its constructor. The selector
 waits in an epoll of its own for these descriptors and for the epoll of `selectors`, which has all others: both are
@@ -15,7 +16,7 @@ import asyncio
 import select
 import selectors
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,13 +45,16 @@ class EventLoop(asyncio.SelectorEventLoop):
         self._watching = _Selector()
         super().__init__(self._watching)
 
-    def watch(self, descriptor: int, function: Callable[[], None]) -> None:
-        """Call `function` while `descriptor` is readable, before the callbacks of the same round; it must not raise."""
-        self._watching.watch(descriptor, function)
+    def watch(self, descriptor: int, early: Callable[[], bool], callback: Callable[[], None]) -> None:
+        """Call `early` while `descriptor` is readable, before the callbacks of the same round; it must not raise.
+        `callback` is one of them when that answers True.
+        """
+        self._watching.functions[descriptor] = early
+        self.add_reader(descriptor, callback)
 
     def unwatch(self, descriptor: int) -> None:
         """Undo `watch`; without effect when the loop is closed."""
-        self._watching.unwatch(descriptor)
+        self._watching.forget(descriptor)
 
 
 class _Selector(selectors.DefaultSelector):
@@ -60,27 +64,35 @@ class _Selector(selectors.DefaultSelector):
         super().__init__()
         self._epoll = select.epoll()
         self._epoll.register(self.fileno(), select.EPOLLIN)
-        self._functions: dict[int, Callable[[], None]] = {}
+        self._keys: dict[int, selectors.SelectorKey] = {}
+        self.functions: dict[int, Callable[[], bool]] = {}
+        """What to call first, by descriptor; those that are registered afterwards are looked at here."""
 
-    def watch(self, descriptor: int, function: Callable[[], None]) -> None:
-        self._epoll.register(descriptor, select.EPOLLIN)
-        self._functions[descriptor] = function
+    def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
+        if fileobj not in self.functions:
+            return super().register(fileobj, events, data)
+        self._epoll.register(fileobj, select.EPOLLIN)
+        key = self._keys[fileobj] = selectors.SelectorKey(fileobj, fileobj, events, data)
+        return key
 
-    def unwatch(self, descriptor: int) -> None:
-        if self._functions.pop(descriptor, None) is not None:
+    def forget(self, descriptor: int) -> None:
+        """Undo the registration of one that is looked at here; without effect when it is not (any more)."""
+        if self.functions.pop(descriptor, None) is not None:
+            del self._keys[descriptor]
             self._epoll.unregister(descriptor)
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         events: list[tuple[selectors.SelectorKey, int]] = []
         for descriptor, _ in self._epoll.poll(timeout, _MOST_EVENTS):
-            function = self._functions.get(descriptor)
+            function = self.functions.get(descriptor)
             if function is None:
                 events += super().select(0)
-            else:
-                function()
+            elif function() and descriptor in self._keys:
+                events.append((self._keys[descriptor], selectors.EVENT_READ))
         return events
 
     def close(self) -> None:
-        self._functions.clear()
+        self.functions.clear()
+        self._keys.clear()
         self._epoll.close()
         super().close()

@@ -43,9 +43,14 @@ class Pipe:
     def write(self) -> None:
         os.write(self.write_end, b"x")
 
-    def read(self) -> None:
+    def read(self) -> bool:
         os.read(self.read_end, 100)
         self.seen += 1
+        return False
+
+    def on_read(self) -> None:
+        """What has nothing to do."""
+        raise AssertionError("nothing was left to do")
 
     def close(self) -> None:
         os.close(self.read_end)
@@ -84,11 +89,11 @@ def test_a_task_goes_on_in_the_round_in_which_its_data_came(
     async def main() -> tuple[int, int]:
         future: asyncio.Future[int] = loop.create_future()
 
-        def arrived() -> None:
-            pipe.read()
+        def arrived() -> bool:
             future.set_result(len(rounds))
+            return pipe.read()
 
-        loop.watch(pipe.read_end, arrived)
+        loop.watch(pipe.read_end, arrived, pipe.on_read)
         pipe.write()
         return await future, len(rounds)
 
@@ -119,13 +124,38 @@ def test_a_sample_wakes_a_task_without_one_more_round(dds: World, rounds: list[f
     assert min(needed) == 1
 
 
+def test_what_is_left_to_do_is_an_ordinary_callback_of_the_same_round(
+    loop: EventLoop, pipes: list[Pipe], rounds: list[float | None]
+) -> None:
+    pipe, seen = pipes[0], list[tuple[str, int]]()
+
+    async def main() -> None:
+        done = asyncio.Event()
+
+        def early() -> bool:
+            pipe.read()
+            seen.append(("early", len(rounds)))
+            return True
+
+        def callback() -> None:
+            seen.append(("callback", len(rounds)))
+            done.set()
+
+        loop.watch(pipe.read_end, early, callback)
+        await asyncio.wait_for(done.wait(), 2)
+        await asyncio.sleep(0.01)
+
+    loop.run_until_complete(main())
+    assert seen == [("early", seen[0][1]), ("callback", seen[0][1])]
+
+
 def test_however_many_descriptors_are_ready_all_are_seen(loop: EventLoop, pipes: list[Pipe]) -> None:
     ours, theirs = socket.socketpair()
     with ours, theirs:
         ours.setblocking(False)
         theirs.send(b"x")
         for pipe in pipes:
-            loop.watch(pipe.read_end, pipe.read)
+            loop.watch(pipe.read_end, pipe.read, pipe.on_read)
 
         async def main() -> bytes:
             return await loop.sock_recv(ours, 1)
@@ -141,10 +171,11 @@ def test_those_that_stay_ready_keep_neither_each_other_nor_timers_nor_sockets_wa
     calls = dict.fromkeys(range(len(pipes)), 0)
     for number, pipe in enumerate(pipes):
 
-        def look(number: int = number) -> None:
+        def look(number: int = number) -> bool:
             calls[number] += 1
+            return False
 
-        loop.watch(pipe.read_end, look)
+        loop.watch(pipe.read_end, look, pipe.on_read)
 
     async def main() -> None:
         ours, theirs = socket.socketpair()
@@ -167,12 +198,13 @@ def test_a_function_may_end_the_watching_of_its_own_and_of_another_descriptor(
     calls: list[int] = []
     for number in (0, 1):
 
-        def call(number: int = number) -> None:
+        def call(number: int = number) -> bool:
             calls.append(number)
             loop.unwatch(pipes[0].read_end)
             loop.unwatch(pipes[1].read_end)
+            return True
 
-        loop.watch(pipes[number].read_end, call)
+        loop.watch(pipes[number].read_end, call, pipes[number].on_read)
     loop.run_until_complete(asyncio.sleep(0.01))
     assert len(calls) == 1
 
@@ -187,7 +219,7 @@ def test_waiting_takes_the_time_of_the_next_timer_and_no_cpu(loop: EventLoop) ->
 def test_a_closed_loop_has_no_descriptors_left_and_may_be_told_to_end_watching(pipes: list[Pipe]) -> None:
     before = len(os.listdir("/proc/self/fd"))
     loop = EventLoop()
-    loop.watch(pipes[0].read_end, pipes[0].read)
+    loop.watch(pipes[0].read_end, pipes[0].read, pipes[0].on_read)
     loop.close()
     loop.unwatch(pipes[0].read_end)
     assert len(os.listdir("/proc/self/fd")) == before
