@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-_LEAST_S, _QUIET_S, _MOST_S = 0.2, 0.1, 1.5
+_LEAST_S, _QUIET_S, _ALONE_S, _MOST_S = 0.2, 0.1, 1.0, 1.5
 """When nothing is said: peers are asked at once and answer within milliseconds on a quiet network; those that answer
 later, over wireless links or when busy, are waited for as long as news keep coming."""
 NAMED_TIMEOUT_S = 5.0
@@ -67,7 +67,10 @@ class Session:
         self.context.close()
 
     async def settle(self) -> None:
-        """Listen until discovery says nothing new: at least 0.2 s, at most 1.5 s; or as long as the user said."""
+        """Listen until discovery says nothing new: at least 0.2 s, at most 1.5 s; or as long as the user said.
+
+        Where nobody else is seen there is no news to go by: that takes 1 s.
+        """
         if self._spin_time_s is not None:
             await asyncio.sleep(self._began + self._spin_time_s - monotonic())
             return
@@ -77,10 +80,15 @@ class Session:
             async for _ in self.node.graph_changes():
                 last[0] = max(last[0], monotonic())
 
+        def end() -> float:
+            if len(self.node.get_nodes()) <= 1:
+                return self._began + _ALONE_S
+            return min(last[0] + _QUIET_S, self._began + _MOST_S)
+
         watching = asyncio.ensure_future(watch())
         try:
-            while (now := monotonic()) < min(last[0] + _QUIET_S, self._began + _MOST_S):
-                await asyncio.sleep(min(last[0] + _QUIET_S, self._began + _MOST_S) - now)
+            while (now := monotonic()) < (until := end()):
+                await asyncio.sleep(min(until - now, _QUIET_S))
         finally:
             watching.cancel()
 
@@ -94,11 +102,13 @@ class Session:
             timeout_s = NAMED_TIMEOUT_S if self._spin_time_s is None else self._spin_time_s
 
         async def watch() -> None:
+            if is_there():
+                return
             async for _ in self.node.graph_changes():
                 if is_there():
                     return
 
-        if is_there():
+        if is_there():  # even when there is no time to begin to watch
             return True
         try:
             await asyncio.wait_for(watch(), timeout_s)
