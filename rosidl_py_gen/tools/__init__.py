@@ -37,6 +37,10 @@ _GROUPS = {
 }
 
 
+_EXTRA = ("cyclonedds", "rich", "yaml")
+"""Modules that the extra `node` brings. Definitions can be shown without it."""
+
+
 class ToolError(RosidlError):
     """What the user asked for cannot be done; the text says why and what would help."""
 
@@ -139,6 +143,11 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(141)
     except RosidlError as error:
         report(str(error))
+        sys.exit(1)
+    except ModuleNotFoundError as missing:
+        if missing.name not in _EXTRA:
+            raise
+        report(f"this needs {missing.name}, which is not installed: pip install 'rosidl-py-gen[node]'")
         sys.exit(1)
     except OSError as error:
         report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))

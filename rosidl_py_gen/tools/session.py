@@ -11,6 +11,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.runtime.graph.state import UNKNOWN_NODE
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
@@ -91,6 +92,21 @@ class Session:
                 await asyncio.sleep(min(until - now, _QUIET_S))
         finally:
             watching.cancel()
+
+    async def settle_names(self) -> None:
+        """As `settle`, then wait until the nodes of all that was found have told their names, at most 1.5 s more.
+
+        Names of Fast DDS participants follow their endpoints by up to 1.2 s.
+        """
+        await self.settle()
+        if self._spin_time_s is None:
+            await self.wait_for(lambda: not self._has_nameless(), _MOST_S)
+
+    def _has_nameless(self) -> bool:
+        graph = self.node.scope.graph
+        return any(one.is_ros and not one.nodes for one in graph.participants()) or any(
+            graph.node_of(endpoint.info) == UNKNOWN_NODE for endpoint in graph.endpoints.values()
+        )
 
     async def wait_for(self, is_there: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Wait until `is_there` gives something true, asked after every change of the graph.
