@@ -84,6 +84,8 @@ class Session:
         def end() -> float:
             if len(self.node.get_nodes()) <= 1:
                 return self._began + _ALONE_S
+            if any(one.is_ros and one.announces_hashes is None for one in self.node.scope.graph.participants()):
+                return self._began + _MOST_S  # every ROS participant has endpoints: these will come
             return min(last[0] + _QUIET_S, self._began + _MOST_S)
 
         watching = asyncio.ensure_future(watch())
