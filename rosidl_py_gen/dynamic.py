@@ -20,14 +20,13 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from rosidl_py_gen.cdr.message import Action, Message, Service
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem, TypeNotFoundError
-from rosidl_py_gen.names import RosName, did_you_mean, py_name, split_ros_name
+from rosidl_py_gen.names import RosName, py_name, split_ros_name
 from rosidl_py_gen.ownership import owns
 from rosidl_py_gen.typesupport import constants, hashes_of, referenced_classes, type_description, type_hash
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from rosidl_py_gen.spec.find import SearchPath
     from rosidl_py_gen.spec.resolve import Library
 
 T = TypeVar("T")
@@ -264,29 +263,16 @@ def _library(path: tuple[str, ...]) -> Library:
 
 
 def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
-    from rosidl_py_gen.spec.resolve import check, raise_findings
+    from rosidl_py_gen.spec.definition import read_checked
 
     library = _library(path)
-    top = library.owner(name)
-    if top is None:
-        raise TypeNotFoundError(_not_found(library.search, name))
-    check(library, [top])
-    if library.findings.problems:
+    try:
+        read_checked(library, name)
+    except DefinitionError:
         # What was read half must not be used later: the next call reads it again, and fails again.
         _libraries.clear()
-        raise_findings(library)
-    if not library.knows(str(name)):
-        raise TypeNotFoundError(_not_found(library.search, name))
+        raise
     return _class(library, name, _says_all_the_same)
-
-
-def _not_found(search: SearchPath, name: RosName) -> str:
-    where = ", ".join(search.searched) or "nothing"
-    if name.package not in search.packages:
-        hint = did_you_mean(name.package, search.packages)
-        return f'no package "{name.package}" for {name}{hint} (searched: {where})'
-    known = [str(other) for other in search.packages[name.package].files]
-    return f"no interface {name}{did_you_mean(str(name), known)} (searched: {where})"
 
 
 # --- compile in memory ------------------------------------------------------------------------------------------------

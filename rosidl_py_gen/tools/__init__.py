@@ -37,6 +37,10 @@ _GROUPS = {
 }
 
 
+_EXTRA = ("cyclonedds", "rich", "yaml")
+"""Modules that the extra `node` brings. Definitions can be shown without it."""
+
+
 class ToolError(RosidlError):
     """What the user asked for cannot be done; the text says why and what would help."""
 
@@ -65,6 +69,12 @@ class _Groups(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl(sorted(_GROUPS.items()))
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
+        from click.shell_completion import CompletionItem
+
+        found = [CompletionItem(name, help=text) for name, text in _GROUPS.items() if name.startswith(incomplete)]
+        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
         if args and args[0] not in _GROUPS:
@@ -139,6 +149,11 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(141)
     except RosidlError as error:
         report(str(error))
+        sys.exit(1)
+    except ModuleNotFoundError as missing:
+        if missing.name not in _EXTRA:
+            raise
+        report(f"this needs {missing.name}, which is not installed: pip install 'rosidl-py-gen[node]'")
         sys.exit(1)
     except OSError as error:
         report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))

@@ -95,11 +95,11 @@ def _plain(value: Any, shown: _Shown) -> Any:
     return value
 
 
-def to_yaml(value: Any, *, flow: bool = False) -> str:
+def to_yaml(value: Any, *, flow: bool | None = False) -> str:
     """YAML of a plain value, keys in their order, with a line break at the end.
 
     Args:
-        flow: on one line.
+        flow: on one line; None: only what holds nothing but scalars is on one line.
     """
     text: str = yaml.dump(
         value, Dumper=_Dumper, allow_unicode=True, sort_keys=False, default_flow_style=flow, width=1 << 30

@@ -1,0 +1,185 @@
+"""``interface``: what definitions there are, how they look, their hashes. Needs neither network nor DDS.
+
+Decides how a prototype is quoted: as one word of a shell, which `topic pub` takes as it is.
+"""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.descriptions import describe
+from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.spec.definition import expanded_lines, full_name, read_checked
+from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.spec.model import ActionDef, ServiceDef
+from rosidl_py_gen.spec.resolve import Library
+from rosidl_py_gen.tools import ToolError, printing
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.names import RosName
+    from rosidl_py_gen.spec.find import SearchPath
+
+_KINDS = {"msg": "Messages", "srv": "Services", "action": "Actions"}
+
+
+def run(command: str, paths: tuple[str, ...], as_json: bool, **arguments: Any) -> int:
+    """Returns the exit code."""
+    search = search_path(paths)
+    match command:
+        case "list":
+            _list(search, as_json, **arguments)
+        case "package":
+            _package(search, as_json, **arguments)
+        case "packages":
+            _packages(search, as_json, **arguments)
+        case "show":
+            _show(search, as_json, **arguments)
+        case "proto":
+            _proto(search, paths, as_json, **arguments)
+        case "hash":
+            _hashes(search, as_json, **arguments)
+    return 0
+
+
+def known_names(what: str, paths: Sequence[str] = ()) -> list[str]:
+    """Types or packages, for completion."""
+    search = search_path(paths)
+    return list(search.packages) if what == "packages" else list(map(str, _names(search, "", _KINDS)))
+
+
+# --------------------------------------------------------------------------------------------------------------- lists
+
+
+def _chosen(msgs: bool, srvs: bool, actions: bool) -> list[str]:
+    chosen = [kind for kind, wanted in zip(_KINDS, (msgs, srvs, actions), strict=True) if wanted]
+    return chosen or list(_KINDS)
+
+
+def _names(search: SearchPath, package: str, kinds: Sequence[str] | dict[str, str]) -> list[RosName]:
+    if package and package not in search.packages:
+        if package in search.refused:
+            raise ToolError(str(search.refused[package]))
+        where = ", ".join(search.searched)
+        raise ToolError(f"no package {package}{did_you_mean(package, search.packages)} (searched: {where})")
+    packages = [search.packages[package]] if package else search.packages.values()
+    return [name for one in packages for name in one.files if name.kind in kinds]
+
+
+def _list(search: SearchPath, as_json: bool, package: str | None, **kinds: bool) -> None:
+    chosen = _chosen(**kinds)
+    names = _names(search, package or "", chosen)
+    if as_json:
+        printing.document([str(name) for name in names])
+        return
+    for kind in chosen:
+        printing.line(f"{_KINDS[kind]}:", "bold")
+        _print_lines([f"    {name}" for name in names if name.kind == kind])
+
+
+def _package(search: SearchPath, as_json: bool, package: str, **kinds: bool) -> None:
+    names = [str(name) for name in _names(search, package, _chosen(**kinds))]
+    if as_json:
+        printing.document(names)
+    else:
+        _print_lines(names)
+
+
+def _packages(search: SearchPath, as_json: bool, **kinds: bool) -> None:
+    found = sorted({name.package for name in _names(search, "", _chosen(**kinds))})
+    if as_json:
+        printing.document([{"name": name, "origin": search.packages[name].origin} for name in found])
+    else:
+        _print_lines(found)
+
+
+def _print_lines(lines: Sequence[str]) -> None:
+    if lines:
+        printing.line("\n".join(lines))
+
+
+# --------------------------------------------------------------------------------------------------------- definitions
+
+
+def _given(search: SearchPath, text: str) -> RosName:
+    if text == "-":
+        text = sys.stdin.readline().strip() if sys.stdin is not None else ""
+        if not text:
+            raise ToolError("expected the name of an interface on standard input, found nothing")
+    return full_name(search, text)
+
+
+def _read(search: SearchPath, text: str) -> tuple[Library, RosName]:
+    name = _given(search, text)
+    library = Library(search)
+    read_checked(library, name)
+    return library, name
+
+
+def _show(search: SearchPath, as_json: bool, name: str, no_comments: bool, all_comments: bool) -> None:
+    library, top = _read(search, name)
+    if as_json:
+        printing.document({"hash": library.type_hash(str(top)), **describe(str(top), library.rows)})
+        return
+    lines = expanded_lines(library, top, comments=not no_comments, nested_comments=all_comments and not no_comments)
+    if not printing.is_terminal():
+        _print_lines(lines)
+        return
+    for line in lines:
+        printing.line(line, "dim" if line.lstrip().startswith("#") else "")
+
+
+def _hashes(search: SearchPath, as_json: bool, names: tuple[str, ...], parts: bool) -> None:
+    found: dict[str, str] = {}
+    for text in names:
+        library, top = _read(search, text)
+        for name in [str(top), *(_parts(library, top) if parts else ())]:
+            found[name] = library.type_hash(name)
+    if as_json:
+        printing.document(found)
+    else:
+        _print_lines([f"{value}  {name}" for name, value in found.items()])
+
+
+def _parts(library: Library, top: RosName) -> list[str]:
+    interface = library.interface(top)
+    match interface:
+        case ServiceDef():
+            return [str(message.name) for message in interface.messages]
+        case ActionDef():
+            services = [str(service.name) for service in (interface.send_goal, interface.get_result)]
+            return [*(str(message.name) for message in interface.messages), *services]
+    return []
+
+
+# ----------------------------------------------------------------------------------------------------------- prototype
+
+
+def _proto(search: SearchPath, paths: tuple[str, ...], as_json: bool, name: str, no_quotes: bool) -> None:
+    from rosidl_py_gen import to_dict
+
+    values = to_dict(_example(_given(search, name), paths))
+    if as_json:
+        printing.document(values)
+        return
+    from rosidl_py_gen.tools.messages import to_yaml
+
+    text = to_yaml(values, flow=None).rstrip("\n")
+    printing.line(text if no_quotes else _quoted(text))
+
+
+def _example(name: RosName, paths: tuple[str, ...]) -> Message:
+    """A message with its default values: of a service the request, of an action the goal."""
+    from rosidl_py_gen import get_message
+
+    half = "" if "_" in name.name else {"msg": "", "srv": "_Request", "action": "_Goal"}[name.kind]
+    return get_message(f"{name}{half}", path=paths)()
+
+
+def _quoted(text: str) -> str:
+    """One word of a shell. Double quotes are nearer to the eye; what a shell would look into needs single ones."""
+    return shlex.quote(text) if any(char in text for char in '"\\$`!') else f'"{text}"'

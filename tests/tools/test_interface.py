@@ -1,0 +1,200 @@
+"""``rosidl-py interface``: definitions, prototypes and hashes, without DDS."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from rosidl_py_gen import from_dict, get_action, get_message, get_service, tools, type_hash
+from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.tools.messages import message_from
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Run = Callable[..., str]
+
+BUNDLED = [
+    str(name)
+    for package in search_path([interfaces_dir()], ament="", bundled=False).packages.values()
+    for name in package.files
+]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Runs a command of the group, which has to end well; gives what it prints."""
+
+    def call(*arguments: str) -> str:
+        tools.main(["interface", *arguments])
+        return capsys.readouterr().out
+
+    return call
+
+
+def failing(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """What a command that fails says."""
+    with pytest.raises(SystemExit) as end:
+        tools.main(["interface", *arguments])
+    assert end.value.code == 1
+    return capsys.readouterr().err
+
+
+def workspace(folder: Path, **files: str) -> str:
+    """A package ``my_msgs`` with these files, named as ``msg__Name__msg``."""
+    for name, text in files.items():
+        kind, stem, suffix = name.split("__")
+        path = folder / "my_msgs" / kind / f"{stem}.{suffix}"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return str(folder)
+
+
+def test_show_expands_nested_types_below_their_fields(run: Run) -> None:
+    assert run("show", "--no-comments", "geometry_msgs/msg/PointStamped") == (
+        "std_msgs/Header header\n\tbuiltin_interfaces/Time stamp\n\t\tint32 sec\n\t\tuint32 nanosec\n"
+        "\tstring frame_id\nPoint point\n\tfloat64 x\n\tfloat64 y\n\tfloat64 z\n"
+    )
+
+
+def test_show_prints_comments_of_the_type_itself_and_of_nested_ones_when_asked(run: Run, tmp_path: Path) -> None:
+    path = workspace(
+        tmp_path, msg__Inner__msg="# inner\n\nint8 x # of x\n", msg__Outer__msg="# outer\n\nInner a # of a"
+    )
+    plain = run("show", "my_msgs/msg/Outer", "--path", path)
+    assert plain == "# outer\n\nInner a # of a\n\tint8 x\n"
+    everything = run("show", "my_msgs/msg/Outer", "--path", path, "--all-comments")
+    assert everything == "# outer\n\nInner a # of a\n\t# inner\n\t\n\tint8 x # of x\n"
+
+
+def test_show_keeps_the_sections_of_services_and_actions(run: Run) -> None:
+    assert run("show", "--no-comments", "std_srvs/srv/SetBool") == "bool data\n---\nbool success\nstring message\n"
+    text = run("show", "--no-comments", "example_interfaces/action/Fibonacci")
+    assert text == "int32 order\n---\nint32[] sequence\n---\nint32[] sequence\n"
+
+
+def test_show_writes_idl_and_derived_messages_as_msg_files(run: Run, tmp_path: Path) -> None:
+    idl = (
+        "module my_msgs { module msg {\n module Speed_Constants { const uint8 FAST = 3; };\n"
+        ' @verbatim(language="comment", text="How fast.")\n'
+        ' struct Speed {\n  @default(value=2.5) @unit(value="m/s") double value;\n  sequence<int32, 4> last; };\n}; };'
+    )
+    path = workspace(tmp_path, msg__Speed__idl=idl)
+    lines = run("show", "my_msgs/msg/Speed", "--path", path).splitlines()
+    assert lines == ["# How fast.", "uint8 FAST=3", "# [m/s]", "float64 value 2.5", "int32[<=4] last"]
+    assert "bool data\n" in run("show", "std_srvs/srv/SetBool_Request")
+
+
+def test_types_that_double_with_each_level_are_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    files = {f"msg__L{level}__msg": f"L{level + 1} a\nL{level + 1} b\n" for level in range(40)}
+    path = workspace(tmp_path, **files, msg__L40__msg="int8 x\n")
+    assert "more than 20000 lines" in failing(capsys, "show", "my_msgs/msg/L0", "--path", path)
+
+
+def test_a_type_may_be_named_in_short(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("show", "Fibonacci") == run("show", "example_interfaces/Fibonacci")
+    assert run("hash", "Fibonacci").endswith("  example_interfaces/action/Fibonacci\n")
+    assert '"SetBool" may be example_interfaces/srv/SetBool, std_srvs/srv/SetBool' in failing(capsys, "show", "SetBool")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("show", "std_msgs/msg/Strin"), 'did you mean "std_msgs/msg/String"?'),
+        (("proto", "std_mgs/msg/String"), 'no package "std_mgs" for std_mgs/msg/String; did you mean "std_msgs"?'),
+        (("hash", "a/b/c/d"), '"a/b/c/d" is not an interface name'),
+        (("list", "std_mgs"), 'no package std_mgs; did you mean "std_msgs"?'),
+        (("package", "nowhere"), "no package nowhere (searched: "),
+        (("packages", "--path", "no/folder"), "no/folder: expected a folder"),
+    ],
+)
+def test_mistakes_are_told(arguments: tuple[str, ...], reason: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert reason in failing(capsys, *arguments)
+
+
+def test_a_wrong_definition_is_located(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = workspace(tmp_path, msg__Bad__msg="int8 x\nHeder h\n")
+    said = failing(capsys, "show", "my_msgs/msg/Bad", "--path", path)
+    assert "Bad.msg:2:1: unknown type" in said
+
+
+@pytest.mark.parametrize("name", BUNDLED)
+def test_prototypes_are_messages_as_they_are(name: str, run: Run) -> None:
+    cls = get_message(name + {"msg": "", "srv": "_Request", "action": "_Goal"}[name.split("/")[1]])
+    (word,) = shlex.split(run("proto", name))
+    assert message_from(cls, word) == cls()
+
+
+def test_prototypes_come_without_quotes_and_as_json(run: Run) -> None:
+    cls = get_message("sensor_msgs/msg/Imu")
+    assert message_from(cls, run("proto", "--no-quotes", "sensor_msgs/msg/Imu")) == cls()
+    assert from_dict(cls, json.loads(run("proto", "--json", "sensor_msgs/msg/Imu"))) == cls()
+
+
+@pytest.mark.parametrize("default", ["it's", 'say "no"', "$HOME `id` \\ !", "a: b", "-", "ünï", "1", "null", "~"])
+def test_prototypes_survive_a_shell_and_yaml(default: str, run: Run, tmp_path: Path) -> None:
+    quoted = '"' + default.replace("\\", "\\\\").replace('"', '\\"') + '"'
+    path = workspace(tmp_path, msg__Text__msg=f"string data {quoted}\n")
+    line = run("proto", "my_msgs/msg/Text", "--path", path)
+    echoed = subprocess.run(["sh", "-c", f"printf %s {line}"], capture_output=True, text=True, check=True).stdout
+    cls = get_message("my_msgs/msg/Text", path=path)
+    assert message_from(cls, echoed) == cls() and cls().data == default  # type: ignore[attr-defined]
+
+
+def test_hashes_are_those_of_the_classes_parts_included(run: Run) -> None:
+    service, action = get_service("std_srvs/srv/SetBool"), get_action("example_interfaces/action/Fibonacci")
+    found = json.loads(run("hash", "--parts", "--json", "std_srvs/srv/SetBool", "example_interfaces/action/Fibonacci"))
+    assert len(found) == 1 + 3 + 1 + 12
+    assert found["std_srvs/srv/SetBool"] == type_hash(service)
+    assert found["std_srvs/srv/SetBool_Event"] == type_hash(service.Event)  # type: ignore[attr-defined]
+    assert found["example_interfaces/action/Fibonacci"] == type_hash(action)
+    assert found["example_interfaces/action/Fibonacci_GetResult"] == type_hash(action.GetResult)  # type: ignore[attr-defined]
+    assert run("hash", "std_msgs/msg/String") == (
+        "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18  std_msgs/msg/String\n"
+    )
+
+
+def test_lists_are_those_of_the_search_path(run: Run, tmp_path: Path) -> None:
+    path = workspace(tmp_path, msg__A__msg="int8 x", srv__B__srv="---")
+    assert run("list", "my_msgs", "--path", path) == (
+        "Messages:\n    my_msgs/msg/A\nServices:\n    my_msgs/srv/B\nActions:\n"
+    )
+    assert run("list", "my_msgs", "-s", "--path", path) == "Services:\n    my_msgs/srv/B\n"
+    assert run("package", "my_msgs", "--path", path) == "my_msgs/msg/A\nmy_msgs/srv/B\n"
+    assert json.loads(run("list", "--json")) == BUNDLED
+    assert json.loads(run("packages", "-s", "--json", "--path", path)).count({"name": "my_msgs", "origin": path}) == 1
+    assert "my_msgs" not in run("packages", "-a", "--path", path)
+
+
+def test_a_type_comes_from_standard_input() -> None:
+    command = [sys.executable, "-m", "rosidl_py_gen.tools", "interface", "show", "-"]
+    done = subprocess.run(command, input="std_msgs/msg/Bool\n", capture_output=True, text=True)
+    assert (done.returncode, done.stdout.splitlines()[-1][:9]) == (0, "bool data")
+    done = subprocess.run(command, input="", capture_output=True, text=True)
+    assert done.returncode == 1 and "found nothing" in done.stderr
+
+
+def test_without_the_extra_definitions_are_shown_and_the_rest_says_what_to_install() -> None:
+    code = (
+        "import sys\n"
+        "for name in ('cyclonedds', 'rich', 'yaml'): sys.modules[name] = None\n"
+        "from rosidl_py_gen.tools import main\n"
+        "main(sys.argv[1:])"
+    )
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
+
+    assert run("interface", "show", "std_msgs/msg/String").returncode == 0
+    assert run("interface", "proto", "--json", "std_msgs/msg/String").stdout == '{"data": ""}\n'
+    for needs in (("interface", "proto", "std_msgs/msg/String"), ("topic", "list", "--discovery", "localhost")):
+        done = run(*needs)
+        assert done.returncode == 1 and "pip install 'rosidl-py-gen[node]'" in done.stderr, done.stderr
+        assert "Traceback" not in done.stderr
