@@ -12,12 +12,15 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 from rosidl_py_gen.runtime import Context, Node
 from rosidl_py_gen.runtime.graph.state import UNKNOWN_NODE
+from rosidl_py_gen.runtime.names.dds import DISCOVERY_TOPIC
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from typing_extensions import Self
+
+    from rosidl_py_gen.runtime.graph.state import Graph
 
 _LEAST_S, _QUIET_S, _ALONE_S, _MOST_S = 0.2, 0.1, 1.0, 1.5
 """When nothing is said: peers are asked at once and answer within milliseconds on a quiet network; those that answer
@@ -84,6 +87,8 @@ class Session:
         def end() -> float:
             if len(self.node.get_nodes()) <= 1:
                 return self._began + _ALONE_S
+            if any(one.is_ros and one.announces_hashes is None for one in self.node.scope.graph.participants()):
+                return self._began + _MOST_S  # every ROS participant has endpoints: these will come
             return min(last[0] + _QUIET_S, self._began + _MOST_S)
 
         watching = asyncio.ensure_future(watch())
@@ -100,13 +105,7 @@ class Session:
         """
         await self.settle()
         if self._spin_time_s is None:
-            await self.wait_for(lambda: not self._has_nameless(), _MOST_S)
-
-    def _has_nameless(self) -> bool:
-        graph = self.node.scope.graph
-        return any(one.is_ros and not one.nodes for one in graph.participants()) or any(
-            graph.node_of(endpoint.info) == UNKNOWN_NODE for endpoint in graph.endpoints.values()
-        )
+            await self.wait_for(lambda: names_are_known(self.node.scope.graph), _MOST_S)
 
     async def wait_for(self, is_there: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Wait until `is_there` gives something true, asked after every change of the graph.
@@ -156,3 +155,12 @@ class Session:
 
 def _nothing_there() -> str:
     return "; there is none at all: is the domain right, and does `rosidl-py doctor` see other participants?"
+
+
+def names_are_known(graph: Graph) -> bool:
+    """Whether every ROS participant has told its nodes, and every endpoint is of one of them."""
+    return all(one.nodes for one in graph.participants() if one.is_ros) and not any(
+        graph.node_of(endpoint.info) == UNKNOWN_NODE
+        for endpoint in graph.endpoints.values()
+        if endpoint.info.topic != DISCOVERY_TOPIC  # of the participant itself
+    )
