@@ -29,8 +29,8 @@ async def documents() -> AsyncGenerator[str, None]:
     length = 0
     async for line in _lines():
         if line.startswith(("---", "...")) and not line.strip("-. \t"):
-            if text := "\n".join(lines).strip():
-                yield text
+            if lines:
+                yield "\n".join(lines) + "\n"
             lines, length = [], 0
         elif not lines and line.startswith("{") and line.endswith("}"):
             yield line
@@ -39,8 +39,8 @@ async def documents() -> AsyncGenerator[str, None]:
             length += len(line) + 1
             if length > MOST_TEXT:
                 raise ToolError(f"standard input: a document of more than {MOST_TEXT} characters")
-    if text := "\n".join(lines).strip():
-        yield text
+    if lines:
+        yield "\n".join(lines) + "\n"
 
 
 async def _lines() -> AsyncGenerator[str, None]:
@@ -76,9 +76,11 @@ async def _chunks() -> AsyncGenerator[bytes, None]:
                 data = os.read(number, _AT_ONCE)
             except OSError as error:
                 data = error
+            put = queue.put(data)
             try:
-                asyncio.run_coroutine_threadsafe(queue.put(data), loop).result()
+                asyncio.run_coroutine_threadsafe(put, loop).result()
             except (RuntimeError, CancelledError):  # the loop is closed, or about to be
+                put.close()
                 return
 
     threading.Thread(target=read, name="rosidl-py-stdin", daemon=True).start()
