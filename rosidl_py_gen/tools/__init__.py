@@ -138,6 +138,9 @@ def run_async(main: Coroutine[Any, Any, int], *, endless: bool = False) -> int:
 
 def main(arguments: list[str] | None = None) -> None:
     """The console script; see the head of this file for exit codes."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # closed; a socket would get its number
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
     try:
         code = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
         if isinstance(code, int) and code:
