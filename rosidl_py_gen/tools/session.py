@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.graph.state import Graph
 
-_LEAST_S, _QUIET_S, _ALONE_S, _MOST_S = 0.2, 0.1, 1.0, 1.5
+_LEAST_S, _QUIET_S, _ALONE_S, _MOST_S = 0.2, 0.1, 1.0, 2.0
 """When nothing is said: peers are asked at once and answer within milliseconds on a quiet network; those that answer
 later, over wireless links or when busy, are waited for as long as news keep coming."""
 NAMED_TIMEOUT_S = 5.0
@@ -71,7 +71,7 @@ class Session:
         self.context.close()
 
     async def settle(self) -> None:
-        """Listen until discovery says nothing new: at least 0.2 s, at most 1.5 s; or as long as the user said.
+        """Listen until discovery says nothing new: at least 0.2 s, at most 2 s; or as long as the user said.
 
         Where nobody else is seen there is no news to go by: that takes 1 s.
         """
@@ -99,9 +99,9 @@ class Session:
             watching.cancel()
 
     async def settle_names(self) -> None:
-        """As `settle`, then wait until the nodes of all that was found have told their names, at most 1.5 s more.
+        """As `settle`, then wait until the nodes of all that was found have told their names, at most 2 s more.
 
-        Names of Fast DDS participants follow their endpoints by up to 1.2 s.
+        Names follow endpoints by some 50 ms.
         """
         await self.settle()
         if self._spin_time_s is None:

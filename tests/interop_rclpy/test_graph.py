@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -221,3 +222,12 @@ async def test_a_peer_that_looks_for_the_whole_network_is_found_when_it_comes_la
         assert await node.wait_for_node("/wide", timeout_s=5)
     finally:
         peer.close()
+
+
+async def test_names_of_nodes_are_known_soon_after_their_endpoints(dds: Any, start_peer: Callable[..., Peer]) -> None:
+    """Fast DDS repeats a graph message that Cyclone dropped only after 3 s."""
+    peer, node = start_peer("on_this_machine"), dds.node("watcher")
+    await until(lambda: node.count_publishers("/rosout") >= 2)
+    began = time.monotonic()
+    assert await node.wait_for_node(f"/{peer.name}", timeout_s=SEEN_S)
+    assert time.monotonic() - began < 1.0

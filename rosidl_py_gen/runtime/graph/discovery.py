@@ -30,11 +30,15 @@ from rosidl_py_gen.runtime.transport.qos import DEFAULT
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.state import Endpoint
     from rosidl_py_gen.runtime.loop.bridge import Bridge
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant, Reader
 
 _TYPE_HASH = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+_USER_DATA = endpoint_user_data(_TYPE_HASH)
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
 _READER_QOS = DEFAULT.keep_all().transient_local()
+_SILENCE_S = 0.05
+"""A participant's graph message comes with its endpoints, or is lost: Fast DDS sends it as soon as it hears of our
+reader, and Cyclone drops what comes from a writer it has not heard of. It would be sent again after 3 s."""
 _NAME_PATIENCE_S = 1.0
 """A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
 
@@ -53,15 +57,23 @@ class Discovery:
         self._dirty = False
         self._lock = threading.RLock()
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
+        self._closed = False
         self._warned: set[tuple[bytes, bytes]] = set()
         self._mismatches: list[tuple[Endpoint, Endpoint, str]] = []
-        user_data = endpoint_user_data(_TYPE_HASH)
-        self._writer = participant.create_writer(DISCOVERY_TOPIC, DISCOVERY_TYPE, _WRITER_QOS, user_data)
-        self._reader = participant.create_reader(
-            DISCOVERY_TOPIC, DISCOVERY_TYPE, _READER_QOS, user_data, ignore_local=True
-        )
-        self._reader.set_sink(self._on_messages)
+        self._silent: set[bytes] = set()
+        """Writers of graph messages of which none had come when they were found."""
+        self._told: set[bytes] = set()
+        """Writers of which one came."""
+        self._writer = participant.create_writer(DISCOVERY_TOPIC, DISCOVERY_TYPE, _WRITER_QOS, _USER_DATA)
+        self._reader = self._new_reader()
         participant.set_discovery_sink(self._on_events)
+
+    def _new_reader(self) -> Reader:
+        reader = self._participant.create_reader(
+            DISCOVERY_TOPIC, DISCOVERY_TYPE, _READER_QOS, _USER_DATA, ignore_local=True
+        )
+        reader.set_sink(self._on_messages)
+        return reader
 
     # ------------------------------------------------------------------------------------------------- own nodes
 
@@ -132,12 +144,30 @@ class Discovery:
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
         for event in events:
-            if self._warned and isinstance(event, Lost):
+            if isinstance(event, Lost):
+                self._told.discard(event.guid)
                 self._warned = {pair for pair in self._warned if event.guid not in pair}
             appeared = self.graph.apply(event)
             if appeared is not None:
                 self._compare(appeared)
+                if appeared.info.is_writer and appeared.info.topic == DISCOVERY_TOPIC:
+                    self._expect_message(appeared.info.guid)
         self._changed()
+
+    def _expect_message(self, writer: bytes) -> None:
+        loop = self._bridge.loop
+        if loop is not None and self._bridge.in_loop_thread() and writer not in self._told:
+            if not self._silent:
+                loop.call_later(_SILENCE_S, self._ask_again)
+            self._silent.add(writer)
+
+    def _ask_again(self) -> None:
+        """Give writers that were not heard a new reader: they send to it what they have, and by now Cyclone listens."""
+        silent, self._silent = self._silent, set()
+        if self._closed or silent <= self._told:
+            return
+        old, self._reader = self._reader, self._new_reader()
+        old.close()
 
     def _on_messages(self) -> None:
         items = self._reader.queue.items
@@ -146,6 +176,7 @@ class Discovery:
             guid = self._reader.writer_guid(handle)
             if guid is None:
                 continue
+            self._told.add(guid)
             try:
                 message = graph_message.decode(data, guid[:12])
             except DecodeError as err:
@@ -199,6 +230,7 @@ class Discovery:
 
     def close(self) -> None:
         """Delete the graph endpoints and release whoever waits."""
+        self._closed = True
         self._mismatches.clear()
         self._changed()
         self._reader.close()
