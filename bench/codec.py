@@ -32,8 +32,10 @@ from peers import Peer, available_peers
 from rosidl_py_gen.generate import generate
 from rosidl_py_gen.spec.find import search_path
 
-PACKAGES = ["sensor_msgs", "nav_msgs", "tf2_msgs"]
+PACKAGES = ["sensor_msgs", "nav_msgs", "tf2_msgs", "visualization_msgs"]
 BULK = ("Image 1080p", "PointCloud2 1 MB")
+NOT_IN_MEANS = (*BULK, "Marker x10000")
+ARRAYS = " as arrays"  # behind the name of a message whose sequences are structured arrays
 
 
 @dataclass
@@ -50,9 +52,9 @@ class Row:
 
 def messages() -> dict[str, Any]:
     """The messages of the table, filled with plausible values."""
-    std, geometry, sensor, nav, tf2 = (
+    std, geometry, sensor, nav, tf2, visualization = (
         importlib.import_module(f"{name}.msg")
-        for name in ("std_msgs", "geometry_msgs", "sensor_msgs", "nav_msgs", "tf2_msgs")
+        for name in ("std_msgs", "geometry_msgs", "sensor_msgs", "nav_msgs", "tf2_msgs", "visualization_msgs")
     )
     time_type = type(std.Header().stamp)
     random = np.random.default_rng(1)
@@ -77,6 +79,11 @@ def messages() -> dict[str, Any]:
     points = [
         sensor.PointField(name=name, offset=4 * index, datatype=7, count=1) for index, name in enumerate("xyz")
     ] + [sensor.PointField(name="intensity", offset=12, datatype=7, count=1)]
+    marker = visualization.Marker(
+        header=header(),
+        points=[geometry.Point(*row) for row in random.random((10_000, 3)).tolist()],
+        colors=[std.ColorRGBA(*row) for row in random.random((10_000, 4)).tolist()],
+    )
     return {
         "String 11 B": std.String(data="hello world"),
         "Twist": twist(),
@@ -109,6 +116,7 @@ def messages() -> dict[str, Any]:
         ),
         "PoseArray x1000": geometry.PoseArray(header(), [pose() for _ in range(1000)]),
         "Path x1000": nav.Path(header(), [geometry.PoseStamped(header(), pose()) for _ in range(1000)]),
+        "Marker x10000": marker,
         "Image 1080p": sensor.Image(
             header=header("camera"),
             height=1080,
@@ -130,6 +138,17 @@ def messages() -> dict[str, Any]:
     }
 
 
+def with_arrays(table: dict[str, Any]) -> dict[str, tuple[Any, dict[str, bool]]]:
+    """Each message with the arguments to decode it with, and once more with arrays where that makes a difference."""
+    result: dict[str, tuple[Any, dict[str, bool]]] = {}
+    for name, message in table.items():
+        result[name] = message, {}
+        held = type(message).decode(message.encode(), arrays=True)
+        if any(isinstance(getattr(held, field.py_name), np.ndarray) for field in held._TYPE.fields if field.cls):
+            result[name + ARRAYS] = held, {"arrays": True}
+    return result
+
+
 def measure(calls: dict[str, Callable[[], Any]], seconds: float) -> dict[str, float]:
     """Best microseconds of each call; the calls take turns so that a noisy moment hits all alike."""
     repeats = {}
@@ -145,12 +164,12 @@ def measure(calls: dict[str, Callable[[], Any]], seconds: float) -> dict[str, fl
 
 def rows(peers: list[Peer], seconds: float) -> list[Row]:
     table: list[Row] = []
-    for name, message in messages().items():
+    for name, (message, how) in with_arrays(messages()).items():
         payload = message.encode()
         copied = memoryview(bytearray(payload))
         encode: dict[str, Callable[[], Any]] = {"ours": message.encode}
-        decode: dict[str, Callable[[], Any]] = {"ours": partial(type(message).decode, payload)}
-        for peer in peers:
+        decode: dict[str, Callable[[], Any]] = {"ours": partial(type(message).decode, payload, **how)}
+        for peer in [] if how else peers:
             pair = peer.pair(message, payload)
             if pair is not None:
                 encode[peer.name], decode[peer.name] = pair
@@ -183,7 +202,7 @@ def show(table: list[Row], peers: list[str], markdown: bool) -> None:
             print("  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)))
     print()
     for direction in ("encode", "decode"):
-        chosen = [row for row in table if row.direction == direction and row.message not in BULK]
+        chosen = [row for row in table if row.direction == direction and row.message not in NOT_IN_MEANS]
         for peer in peers:
             ratios = [row.ratio(peer) for row in chosen if peer in row.micros]
             if ratios:

@@ -3,7 +3,10 @@ from rosidl_py_gen.cdr import Message as Message
 from rosidl_py_gen.cdr import Service as Service
 from rosidl_py_gen.cdr import validate as validate
 from rosidl_py_gen.codec import decode as decode
+from rosidl_py_gen.codec import dtype as dtype
 from rosidl_py_gen.codec import encode as encode
+from rosidl_py_gen.codec import messages as messages
+from rosidl_py_gen.codec import records as records
 from rosidl_py_gen.convert import from_dict as from_dict
 from rosidl_py_gen.convert import from_json as from_json
 from rosidl_py_gen.convert import to_dict as to_dict

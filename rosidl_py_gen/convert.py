@@ -15,6 +15,7 @@ import numpy as np
 
 from rosidl_py_gen.cdr.arrays import DTYPES, ValueProblem, coerce, shorten
 from rosidl_py_gen.cdr.message import Field, Message, require_message
+from rosidl_py_gen.cdr.records import known_record_type
 from rosidl_py_gen.cdr.walk import validate
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.fieldtype import Arity
@@ -45,6 +46,8 @@ def _plain_message(message: Message) -> dict[str, Any]:
 
 def _plain(value: Any, field: Field) -> Any:
     if field.cls is not None:
+        if isinstance(value, np.ndarray):
+            value = _messages(value, field.cls)
         scalar = field.type.arity is Arity.SCALAR
         return _plain_message(value) if scalar else [_plain_message(item) for item in value]
     if isinstance(value, np.ndarray):
@@ -52,6 +55,16 @@ def _plain(value: Any, field: Field) -> Any:
     if field.type.arity is not Arity.SCALAR:
         return [item.item() if isinstance(item, np.generic) else item for item in value]
     return value.item() if isinstance(value, np.generic) else value
+
+
+def _messages(value: Any, cls: type[Message]) -> list[Message]:
+    known = known_record_type(cls)
+    if known is None:
+        raise TypeError(f"{cls._TYPE.name} is not of fixed size")
+    try:
+        return known.to_messages(value)
+    except ValueProblem as problem:
+        raise TypeError(problem.reason) from problem
 
 
 def to_json(message: Message, *, indent: int | None = None) -> str:
@@ -119,6 +132,8 @@ def _value(value: Any, field: Field, path: str) -> Any:
     if field.cls is not None:
         if kind.arity is Arity.SCALAR:
             return _build(field.cls, value, path)
+        if isinstance(value, np.ndarray):
+            return value.copy()
         if not isinstance(value, (list, tuple)):
             raise EncodeError(path, f"expected a list of {kind.base}, found {shorten(value)}")
         return [_build(field.cls, item, f"{path}[{index}]") for index, item in enumerate(value)]

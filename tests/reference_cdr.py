@@ -11,6 +11,8 @@ import struct
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.fieldtype import Arity, FieldType
 from rosidl_py_gen.names import py_name
@@ -100,6 +102,10 @@ class Reference:
     def _plain(self, value: Any) -> Any:
         if isinstance(value, Message):
             return self.plain(value)
+        if isinstance(value, np.void | np.ndarray):  # an element of a structured array, or an array inside of one
+            if value.ndim:
+                return [self._plain(element) for element in value]
+            return {name: self._plain(value[name]) for name in value.dtype.names or ()}
         return value.item() if hasattr(value, "dtype") else value
 
 

@@ -30,7 +30,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ["nav_msgs", "std_msgs", "std_srvs", "example_interfaces", "geometry_msgs", "sensor_msgs"]
+PACKAGES = [
+    "example_interfaces",
+    "geometry_msgs",
+    "nav_msgs",
+    "sensor_msgs",
+    "std_msgs",
+    "std_srvs",
+    "visualization_msgs",
+]
 GENERATED = tempfile.TemporaryDirectory(prefix="runtime-tests-")
 generate(search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
 sys.path.insert(0, GENERATED.name)

@@ -85,7 +85,7 @@ def coerce(value: object, code: str) -> Array:
         if value.dtype.kind == "O":
             value = value.tolist()
         else:
-            return _cast(value, code)
+            return cast(value, code)
     if isinstance(value, (str, dict)) or not isinstance(value, Sequence):
         raise ValueProblem(f"expected a sequence of {DTYPES[code].name}, found {shorten(value)}")
     return _pack(value, code)
@@ -98,7 +98,8 @@ def _from_buffer(value: array[Any] | memoryview) -> Array:
         raise ValueProblem(f"expected a buffer of numbers, found {shorten(value)} ({error})") from error
 
 
-def _cast(value: Array, code: str) -> Array:
+def cast(value: Array, code: str) -> Array:
+    """A one-dimensional array of numbers as a contiguous one of the wire dtype; raises ValueProblem, as `coerce`."""
     dtype = DTYPES[code]
     if value.ndim != 1:
         raise ValueProblem(f"expected one dimension, found shape {value.shape}; use .ravel()")

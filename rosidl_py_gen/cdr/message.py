@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias,
 
 import numpy as np
 
+from rosidl_py_gen.cdr.arrays import ValueProblem
+from rosidl_py_gen.cdr.records import known_record_type
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.fieldtype import Arity, FieldType, parse_field_type
 from rosidl_py_gen.names import py_name
@@ -114,36 +116,36 @@ class Message:
         return self._encode()
 
     @classmethod
-    def decode(cls, data: Readable, *, copy: bool = False) -> Self:
+    def decode(cls, data: Readable, *, copy: bool = False, arrays: bool = False) -> Self:
         """Read a message from CDR with its 4-byte header, either byte order; bytes behind it are ignored.
 
         Args:
             data: bytes, bytearray, memoryview or another contiguous buffer.
-            copy: False makes numeric arrays read-only views of `data`; True gives writable arrays of their own.
+            copy: False makes arrays read-only views of `data`; True gives writable arrays of their own.
+            arrays: True makes sequences and arrays of fixed-size messages structured arrays; see `dtype`.
 
         Raises:
             DecodeError: names field path and byte offset.
         """
-        return cls._decode(data, copy)
+        return cls._decode(data, copy, arrays)
 
     def _encode(self) -> bytes:
         raise TypeError(f"{type(self).__name__} is not a generated message class")
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         raise TypeError(f"{cls.__name__} is not a generated message class")
 
     def __eq__(self, other: object) -> bool:
         if self.__class__ is not other.__class__:
             return NotImplemented
         return all(
-            _equal(getattr(self, field.py_name), getattr(other, field.py_name), field.type)
-            for field in self._TYPE.fields
+            _equal(getattr(self, field.py_name), getattr(other, field.py_name), field) for field in self._TYPE.fields
         )
 
     def __repr__(self) -> str:
         inside = ", ".join(
-            f"{field.py_name}={_shown(getattr(self, field.py_name, None))}" for field in self._TYPE.fields
+            f"{field.py_name}={_shown(getattr(self, field.py_name, None), field)}" for field in self._TYPE.fields
         )
         return f"{type(self).__name__}({inside})"
 
@@ -157,7 +159,8 @@ def _public(cls: type[Message], name: str) -> Any:
     return method
 
 
-def _equal(left: Any, right: Any, kind: FieldType) -> bool:
+def _equal(left: Any, right: Any, field: Field) -> bool:
+    kind = field.type
     if kind.arity is Arity.SCALAR:
         return bool(left == right)
     if kind.primitive is not None:
@@ -166,16 +169,34 @@ def _equal(left: Any, right: Any, kind: FieldType) -> bool:
             return bool(np.array_equal(_as_array(left), _as_array(right)))
         except ValueError:  # ragged lists are equal to nothing
             return False
+    if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+        return _equal_records(left, right, field)
     if not isinstance(left, (list, tuple)) or not isinstance(right, (list, tuple)):
         return bool(left == right)  # a wrong value, which only encoding complains about
     return len(left) == len(right) and all(a == b for a, b in zip(left, right, strict=True))
+
+
+def _equal_records(left: Any, right: Any, field: Field) -> bool:
+    """Compare two sequences of messages, at least one of which is an array."""
+    known = known_record_type(field.cls) if field.cls is not None else None
+    if known is None:
+        return False  # a wrong value, which only encoding complains about
+    if isinstance(left, np.ndarray) and isinstance(right, np.ndarray):
+        return known.equal(left, right)
+    try:
+        left, right = (known.to_messages(one) if isinstance(one, np.ndarray) else one for one in (left, right))
+    except ValueProblem:
+        return False
+    return _equal(left, right, field)
 
 
 def _as_array(value: Any) -> Any:
     return np.frombuffer(value, np.uint8) if isinstance(value, (bytes, bytearray)) else np.asarray(value)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: Any, field: Field | None = None) -> str:
+    if isinstance(value, np.ndarray) and field is not None and field.cls is not None:
+        return _shown_records(value, field.cls)
     if isinstance(value, np.ndarray) or (isinstance(value, (list, tuple, bytes, bytearray)) and len(value) > 0):
         if isinstance(value, np.ndarray) and value.ndim != 1:
             return repr(value)
@@ -188,6 +209,19 @@ def _shown(value: Any) -> str:
     if isinstance(value, str) and len(value) > 400:
         return f"{value[:200]!r}... {len(value)} characters"
     return repr(value)
+
+
+def _shown_records(value: Any, cls: type[Message]) -> str:
+    """An array of messages, as the list of them would be shown."""
+    known = known_record_type(cls)
+    try:
+        first = known.to_messages(value[:_SHOWN_ELEMENTS]) if known is not None else None
+    except (ValueProblem, IndexError):
+        first = None
+    if first is None:
+        return repr(value)
+    tail = [f"... {len(value)} elements"] if len(value) > _SHOWN_ELEMENTS else []
+    return "[" + ", ".join([*map(repr, first), *tail]) + "]"
 
 
 def require_message(subject: object) -> None:

@@ -23,6 +23,8 @@ from rosidl_py_gen.cdr.arrays import (
 from rosidl_py_gen.cdr.arrays import (
     view_of_bools as view_of_bools,
 )
+from rosidl_py_gen.cdr.records import read_records as read_records
+from rosidl_py_gen.cdr.records import write_records as write_records
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     Int64s = NDArray[np.int64] | Sequence[int]
     Float32s = NDArray[np.float32] | Sequence[float]
     Float64s = NDArray[np.float64] | Sequence[float]
+    Records = NDArray[np.void]  # what they take where the attribute is a list of messages of fixed size
     Append = Callable[[bytes], object]
     Readable = bytes | bytearray | memoryview | NDArray[Any]
     T = TypeVar("T")
@@ -51,6 +54,7 @@ Fault = Exception
 
 utf8 = str.encode  # not value.encode(): a message has an `encode` too
 frombuffer = np.frombuffer
+ndarray = np.ndarray
 BOOL = BOOL_BYTE
 
 bools = sequence_converter("?")
@@ -172,6 +176,14 @@ def expect_list(value: object) -> None:
     """Accept a tuple or a subclass of list where messages are expected; what else has a length is a wrong value."""
     if not isinstance(value, (list, tuple)):
         raise ValueProblem(f"expected a list of messages, found {shorten(value)}")
+
+
+def list_or_records(value: object) -> Any:
+    """Accept also a structured array, where messages of fixed size are expected; a subclass's as a plain array."""
+    if isinstance(value, ndarray):
+        return value.view(ndarray)
+    expect_list(value)
+    return value
 
 
 def limit(count: int, most: int) -> None:

@@ -8,12 +8,14 @@ platform of tier 1 writes it, so it need not be fast). The layout rules here are
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
 from rosidl_py_gen.cdr.arrays import DTYPES, EMPTY, ValueProblem, coerce, scalar_problem, shorten, view_of_bools
 from rosidl_py_gen.cdr.message import Field, Message, require_message
+from rosidl_py_gen.cdr.record_layout import varying_field
+from rosidl_py_gen.cdr.records import record_type
 from rosidl_py_gen.cdr.support import readable
 from rosidl_py_gen.errors import DecodeError, EncodeError
 from rosidl_py_gen.fieldtype import Arity, FieldType
@@ -58,6 +60,11 @@ def _check_field(value: Any, field: Field, path: str) -> None:
             value = coerce(value, primitive.code)
         except ValueProblem as problem:
             raise EncodeError(path + _index(problem.index), problem.reason) from None
+    elif isinstance(value, np.ndarray) and field.cls is not None and not varying_field(field.cls):
+        try:
+            value = record_type(field.cls).converted(value)
+        except ValueProblem as problem:
+            raise EncodeError(path + _index(problem.index), problem.reason) from None
     elif not isinstance(value, (list, tuple)):
         raise EncodeError(path, f"expected a list of {field.type.base}, found {shorten(value)}")
     if kind.arity is Arity.ARRAY and len(value) != kind.capacity:
@@ -66,7 +73,7 @@ def _check_field(value: Any, field: Field, path: str) -> None:
         raise EncodeError(path, f"expected at most {kind.capacity} elements, found {len(value)}")
     if len(value) > 0xFFFFFFFF:
         raise EncodeError(path, f"expected at most 4294967295 elements, found {len(value)}")
-    if primitive is None:
+    if primitive is None and not isinstance(value, np.ndarray):
         for index, item in enumerate(value):
             _check_element(item, field, f"{path}[{index}]")
 
@@ -127,7 +134,9 @@ def _contiguous(message: M, strided: list[str]) -> M:
     clone = object.__new__(type(message))
     for field in message._TYPE.fields:
         value = getattr(message, field.py_name)
-        if isinstance(value, np.ndarray) and not value.flags.c_contiguous:
+        if field.cls is not None and isinstance(value, np.ndarray):
+            pass
+        elif isinstance(value, np.ndarray) and not value.flags.c_contiguous:
             strided.append(field.ros_name)
             value = np.ascontiguousarray(value)
         elif field.cls is not None:
@@ -140,7 +149,7 @@ def _contiguous(message: M, strided: list[str]) -> M:
 # --- decode: name the wrong byte, read the other byte order ---------------------------------------------------------
 
 
-def recover_decode(cls: type[M], data: Readable, copy: bool, error: Exception | None = None) -> M:
+def recover_decode(cls: type[M], data: Readable, copy: bool, error: Exception | None = None, arrays: bool = False) -> M:
     """Called by generated code when the fast path failed or the data are not little endian.
 
     Raises:
@@ -158,7 +167,7 @@ def recover_decode(cls: type[M], data: Readable, copy: bool, error: Exception | 
         raise DecodeError(
             cls._TYPE.name, 0, f"expected encapsulation 0000 or 0001 (plain CDR), found {bytes(fixed[:2]).hex()}"
         )
-    message = _Reader(fixed, view, big_endian=fixed[1] == 0).message(cls, cls._TYPE.name)
+    message = _Reader(fixed, view, big_endian=fixed[1] == 0, arrays=arrays).message(cls, cls._TYPE.name)
     if error is not None and fixed[1] == 1:
         raise DecodeError(cls._TYPE.name, 4, f"cannot be decoded: {error}") from error
     return message
@@ -167,10 +176,13 @@ def recover_decode(cls: type[M], data: Readable, copy: bool, error: Exception | 
 class _Reader:
     """A cursor over one message's bytes; `pos` is an offset into the data, alignment counts from offset 4."""
 
-    def __init__(self, data: bytes | bytearray, view: bytes | bytearray | memoryview, big_endian: bool) -> None:
+    def __init__(
+        self, data: bytes | bytearray, view: bytes | bytearray | memoryview, big_endian: bool, arrays: bool
+    ) -> None:
         self.data = data
         self.view = view
-        self.order = ">" if big_endian else "<"
+        self.order: Literal["<", ">"] = ">" if big_endian else "<"
+        self.arrays = arrays
         self.pos = 4
 
     def take(self, size: int, align: int, path: str, what: str) -> int:
@@ -209,6 +221,8 @@ class _Reader:
             raise DecodeError(path, self.pos - 4, f"expected at most {kind.capacity} elements, found {count}")
         if kind.primitive is not None:
             return self.numbers(kind.primitive.code, count, path)
+        if self.arrays and field.cls is not None and not varying_field(field.cls):
+            return self.records(field.cls, count, path)
         # Every string takes at least its length prefix, every message at least one byte.
         least = count * (4 if kind.is_string else 1)
         if least > len(self.data) - self.pos:
@@ -228,6 +242,17 @@ class _Reader:
             values = values.astype(dtype)
             values.flags.writeable = isinstance(self.view, bytearray)
         return values
+
+    def records(self, cls: type[Message], count: int, path: str) -> Any:
+        try:
+            known = record_type(cls)
+        except ValueProblem as problem:
+            raise DecodeError(path, self.pos, problem.reason) from None
+        if count == 0:
+            return known.empty
+        begin, end = known.span(self.pos, count)
+        begin = self.take(end - begin, known.align, path, f"{count} {cls._TYPE.name}")
+        return known.take(self.view, begin, count, self.order)
 
     def element(self, field: Field, path: str) -> Any:
         kind = field.type

@@ -36,6 +36,7 @@ from rosidl_py_gen.codegen.statements import (
     Assign,
     CheckHeader,
     Create,
+    Either,
     For,
     Limit,
     Move,
@@ -70,12 +71,14 @@ class DecoderView:
         checks_header: the first run reads the encapsulation header too.
         bulk: it has numeric sequences, which may be megabytes, so a buffer that is not bytes is never copied: `raw` may
             then be a memoryview, and strings are read in a way that is a little slower.
+        records: it leaves sequences and arrays of fixed-size messages as they are when `arrays` says so.
     """
 
     statements: tuple[Statement, ...]
     uses_view: bool
     checks_header: bool
     bulk: bool
+    records: bool
 
 
 def decoder_view(plan: Plan, imports: Imports, structs: Structs, classes: dict[str, str]) -> DecoderView:
@@ -83,10 +86,10 @@ def decoder_view(plan: Plan, imports: Imports, structs: Structs, classes: dict[s
     first = next(step for step in plan.steps if not isinstance(step, Enter))
     with_header = not plan.heavy and isinstance(first, Run)
     bulk = not plan.heavy and any(isinstance(step, Numbers) for step in plan.steps)
-    reader = _Reader(imports, structs, classes, header=with_header, bulk=bulk)
+    reader = _Reader(imports, structs, classes, header=with_header, bulk=bulk, records=plan.records)
     reader.objects[0] = "message"
     body = reader.scope(plan.steps, keep_pos=plan.heavy)
-    return DecoderView(tuple(body), reader.uses_view or plan.heavy, with_header, bulk)
+    return DecoderView(tuple(body), reader.uses_view or plan.heavy, with_header, bulk, plan.records)
 
 
 @dataclass(slots=True)
@@ -96,6 +99,7 @@ class _Reader:
     classes: dict[str, str]
     header: bool = False  # the next run begins with the encapsulation header
     bulk: bool = False
+    records: bool = False
     late: bool = False  # the position is `end + 1`, behind a string's NUL, and `pos` does not say so yet
     uses_view: bool = False
     objects: dict[int, str] = field(default_factory=dict)
@@ -152,7 +156,7 @@ class _Reader:
             case Call():
                 if step.start.static is not None:
                     out.append(Move("=", self.at(step.start)))
-                self.heavy(self.attribute(step.ref), step.type, needed, out)
+                self.heavy(self.attribute(step.ref), step, step.type, needed, out)
             case _:
                 assert_never(step)
 
@@ -165,9 +169,9 @@ class _Reader:
         name = self.objects[step.number] = self.names.name(step.ref.name)
         out.append(Create(self.attribute(step.ref), name, cls))
 
-    def heavy(self, target: str, cls: str, needed: bool, out: list[Statement]) -> None:
+    def heavy(self, target: str, step: Call | Loop, cls: str, needed: bool, out: list[Statement]) -> None:
         self.uses_view = True
-        out.append(ReadHeavy(target, "pos" if needed else "_", self.classes[cls]))
+        out.append(ReadHeavy(target, "pos" if needed else "_", self.classes[cls], step.records))
 
     # --- position -------------------------------------------------------------------------------------------------
 
@@ -214,7 +218,7 @@ class _Reader:
         out.append(Unpack(f"({joined})" if len(targets) == 1 else joined, f"{unpack}(raw{offset_argument})"))
         if self.header:
             self.header = False
-            out.append(CheckHeader())
+            out.append(CheckHeader(self.records))
         out += blocks
         if needed and at == "pos":
             out.append(Move("+=", str(run.size)))
@@ -274,6 +278,19 @@ class _Reader:
 
     def loop(self, step: Loop, needed: bool, out: list[Statement]) -> None:
         count = self.count(step.ref, step.type, out)
+        if not step.fixed:
+            self.messages(step, count, needed, out)
+            return
+        self.uses_view = True
+        cls, at = self.classes[step.type.base], self.at(step.start)
+        target = f"{self.attribute(step.ref)}, {'pos' if needed else '_'}"
+        read = Assign(target, f"{self.support('read_records')}({cls}, view, {at}, {count})")
+        otherwise: list[Statement] = []
+        self.messages(step, count, needed, otherwise)
+        out.append(Either("arrays", (read,), tuple(otherwise)))
+
+    def messages(self, step: Loop, count: str, needed: bool, out: list[Statement]) -> None:
+        """The elements as a list of messages."""
         values = self.names.name(step.ref.name)
         item = self.names.name(singular(step.ref.name))
         self.objects[step.number] = item
@@ -290,7 +307,7 @@ class _Reader:
         out.append(new_list)
         if step.mode is LoopMode.CALL:
             body: list[Statement] = []
-            self.heavy(item, step.type.base, True, body)
+            self.heavy(item, step, step.type.base, True, body)
             body.append(Store(values, item))
         else:
             body = first + self.scope(step.body, keep_pos=True)

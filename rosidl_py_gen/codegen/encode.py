@@ -34,16 +34,19 @@ from rosidl_py_gen.codegen.statements import (
     NUMPY_FIXED,
     Align,
     Assign,
+    Either,
     Exactly,
     For,
     Limit,
     LimitEach,
     Load,
     LoadList,
+    LoadRecords,
     Move,
     Part,
     Statement,
     Structs,
+    Unpack,
     Write,
     plus,
 )
@@ -258,6 +261,9 @@ class _Writer:
             return f"len({name}) >> 2" if wide else f"len({name}) + 1"
         if isinstance(step, Numbers):
             out.append(Assign(name, f"{self.support(NUMPY_FIXED[step.code].removeprefix('fixed_'))}({source})"))
+        elif isinstance(step, Loop) and step.fixed:
+            self.support("list_or_records")
+            out.append(LoadRecords(name, source))
         elif isinstance(step, Loop):
             self.support("expect_list")
             out.append(LoadList(name, source))
@@ -318,6 +324,25 @@ class _Writer:
 
     def loop(self, step: Loop, needed: bool, contents: Contents, out: list[Statement]) -> None:
         value = self.fetch(step, contents, out)
+        if not step.fixed:
+            self.messages(step, value, needed, out)
+            return
+        self.support("ndarray")
+        arguments = f"{self.classes[step.type.base]}, {value}, append, {self.known(step, needed)}"
+        call = f"{self.support('write_records')}({arguments})"
+        write = Assign("pos", call) if needed else Unpack("", call)
+        otherwise: list[Statement] = []
+        self.messages(step, value, needed, otherwise)
+        out.append(Either(f"type({value}) is ndarray", (write,), tuple(otherwise)))
+
+    def known(self, step: Loop, needed: bool) -> str:
+        """The position of the elements, or a number that is aligned as it is where nothing keeps the position."""
+        if step.start.static is not None:
+            return str(step.start.static)
+        return self.pos if needed or _reads_pos(step) else str(step.start.remainder)
+
+    def messages(self, step: Loop, value: str, needed: bool, out: list[Statement]) -> None:
+        """The elements of a list of messages."""
         item = self.names.name(singular(step.ref.name))
         self.objects[step.number] = item
         body: list[Statement] = [self.load(item, "", step.type.base)]

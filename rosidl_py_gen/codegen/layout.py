@@ -53,6 +53,7 @@ class Layouts:
         self._sizes: dict[tuple[str, int], int | None] = {}
         self._weights: dict[str, int] = {}
         self._fixed: dict[str, bool] = {}
+        self._records: dict[str, bool] = {}
         self._least: dict[str, int] = {}
 
     def message(self, name: str) -> MessageDef:
@@ -69,7 +70,9 @@ class Layouts:
             builder.close()
             largest = self.max_size(name)
             fixed = self.max_size(name) if self.is_fixed(name) else None
-            self._plans[name] = Plan(name, tuple(builder.steps), heavy, self.weight(name), fixed, largest)
+            self._plans[name] = Plan(
+                name, tuple(builder.steps), heavy, self.weight(name), fixed, largest, self.has_records(name)
+            )
         return self._plans[name]
 
     def is_heavy(self, name: str) -> bool:
@@ -95,6 +98,17 @@ class Layouts:
                 for item in self.message(name).fields
             )
         return self._fixed[name]
+
+    def has_records(self, name: str) -> bool:
+        """Whether there are sequences or arrays of fixed-size messages in a message, at any depth."""
+        if name not in self._records:
+            self._records[name] = any(
+                (item.type.arity is not Arity.SCALAR and self.is_fixed(item.type.base))
+                or self.has_records(item.type.base)
+                for item in self.message(name).fields
+                if item.type.is_message
+            )
+        return self._records[name]
 
     def max_size(self, name: str, offset: int = 0) -> int | None:
         """The end of the largest message that begins at `offset`, as a distance; None when unbounded.
@@ -244,7 +258,7 @@ class _Builder:
             self.nul = kind.base == "string"
         elif self.layouts.is_heavy(kind.base):
             self.close()
-            self.steps.append(Call(ref, kind.base, self.now))
+            self.steps.append(Call(ref, kind.base, self.now, self.layouts.has_records(kind.base)))
             self._forget(1)
         else:
             number = self._new_object()
@@ -301,12 +315,13 @@ class _Builder:
     def _loop(self, ref: Ref, kind: FieldType) -> None:
         number = self._new_object()
         least = self.layouts.least_size(kind.base)
+        fixed, records = self.layouts.is_fixed(kind.base), self.layouts.has_records(kind.base)
         packed = self._packed(ref, kind, number, least)
         if packed is not None:
             self.steps.append(packed)
             return
         if self.layouts.is_heavy(kind.base):
-            self.steps.append(Loop(ref, kind, number, LoopMode.CALL, (), 0, least, 0, 1, self.now))
+            self.steps.append(Loop(ref, kind, number, LoopMode.CALL, (), 0, least, 0, 1, self.now, fixed, records))
             self._forget(1)
             return
         begin = self.now
@@ -320,7 +335,8 @@ class _Builder:
                 break
             entry = met
         self.objects = inner.objects
-        self.steps.append(Loop(ref, kind, number, LoopMode.INLINE, tuple(inner.steps), 0, least, 0, 1, begin))
+        body = tuple(inner.steps)
+        self.steps.append(Loop(ref, kind, number, LoopMode.INLINE, body, 0, least, 0, 1, begin, fixed, records))
         self.now = replace(entry, static=None)
 
     def _packed(self, ref: Ref, kind: FieldType, number: int, least: int) -> Loop | None:
@@ -341,7 +357,8 @@ class _Builder:
                 continue
             self.objects = inner.objects
             body = tuple(inner.steps)
-            loop = Loop(ref, kind, number, LoopMode.PACKED, body, runs[0].size, least, pad, align, self.now)
+            size, records = runs[0].size, self.layouts.has_records(kind.base)
+            loop = Loop(ref, kind, number, LoopMode.PACKED, body, size, least, pad, align, self.now, True, records)
             self._after_packed(kind, entry, loop)
             return loop
         return None

@@ -18,6 +18,7 @@ from rosidl_py_gen.cdr import support
 _METHOD_NAMES = {
     *(
         "append",
+        "arrays",
         "cls",
         "copy",
         "data",

@@ -170,6 +170,8 @@ class Loop:
         stride: bytes of one element when PACKED, else 0.
         least: the fewest bytes an element can take; what a count is checked against.
         pad, align: before the first element, only when there is one (PACKED); else 0 and 1.
+        fixed: elements are of fixed size, so a structured array may stand for the list.
+        records: inside an element there are such sequences or arrays.
     """
 
     ref: Ref
@@ -182,15 +184,18 @@ class Loop:
     pad: int
     align: int
     start: Start
+    fixed: bool
+    records: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A nested message that is too large to write in line: its class is called."""
+    """A nested message that is too large to write in line: its class is called; `records` as in `Loop`."""
 
     ref: Ref
     type: str
     start: Start
+    records: bool
 
 
 Step = Enter | Run | Text | Nul | Numbers | Strings | Loop | Call
@@ -207,6 +212,7 @@ class Plan:
         weight: leaves after flattening, which decides `heavy`.
         fixed_size: bytes without the encapsulation header, None when the size varies.
         max_size: upper bound without the header, None when unbounded.
+        records: there are sequences or arrays of fixed-size messages at some depth, which decoders can leave as arrays.
     """
 
     name: str
@@ -215,6 +221,7 @@ class Plan:
     weight: int
     fixed_size: int | None
     max_size: int | None
+    records: bool
 
 
 def assert_never(value: NoReturn) -> NoReturn:

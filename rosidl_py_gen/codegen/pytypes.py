@@ -11,6 +11,8 @@ from rosidl_py_gen.fieldtype import Arity, FieldType
 from rosidl_py_gen.names import py_name
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosidl_py_gen.codegen.naming import Imports
     from rosidl_py_gen.spec.model import ConstantDef, FieldDef
 
@@ -24,7 +26,8 @@ class FieldView:
 
     Attributes:
         annotation: what the attribute is.
-        accepted: what the constructor takes; wider for numbers, since encoding takes any sequence of them.
+        accepted: what the constructor takes; wider for numbers, since encoding takes any sequence of them, and for
+            messages of fixed size, for which a structured array may stand.
     """
 
     name: str
@@ -46,7 +49,7 @@ class ConstantView:
     ignore: str = ""
 
 
-def field_view(item: FieldDef, imports: Imports, classes: dict[str, str]) -> FieldView:
+def field_view(item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool]) -> FieldView:
     """`classes` maps full names of nested messages to what they are called in the module."""
     kind = item.type
     name = py_name(item.name)
@@ -56,6 +59,8 @@ def field_view(item: FieldDef, imports: Imports, classes: dict[str, str]) -> Fie
     accepted = annotation
     if kind.primitive is not None and kind.arity is not Arity.SCALAR:
         accepted = imports.use(SUPPORT, kind.primitive.numpy.rstrip("_").capitalize() + "s", for_typing=True)
+    elif kind.is_message and kind.arity is not Arity.SCALAR and is_fixed(kind.base):
+        accepted = f"{annotation} | {imports.use(SUPPORT, 'Records', for_typing=True)}"
     return FieldView(name, annotation, accepted, _default(item, imports, classes), _doc(item), ignore)
 
 

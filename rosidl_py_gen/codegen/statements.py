@@ -30,6 +30,25 @@ class LoadList:
 
 
 @dataclass(frozen=True, slots=True)
+class LoadRecords:
+    """The same for messages of fixed size, for which a structured array may stand too."""
+
+    kind: ClassVar[str] = "load_records"
+    var: str
+    expression: str
+
+
+@dataclass(frozen=True, slots=True)
+class Either:
+    """What is done when elements are, or shall be, a structured array, and what else."""
+
+    kind: ClassVar[str] = "either"
+    condition: str
+    body: tuple[Statement, ...]
+    otherwise: tuple[Statement, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Assign:
     kind: ClassVar[str] = "assign"
     target: str
@@ -110,7 +129,7 @@ class Create:
 
 @dataclass(frozen=True, slots=True)
 class Unpack:
-    """Read a run; no targets: only make sure the bytes are there."""
+    """Read a run; no targets: only for what the call does, such as making sure that the bytes are there."""
 
     kind: ClassVar[str] = "unpack"
     targets: str
@@ -133,9 +152,13 @@ class ReadText:
 
 @dataclass(frozen=True, slots=True)
 class CheckHeader:
-    """Leave the fast path when the encapsulation header, read as `head`, is not that of little endian plain CDR."""
+    """Leave the fast path when the encapsulation header, read as `head`, is not that of little endian plain CDR.
+
+    `records`: the message has something to leave as a structured array when asked to.
+    """
 
     kind: ClassVar[str] = "check_header"
+    records: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,12 +180,13 @@ class NewList:
 
 @dataclass(frozen=True, slots=True)
 class ReadHeavy:
-    """A heavy nested message reads itself."""
+    """A heavy nested message reads itself; `records` as in `CheckHeader`."""
 
     kind: ClassVar[str] = "read_heavy"
     target: str
     pos: str
     cls: str
+    records: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,8 +207,8 @@ class Store:
 
 
 Statement = (
-    Load | LoadList | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align | Create | Unpack | ReadText
-    | CheckHeader | Within | NewList | ReadHeavy | For | Store
+    Load | LoadList | LoadRecords | Either | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align
+    | Create | Unpack | ReadText | CheckHeader | Within | NewList | ReadHeavy | For | Store
 )  # fmt: skip
 
 

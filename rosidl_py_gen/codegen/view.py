@@ -174,7 +174,7 @@ def _message(
     full_name = str(message.name)
     plan = layouts.plan(full_name)
     name = _class_scope_names(imports, plan.heavy)
-    fields = tuple(field_view(item, imports, classes) for item in message.fields)
+    fields = tuple(field_view(item, imports, classes, layouts.is_fixed) for item in message.fields)
     constants = tuple(constant_view(item, imports) for item in message.constants)
     encoder = encoder_view(plan, imports, structs, classes)
     decoder = decoder_view(plan, imports, structs, classes)

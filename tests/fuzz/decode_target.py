@@ -17,10 +17,10 @@ from reference_cdr import Reference, ReferenceError, same
 from rosidl_py_gen import DecodeError, EncodeError, Message, decode, encode, from_json, to_json
 
 
-def try_decode(cls: type[Message], data: bytes, *, copy: bool = False) -> Message | None:
+def try_decode(cls: type[Message], data: bytes, *, copy: bool = False, arrays: bool = False) -> Message | None:
     """Decode; None when the bytes are refused. Anything but a value or a DecodeError is a bug and is let through."""
     try:
-        return decode(cls, data, copy=copy)
+        return decode(cls, data, copy=copy, arrays=arrays)
     except DecodeError as error:
         # This text is for a fast path that fails where the slow one does not: also a bug.
         assert "cannot be decoded" not in error.reason, error
@@ -32,13 +32,15 @@ def try_decode(cls: type[Message], data: bytes, *, copy: bool = False) -> Messag
 def check_against(oracle: Reference, cls: type[Message], data: bytes) -> bool:
     """Decode with ours and with the reference; both must refuse, or agree, and then what we write must say the same."""
     found = try_decode(cls, data)
+    held = try_decode(cls, data, arrays=True)
     try:
         wanted = oracle.decode(cls._TYPE.name, data)
     except ReferenceError:
-        assert found is None, data.hex()
+        assert found is None and held is None, data.hex()
         return False
-    assert found is not None, data.hex()
+    assert found is not None and held is not None, data.hex()
     assert same(oracle.plain(found), wanted), data.hex()
+    assert same(oracle.plain(held), wanted), data.hex()
     try:
         again = encode(found)
     except EncodeError as error:  # string bounds are enforced on encode only

@@ -131,15 +131,16 @@ def test_memory_is_bounded_when_every_count_is_as_large_as_it_may_be(fill: bytes
 
 
 def check_memory(cls: type[Message], data: bytes) -> None:
-    try_decode(cls, data)  # what is made once, such as field tables, does not count
-    tracemalloc.start()
-    try:
-        kept = try_decode(cls, data)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak <= FIXED_BYTES + BYTES_PER_BYTE * len(data), (cls._TYPE.name, len(data), peak, data[:64].hex())
-    del kept
+    for arrays in (False, True):
+        try_decode(cls, data, arrays=arrays)  # what is made once, such as field tables, does not count
+        tracemalloc.start()
+        try:
+            kept = try_decode(cls, data, arrays=arrays)
+            peak = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+        assert peak <= FIXED_BYTES + BYTES_PER_BYTE * len(data), (cls._TYPE.name, len(data), peak, data[:64].hex())
+        del kept
 
 
 # --- dicts and JSON ---------------------------------------------------------------------------------------------------

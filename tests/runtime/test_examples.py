@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from browser import Browser, browser
+from geometry_msgs.msg import Point
+from visualization_msgs.msg import Marker
 from worlds import ROOT
 
 from rosidl_py_gen.runtime import Node, SetResult
@@ -146,6 +148,22 @@ def test_parameters_from_a_file_and_set_from_outside() -> None:
         "max_speed = 2.0; the maximum speed is 2.0 m/s\n"
     )
     stop(driving)
+
+
+def test_points_are_turned_and_filtered() -> None:
+    turning = start("points.py")
+
+    async def ask() -> Marker:
+        async with Node("asker") as node:
+            near = node.create_subscription(Marker, "points_near")
+            out = node.create_publisher(Marker, "points")
+            assert await out.wait_for_subscribers(10) and await near.wait_for_publishers(10)
+            out.publish(Marker(points=[Point(x=1.0, z=7.0), Point(y=6.0), Point(y=2.0)]))
+            return await near.receive(timeout_s=10)
+
+    points = asyncio.run(ask()).points
+    assert [(round(point.x, 3), round(point.y, 3), point.z) for point in points] == [(0.866, 0.5, 7), (-1, 1.732, 0)]
+    stop(turning)
 
 
 def test_simulated_time_runs_ten_times_as_fast_and_others_follow() -> None:

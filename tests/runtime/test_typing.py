@@ -16,9 +16,11 @@ from typing import Annotated, Any
 import numpy as np
 from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
+from geometry_msgs.msg import Point, Point32, Polygon
 from std_msgs.msg import String
 from typing_extensions import assert_type
 
+from rosidl_py_gen import decode, dtype, messages, records
 from rosidl_py_gen.runtime import (
     ActionClient,
     ActionServer,
@@ -69,6 +71,7 @@ async def main(node: Node) -> None:
         assert_type(message, String)
     assert_type(node.create_subscription(String, "a", raw=True), Subscription[bytes])
     assert_type(node.create_subscription("std_msgs/msg/String", "a"), Subscription[dict[str, Any]])
+    assert_type(node.create_subscription(String, "a", arrays=True), Subscription[String])
     node.create_subscription(String, "a", lambda message: print(message.data.upper()))
     client = node.create_client(AddTwoInts, "b")
     assert_type(client, Client[AddTwoInts.Request, AddTwoInts.Response])
@@ -76,12 +79,28 @@ async def main(node: Node) -> None:
     assert_type(client.call_sync(AddTwoInts.Request(a=1)).sum, int)
     server = node.create_service(AddTwoInts, "b", lambda request: AddTwoInts.Response(sum=request.a))
     assert_type(server, ServiceServer[AddTwoInts.Request, AddTwoInts.Response])
+
+
+def arrays(polygon: Polygon) -> None:
+    assert_type(dtype(Point32), np.dtype[np.void])
+    found = records(polygon.points)
+    assert_type(found, np.ndarray[tuple[Any, ...], np.dtype[np.void]])
+    assert_type(messages(Point32, found), list[Point32])
+    assert_type(messages(Point32, polygon.points), list[Point32])
+    assert_type(polygon.points[0].x, float)
+    assert_type(Polygon(points=found[found["x"] > 0]), Polygon)
+    assert_type(Polygon(points=[Point32()]), Polygon)
+    assert_type(Polygon.decode(polygon.encode(), arrays=True), Polygon)
+    assert_type(decode(Polygon, b"", arrays=True, copy=True), Polygon)
 """
 WRONG = """
 node.create_publisher(String, "a").publish(AddTwoInts.Request())
 """
 WRONG_GOAL = """
 node.create_action_client(Fibonacci, "a").send_goal_sync(Fibonacci.Result())
+"""
+WRONG_POINTS = """
+Polygon(points=[Point()])
 """
 
 
@@ -102,3 +121,4 @@ def test_a_message_of_another_type_is_an_error(tmp_path: Path) -> None:
     imports = PROGRAM.split("\n\n\n")[0]
     assert "arg-type" in check(tmp_path, imports + "\nnode = Node('n')\n" + WRONG_GOAL)
     assert "arg-type" in check(tmp_path, imports + "\nnode = Node('n')\n" + WRONG)
+    assert "list-item" in check(tmp_path, imports + WRONG_POINTS)

@@ -7,7 +7,7 @@ values are dicts (`to_dict` / `from_dict`), so that a program works without impo
 from __future__ import annotations
 
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.cdr import Message, Service
@@ -56,15 +56,19 @@ class ServiceType(Generic[RequestT, ResponseT]):
     response: MessageType[ResponseT]
 
 
-def message_type(source: type[Message] | str) -> MessageType[Any]:
-    """Raises `TypeNotFoundError` for a text that names no known type, `TypeError` for anything else."""
+def message_type(source: type[Message] | str, *, arrays: bool = False) -> MessageType[Any]:
+    """Raises `TypeNotFoundError` for a text that names no known type, `TypeError` for anything else.
+
+    `arrays`: messages of a class are decoded with structured arrays.
+    """
     if isinstance(source, str):
         from rosidl_py_gen import get_message
 
         return _untyped(get_message(source))
     if not (isinstance(source, type) and issubclass(source, Message) and source is not Message):
         raise TypeError(f"expected a generated message class or a text like 'std_msgs/msg/String', got {source!r}")
-    return _typed(source)
+    known = _typed(source)
+    return replace(known, decode=lambda data: source._decode(data, False, True)) if arrays else known
 
 
 def service_type(source: type[Service[Any, Any]] | str) -> ServiceType[Any, Any]:

@@ -36,7 +36,7 @@ _TYPE_HASH = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83
 _USER_DATA = endpoint_user_data(_TYPE_HASH)
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
 _READER_QOS = DEFAULT.keep_all().transient_local()
-_SILENCE_S = 0.05
+_SILENCES_S = (0.05, 0.2, 0.5)
 """A participant's graph message comes with its endpoints, or is lost: Fast DDS sends it as soon as it hears of our
 reader, and Cyclone drops what comes from a writer it has not heard of. It would be sent again after 3 s."""
 _NAME_PATIENCE_S = 1.0
@@ -146,6 +146,7 @@ class Discovery:
         for event in events:
             if isinstance(event, Lost):
                 self._told.discard(event.guid)
+                self._silent.discard(event.guid)
                 self._warned = {pair for pair in self._warned if event.guid not in pair}
             appeared = self.graph.apply(event)
             if appeared is not None:
@@ -158,16 +159,21 @@ class Discovery:
         loop = self._bridge.loop
         if loop is not None and self._bridge.in_loop_thread() and writer not in self._told:
             if not self._silent:
-                loop.call_later(_SILENCE_S, self._ask_again)
+                loop.call_later(_SILENCES_S[0], self._ask_again, 1)
             self._silent.add(writer)
 
-    def _ask_again(self) -> None:
+    def _ask_again(self, times: int) -> None:
         """Give writers that were not heard a new reader: they send to it what they have, and by now Cyclone listens."""
-        silent, self._silent = self._silent, set()
-        if self._closed or silent <= self._told:
+        self._silent -= self._told
+        if self._closed or not self._silent:
             return
         old, self._reader = self._reader, self._new_reader()
         old.close()
+        loop = self._bridge.loop
+        if times == len(_SILENCES_S) or loop is None:
+            self._silent.clear()
+        else:
+            loop.call_later(_SILENCES_S[times], self._ask_again, times + 1)
 
     def _on_messages(self) -> None:
         items = self._reader.queue.items

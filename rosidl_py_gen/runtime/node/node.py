@@ -184,6 +184,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         qos: QoSLike = _DEFAULT_DEPTH,
         *,
         raw: Literal[False] = False,
+        arrays: bool = False,
         ignore_local: bool = False,
     ) -> Subscription[MessageT]: ...
     @overload
@@ -216,19 +217,23 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         qos: QoSLike = _DEFAULT_DEPTH,
         *,
         raw: bool = False,
+        arrays: bool = False,
         ignore_local: bool = False,
     ) -> Subscription[Any]:
         """Receive from `topic`: iterate over the result, or give a callback (plain or async function).
 
         Args:
             raw: messages stay bytes, 4-byte encapsulation header included.
+            arrays: sequences of fixed-size messages are structured arrays, as in `decode`; not with `raw` or text.
             ignore_local: nothing from publishers of this context.
 
         Raises:
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
-        known = message_type(msg_type)
+        if arrays and (raw or isinstance(msg_type, str)):
+            raise TypeError("arrays=True needs a message class, and messages that are decoded")
+        known = message_type(msg_type, arrays=arrays)
         subscription: Subscription[Any] = Subscription(
             self.scope,
             raw_type(known) if raw else known,

@@ -15,6 +15,7 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image
 from std_msgs.msg import Int32, String
 
+from rosidl_py_gen import compile_text, dtype
 from rosidl_py_gen.errors import ClosedError, EncodeError, InvalidNameError, TypeNotFoundError
 from rosidl_py_gen.runtime import QoSProfile, WaitTimeoutError
 from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError
@@ -157,6 +158,27 @@ async def test_raw_bytes_go_in_and_out_with_their_header(world: World) -> None:
     data = await raw.receive(timeout_s=5)
     assert type(data) is bytes
     assert data == bytes.fromhex("00010000 07000000")
+
+
+async def test_sequences_of_fixed_size_messages_come_and_go_as_arrays(world: World) -> None:
+    cloud = compile_text(
+        "arrays_msgs/msg/Cloud", f"string frame\nXyz[] points\n{'=' * 80}\nMSG: arrays_msgs/Xyz\nfloat32 x\nuint8 y"
+    )
+    xyz = cloud._TYPE.fields[1].cls
+    alice, bob = world.pair()
+    listed = bob.create_subscription(cloud, "n")
+    held = bob.create_subscription(cloud, "n", arrays=True)
+    publisher = alice.create_publisher(cloud, "n")
+    assert await publisher.wait_for_subscribers(timeout_s=5, count=2)
+    points = np.zeros(3, dtype(xyz))
+    points["x"] = [1, 2, 3]
+    publisher.publish(cloud(frame="abc", points=points))
+    assert (await listed.receive(timeout_s=5)).points == [xyz(1.0), xyz(2.0), xyz(3.0)]
+    found = await held.receive(timeout_s=5)
+    assert found.points.dtype == points.dtype and found.points["x"].tolist() == [1, 2, 3]
+    for wrong in ("std_msgs/msg/String", cloud):
+        with pytest.raises(TypeError, match="arrays=True needs a message class"):
+            bob.create_subscription(wrong, "n", raw=wrong is cloud, arrays=True)  # type: ignore[call-overload]
 
 
 @pytest.mark.parametrize("bad", [b"", b"\0\1\0\0", b"\0\0\0\0\0\0\0\7", b"\0\7\0\0\0\0\0\0"])

@@ -10,13 +10,16 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
-    expect_list,
     fixed_uint8s,
     frombuffer,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.action_msgs.msg._goal_info import GoalInfo
 from rosidl_py_gen.msgs.action_msgs.msg._goal_status import GoalStatus
@@ -24,7 +27,7 @@ from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.unique_identifier_msgs.msg._uuid import UUID
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = ["GoalStatusArray"]
 
@@ -51,39 +54,53 @@ class GoalStatusArray(Message):
     status_list: list[GoalStatus] = field(default_factory=list)
     """In the order of acceptance. Ended goals stay listed until the server forgets their results"""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            status_list: list[GoalStatus] | Records = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
             append = parts.append
             status_list = self.status_list
             if type(status_list) is not list:
-                expect_list(status_list)
+                status_list = list_or_records(status_list)
             append(_pack_0(256, len(status_list)))
-            pos = 4
-            for status_list_item in status_list:
-                if type(status_list_item) is not GoalStatus:
-                    expect(status_list_item, GoalStatus)
-                goal_info = status_list_item.goal_info
-                if type(goal_info) is not GoalInfo:
-                    expect(goal_info, GoalInfo)
-                goal_id = goal_info.goal_id
-                if type(goal_id) is not UUID:
-                    expect(goal_id, UUID)
-                stamp = goal_info.stamp
-                if type(stamp) is not Time:
-                    expect(stamp, Time)
-                append(_pack_1(fixed_uint8s(goal_id.uuid, 16)))
-                pos += 16
-                append(
-                    _pack_2[pos & 7](stamp.sec, stamp.nanosec, status_list_item.status),
-                )
-                pos = (pos + 3 & -4) + 9
+            if type(status_list) is ndarray:
+                write_records(GoalStatus, status_list, append, 4)
+            else:
+                pos = 4
+                for status_list_item in status_list:
+                    if type(status_list_item) is not GoalStatus:
+                        expect(status_list_item, GoalStatus)
+                    goal_info = status_list_item.goal_info
+                    if type(goal_info) is not GoalInfo:
+                        expect(goal_info, GoalInfo)
+                    goal_id = goal_info.goal_id
+                    if type(goal_id) is not UUID:
+                        expect(goal_id, UUID)
+                    stamp = goal_info.stamp
+                    if type(stamp) is not Time:
+                        expect(stamp, Time)
+                    append(_pack_1(fixed_uint8s(goal_id.uuid, 16)))
+                    pos += 16
+                    append(
+                        _pack_2[pos & 7](
+                            stamp.sec,
+                            stamp.nanosec,
+                            status_list_item.status,
+                        ),
+                    )
+                    pos = (pos + 3 & -4) + 9
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -92,23 +109,33 @@ class GoalStatusArray(Message):
             message = new(cls)
             head, status_list_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
-            pos = 8
-            within(pos + 25 * status_list_count, raw)
-            status_list: list[GoalStatus] = []
-            message.status_list = status_list
-            for _ in range(status_list_count):
-                status_list_item = new(GoalStatus)
-                status_list.append(status_list_item)
-                status_list_item.goal_info = goal_info = new(GoalInfo)
-                goal_info.goal_id = goal_id = new(UUID)
-                goal_info.stamp = stamp = new(Time)
-                _unpack_1(raw, pos)
-                goal_id.uuid = frombuffer(view, UINT8, 16, pos)
-                pos += 16
-                pos = pos + 3 & -4
-                stamp.sec, stamp.nanosec, status_list_item.status = _unpack_2(raw, pos)
-                pos += 9
+                return recover_decode(cls, data, copy, None, arrays)
+            if arrays:
+                (
+                    message.status_list,
+                    _,
+                ) = read_records(GoalStatus, view, 8, status_list_count)
+            else:
+                pos = 8
+                within(pos + 25 * status_list_count, raw)
+                status_list: list[GoalStatus] = []
+                message.status_list = status_list
+                for _ in range(status_list_count):
+                    status_list_item = new(GoalStatus)
+                    status_list.append(status_list_item)
+                    status_list_item.goal_info = goal_info = new(GoalInfo)
+                    goal_info.goal_id = goal_id = new(UUID)
+                    goal_info.stamp = stamp = new(Time)
+                    _unpack_1(raw, pos)
+                    goal_id.uuid = frombuffer(view, UINT8, 16, pos)
+                    pos += 16
+                    pos = pos + 3 & -4
+                    (
+                        stamp.sec,
+                        stamp.nanosec,
+                        status_list_item.status,
+                    ) = _unpack_2(raw, pos)
+                    pos += 9
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)

@@ -21,9 +21,13 @@ from rosidl_py_gen.cdr.support import (
     fixed_uint8s,
     frombuffer,
     limit,
+    list_or_records,
+    ndarray,
     new,
+    read_records,
     readable,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.action_msgs.msg._goal_info import GoalInfo
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
@@ -33,7 +37,7 @@ from rosidl_py_gen.msgs.unique_identifier_msgs.msg._uuid import UUID
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = [
     "CancelGoal",
@@ -94,7 +98,7 @@ class CancelGoal_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -139,32 +143,47 @@ class CancelGoal_Response(Message):
     goals_canceling: list[GoalInfo] = field(default_factory=list)
     """The goals that went over to canceling, each with its time of acceptance"""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            return_code: int = ...,
+            goals_canceling: list[GoalInfo] | Records = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
             append = parts.append
             goals_canceling = self.goals_canceling
             if type(goals_canceling) is not list:
-                expect_list(goals_canceling)
+                goals_canceling = list_or_records(goals_canceling)
             append(_pack_1(256, self.return_code, len(goals_canceling)))
-            for goals_canceling_item in goals_canceling:
-                if type(goals_canceling_item) is not GoalInfo:
-                    expect(goals_canceling_item, GoalInfo)
-                goal_id = goals_canceling_item.goal_id
-                if type(goal_id) is not UUID:
-                    expect(goal_id, UUID)
-                stamp = goals_canceling_item.stamp
-                if type(stamp) is not Time:
-                    expect(stamp, Time)
-                append(
-                    _pack_2(fixed_uint8s(goal_id.uuid, 16), stamp.sec, stamp.nanosec),
-                )
+            if type(goals_canceling) is ndarray:
+                write_records(GoalInfo, goals_canceling, append, 8)
+            else:
+                for goals_canceling_item in goals_canceling:
+                    if type(goals_canceling_item) is not GoalInfo:
+                        expect(goals_canceling_item, GoalInfo)
+                    goal_id = goals_canceling_item.goal_id
+                    if type(goal_id) is not UUID:
+                        expect(goal_id, UUID)
+                    stamp = goals_canceling_item.stamp
+                    if type(stamp) is not Time:
+                        expect(stamp, Time)
+                    append(
+                        _pack_2(
+                            fixed_uint8s(goal_id.uuid, 16),
+                            stamp.sec,
+                            stamp.nanosec,
+                        ),
+                    )
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -173,24 +192,30 @@ class CancelGoal_Response(Message):
             message = new(cls)
             head, message.return_code, goals_canceling_count = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
-            pos = 12
-            end = pos + 24 * goals_canceling_count
-            within(end, raw)
-            goals_canceling: list[GoalInfo] = []
-            message.goals_canceling = goals_canceling
-            for stamp_sec, stamp_nanosec in _iter_0(memoryview(raw)[pos:end]):
-                goals_canceling_item = new(GoalInfo)
-                goals_canceling.append(goals_canceling_item)
-                goals_canceling_item.goal_id = goal_id = new(UUID)
-                goals_canceling_item.stamp = stamp = new(Time)
-                stamp.sec = stamp_sec
-                stamp.nanosec = stamp_nanosec
-                goal_id.uuid = frombuffer(view, UINT8, 16, pos)
-                pos += 24
+                return recover_decode(cls, data, copy, None, arrays)
+            if arrays:
+                (
+                    message.goals_canceling,
+                    _,
+                ) = read_records(GoalInfo, view, 12, goals_canceling_count)
+            else:
+                pos = 12
+                end = pos + 24 * goals_canceling_count
+                within(end, raw)
+                goals_canceling: list[GoalInfo] = []
+                message.goals_canceling = goals_canceling
+                for stamp_sec, stamp_nanosec in _iter_0(memoryview(raw)[pos:end]):
+                    goals_canceling_item = new(GoalInfo)
+                    goals_canceling.append(goals_canceling_item)
+                    goals_canceling_item.goal_id = goal_id = new(UUID)
+                    goals_canceling_item.stamp = stamp = new(Time)
+                    stamp.sec = stamp_sec
+                    stamp.nanosec = stamp_nanosec
+                    goal_id.uuid = frombuffer(view, UINT8, 16, pos)
+                    pos += 24
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -214,6 +239,15 @@ class CancelGoal_Event(Message):
     response: list[CancelGoal_Response] = field(default_factory=list)
     """The response; empty when contents are not recorded."""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            info: ServiceEventInfo = ...,
+            request: list[CancelGoal_Request] | Records = ...,
+            response: list[CancelGoal_Response] = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
@@ -226,7 +260,7 @@ class CancelGoal_Event(Message):
                 expect(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                request = list_or_records(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -240,21 +274,28 @@ class CancelGoal_Event(Message):
                     len(request),
                 ),
             )
-            for request_item in request:
-                if type(request_item) is not CancelGoal_Request:
-                    expect(request_item, CancelGoal_Request)
-                goal_info = request_item.goal_info
-                if type(goal_info) is not GoalInfo:
-                    expect(goal_info, GoalInfo)
-                goal_id = goal_info.goal_id
-                if type(goal_id) is not UUID:
-                    expect(goal_id, UUID)
-                stamp_ = goal_info.stamp
-                if type(stamp_) is not Time:
-                    expect(stamp_, Time)
-                append(
-                    _pack_2(fixed_uint8s(goal_id.uuid, 16), stamp_.sec, stamp_.nanosec),
-                )
+            if type(request) is ndarray:
+                write_records(CancelGoal_Request, request, append, 44)
+            else:
+                for request_item in request:
+                    if type(request_item) is not CancelGoal_Request:
+                        expect(request_item, CancelGoal_Request)
+                    goal_info = request_item.goal_info
+                    if type(goal_info) is not GoalInfo:
+                        expect(goal_info, GoalInfo)
+                    goal_id = goal_info.goal_id
+                    if type(goal_id) is not UUID:
+                        expect(goal_id, UUID)
+                    stamp_ = goal_info.stamp
+                    if type(stamp_) is not Time:
+                        expect(stamp_, Time)
+                    append(
+                        _pack_2(
+                            fixed_uint8s(goal_id.uuid, 16),
+                            stamp_.sec,
+                            stamp_.nanosec,
+                        ),
+                    )
             response = self.response
             if type(response) is not list:
                 expect_list(response)
@@ -266,30 +307,33 @@ class CancelGoal_Event(Message):
                     expect(response_item, CancelGoal_Response)
                 goals_canceling = response_item.goals_canceling
                 if type(goals_canceling) is not list:
-                    expect_list(goals_canceling)
+                    goals_canceling = list_or_records(goals_canceling)
                 append(_pack_5(response_item.return_code, len(goals_canceling)))
-                for goals_canceling_item in goals_canceling:
-                    if type(goals_canceling_item) is not GoalInfo:
-                        expect(goals_canceling_item, GoalInfo)
-                    goal_id_ = goals_canceling_item.goal_id
-                    if type(goal_id_) is not UUID:
-                        expect(goal_id_, UUID)
-                    stamp_2 = goals_canceling_item.stamp
-                    if type(stamp_2) is not Time:
-                        expect(stamp_2, Time)
-                    append(
-                        _pack_2(
-                            fixed_uint8s(goal_id_.uuid, 16),
-                            stamp_2.sec,
-                            stamp_2.nanosec,
-                        ),
-                    )
+                if type(goals_canceling) is ndarray:
+                    write_records(GoalInfo, goals_canceling, append, 0)
+                else:
+                    for goals_canceling_item in goals_canceling:
+                        if type(goals_canceling_item) is not GoalInfo:
+                            expect(goals_canceling_item, GoalInfo)
+                        goal_id_ = goals_canceling_item.goal_id
+                        if type(goal_id_) is not UUID:
+                            expect(goal_id_, UUID)
+                        stamp_2 = goals_canceling_item.stamp
+                        if type(stamp_2) is not Time:
+                            expect(stamp_2, Time)
+                        append(
+                            _pack_2(
+                                fixed_uint8s(goal_id_.uuid, 16),
+                                stamp_2.sec,
+                                stamp_2.nanosec,
+                            ),
+                        )
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -307,25 +351,31 @@ class CancelGoal_Event(Message):
                 request_count,
             ) = _unpack_2(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
-            pos = 48
-            end = pos + 24 * request_count
-            within(end, raw)
-            request: list[CancelGoal_Request] = []
-            message.request = request
-            for stamp__sec, stamp__nanosec in _iter_0(memoryview(raw)[pos:end]):
-                request_item = new(CancelGoal_Request)
-                request.append(request_item)
-                request_item.goal_info = goal_info = new(GoalInfo)
-                goal_info.goal_id = goal_id = new(UUID)
-                goal_info.stamp = stamp_ = new(Time)
-                stamp_.sec = stamp__sec
-                stamp_.nanosec = stamp__nanosec
-                goal_id.uuid = frombuffer(view, UINT8, 16, pos)
-                pos += 24
+            if arrays:
+                (
+                    message.request,
+                    pos,
+                ) = read_records(CancelGoal_Request, view, 48, request_count)
+            else:
+                pos = 48
+                end = pos + 24 * request_count
+                within(end, raw)
+                request: list[CancelGoal_Request] = []
+                message.request = request
+                for stamp__sec, stamp__nanosec in _iter_0(memoryview(raw)[pos:end]):
+                    request_item = new(CancelGoal_Request)
+                    request.append(request_item)
+                    request_item.goal_info = goal_info = new(GoalInfo)
+                    goal_info.goal_id = goal_id = new(UUID)
+                    goal_info.stamp = stamp_ = new(Time)
+                    stamp_.sec = stamp__sec
+                    stamp_.nanosec = stamp__nanosec
+                    goal_id.uuid = frombuffer(view, UINT8, 16, pos)
+                    pos += 24
             (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
@@ -338,22 +388,31 @@ class CancelGoal_Event(Message):
                 response.append(response_item)
                 response_item.return_code, goals_canceling_count = _unpack_4(raw, pos)
                 pos += 8
-                end = pos + 24 * goals_canceling_count
-                within(end, raw)
-                goals_canceling: list[GoalInfo] = []
-                response_item.goals_canceling = goals_canceling
-                for stamp_2_sec, stamp_2_nanosec in _iter_0(memoryview(raw)[pos:end]):
-                    goals_canceling_item = new(GoalInfo)
-                    goals_canceling.append(goals_canceling_item)
-                    goals_canceling_item.goal_id = goal_id_ = new(UUID)
-                    goals_canceling_item.stamp = stamp_2 = new(Time)
-                    stamp_2.sec = stamp_2_sec
-                    stamp_2.nanosec = stamp_2_nanosec
-                    goal_id_.uuid = frombuffer(view, UINT8, 16, pos)
-                    pos += 24
+                if arrays:
+                    (
+                        response_item.goals_canceling,
+                        pos,
+                    ) = read_records(GoalInfo, view, pos, goals_canceling_count)
+                else:
+                    end = pos + 24 * goals_canceling_count
+                    within(end, raw)
+                    goals_canceling: list[GoalInfo] = []
+                    response_item.goals_canceling = goals_canceling
+                    for (
+                        stamp_2_sec,
+                        stamp_2_nanosec,
+                    ) in _iter_0(memoryview(raw)[pos:end]):
+                        goals_canceling_item = new(GoalInfo)
+                        goals_canceling.append(goals_canceling_item)
+                        goals_canceling_item.goal_id = goal_id_ = new(UUID)
+                        goals_canceling_item.stamp = stamp_2 = new(Time)
+                        stamp_2.sec = stamp_2_sec
+                        stamp_2.nanosec = stamp_2_nanosec
+                        goal_id_.uuid = frombuffer(view, UINT8, 16, pos)
+                        pos += 24
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)
 
 
 class CancelGoal(Service[CancelGoal_Request, CancelGoal_Response]):

@@ -103,7 +103,7 @@ class Transition(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)

@@ -22,11 +22,15 @@ from rosidl_py_gen.cdr.support import (
     fixed_uint8s,
     frombuffer,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     utf8,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._transition import Transition
@@ -35,7 +39,7 @@ from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEvent
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = [
     "ChangeState",
@@ -84,7 +88,7 @@ class ChangeState_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -124,7 +128,7 @@ class ChangeState_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -159,6 +163,15 @@ class ChangeState_Event(Message):
     """The request; empty when contents are not recorded."""
     response: list[ChangeState_Response] = field(default_factory=list)
     """The response; empty when contents are not recorded."""
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            info: ServiceEventInfo = ...,
+            request: list[ChangeState_Request] = ...,
+            response: list[ChangeState_Response] | Records = ...,
+        ) -> None: ...
 
     def _encode(self) -> bytes:
         try:
@@ -204,20 +217,23 @@ class ChangeState_Event(Message):
                 pos += 1
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                response = list_or_records(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_4[pos & 7](len(response)))
-            for response_item in response:
-                if type(response_item) is not ChangeState_Response:
-                    expect(response_item, ChangeState_Response)
-                append(_pack_5(BOOL[response_item.success]))
+            if type(response) is ndarray:
+                write_records(ChangeState_Response, response, append, 0)
+            else:
+                for response_item in response:
+                    if type(response_item) is not ChangeState_Response:
+                        expect(response_item, ChangeState_Response)
+                    append(_pack_5(BOOL[response_item.success]))
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -235,7 +251,7 @@ class ChangeState_Event(Message):
                 request_count,
             ) = _unpack_2(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
@@ -262,17 +278,23 @@ class ChangeState_Event(Message):
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
-            within(pos + response_count, raw)
-            response: list[ChangeState_Response] = []
-            message.response = response
-            for _ in range(response_count):
-                response_item = new(ChangeState_Response)
-                response.append(response_item)
-                (response_item.success,) = _unpack_5(raw, pos)
-                pos += 1
+            if arrays:
+                (
+                    message.response,
+                    _,
+                ) = read_records(ChangeState_Response, view, pos, response_count)
+            else:
+                within(pos + response_count, raw)
+                response: list[ChangeState_Response] = []
+                message.response = response
+                for _ in range(response_count):
+                    response_item = new(ChangeState_Response)
+                    response.append(response_item)
+                    (response_item.success,) = _unpack_5(raw, pos)
+                    pos += 1
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)
 
 
 class ChangeState(Service[ChangeState_Request, ChangeState_Response]):

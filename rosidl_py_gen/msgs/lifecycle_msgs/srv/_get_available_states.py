@@ -21,11 +21,15 @@ from rosidl_py_gen.cdr.support import (
     fixed_uint8s,
     frombuffer,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     utf8,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._state import State
@@ -34,7 +38,7 @@ from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEvent
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = [
     "GetAvailableStates",
@@ -74,7 +78,7 @@ class GetAvailableStates_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -128,7 +132,7 @@ class GetAvailableStates_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -181,6 +185,15 @@ class GetAvailableStates_Event(Message):
     response: list[GetAvailableStates_Response] = field(default_factory=list)
     """The response; empty when contents are not recorded."""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            info: ServiceEventInfo = ...,
+            request: list[GetAvailableStates_Request] | Records = ...,
+            response: list[GetAvailableStates_Response] = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
@@ -193,7 +206,7 @@ class GetAvailableStates_Event(Message):
                 expect(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                request = list_or_records(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -207,12 +220,15 @@ class GetAvailableStates_Event(Message):
                     len(request),
                 ),
             )
-            pos = 44
-            for request_item in request:
-                if type(request_item) is not GetAvailableStates_Request:
-                    expect(request_item, GetAvailableStates_Request)
-                append(_pack_5())
-                pos += 1
+            if type(request) is ndarray:
+                pos = write_records(GetAvailableStates_Request, request, append, 44)
+            else:
+                pos = 44
+                for request_item in request:
+                    if type(request_item) is not GetAvailableStates_Request:
+                        expect(request_item, GetAvailableStates_Request)
+                    append(_pack_5())
+                    pos += 1
             response = self.response
             if type(response) is not list:
                 expect_list(response)
@@ -245,7 +261,7 @@ class GetAvailableStates_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -263,19 +279,25 @@ class GetAvailableStates_Event(Message):
                 request_count,
             ) = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
-            pos = 48
-            within(pos + request_count, raw)
-            request: list[GetAvailableStates_Request] = []
-            message.request = request
-            for _ in range(request_count):
-                request_item = new(GetAvailableStates_Request)
-                request.append(request_item)
-                _unpack_5(raw, pos)
-                pos += 1
+            if arrays:
+                (
+                    message.request,
+                    pos,
+                ) = read_records(GetAvailableStates_Request, view, 48, request_count)
+            else:
+                pos = 48
+                within(pos + request_count, raw)
+                request: list[GetAvailableStates_Request] = []
+                message.request = request
+                for _ in range(request_count):
+                    request_item = new(GetAvailableStates_Request)
+                    request.append(request_item)
+                    _unpack_5(raw, pos)
+                    pos += 1
             pos = pos + 3 & -4
             (response_count,) = _unpack_3(raw, pos)
             pos += 4
@@ -308,7 +330,7 @@ class GetAvailableStates_Event(Message):
                     pos = end + 1
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)
 
 
 class GetAvailableStates(

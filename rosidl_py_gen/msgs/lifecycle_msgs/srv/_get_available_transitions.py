@@ -21,11 +21,15 @@ from rosidl_py_gen.cdr.support import (
     fixed_uint8s,
     frombuffer,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     utf8,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.lifecycle_msgs.msg._state import State
@@ -38,7 +42,7 @@ from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEvent
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = [
     "GetAvailableTransitions",
@@ -82,7 +86,7 @@ class GetAvailableTransitions_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -159,7 +163,7 @@ class GetAvailableTransitions_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -235,6 +239,15 @@ class GetAvailableTransitions_Event(Message):
     response: list[GetAvailableTransitions_Response] = field(default_factory=list)
     """The response; empty when contents are not recorded."""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            info: ServiceEventInfo = ...,
+            request: list[GetAvailableTransitions_Request] | Records = ...,
+            response: list[GetAvailableTransitions_Response] = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
@@ -247,7 +260,7 @@ class GetAvailableTransitions_Event(Message):
                 expect(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                request = list_or_records(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -261,12 +274,20 @@ class GetAvailableTransitions_Event(Message):
                     len(request),
                 ),
             )
-            pos = 44
-            for request_item in request:
-                if type(request_item) is not GetAvailableTransitions_Request:
-                    expect(request_item, GetAvailableTransitions_Request)
-                append(_pack_6())
-                pos += 1
+            if type(request) is ndarray:
+                pos = write_records(
+                    GetAvailableTransitions_Request,
+                    request,
+                    append,
+                    44,
+                )
+            else:
+                pos = 44
+                for request_item in request:
+                    if type(request_item) is not GetAvailableTransitions_Request:
+                        expect(request_item, GetAvailableTransitions_Request)
+                    append(_pack_6())
+                    pos += 1
             response = self.response
             if type(response) is not list:
                 expect_list(response)
@@ -322,7 +343,7 @@ class GetAvailableTransitions_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -340,19 +361,30 @@ class GetAvailableTransitions_Event(Message):
                 request_count,
             ) = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
-            pos = 48
-            within(pos + request_count, raw)
-            request: list[GetAvailableTransitions_Request] = []
-            message.request = request
-            for _ in range(request_count):
-                request_item = new(GetAvailableTransitions_Request)
-                request.append(request_item)
-                _unpack_5(raw, pos)
-                pos += 1
+            if arrays:
+                (
+                    message.request,
+                    pos,
+                ) = read_records(
+                    GetAvailableTransitions_Request,
+                    view,
+                    48,
+                    request_count,
+                )
+            else:
+                pos = 48
+                within(pos + request_count, raw)
+                request: list[GetAvailableTransitions_Request] = []
+                message.request = request
+                for _ in range(request_count):
+                    request_item = new(GetAvailableTransitions_Request)
+                    request.append(request_item)
+                    _unpack_5(raw, pos)
+                    pos += 1
             pos = pos + 3 & -4
             (response_count,) = _unpack_3(raw, pos)
             pos += 4
@@ -408,7 +440,7 @@ class GetAvailableTransitions_Event(Message):
                     pos = end + 1
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)
 
 
 class GetAvailableTransitions(

@@ -11,13 +11,16 @@ from rosidl_py_gen.cdr.support import (
     PAD8,
     Fault,
     expect,
-    expect_list,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     utf8,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.rcl_interfaces.msg._floating_point_range import (
     FloatingPointRange,
@@ -25,7 +28,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg._floating_point_range import (
 from rosidl_py_gen.msgs.rcl_interfaces.msg._integer_range import IntegerRange
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = ["ParameterDescriptor"]
 
@@ -84,6 +87,20 @@ class ParameterDescriptor(Message):
     integer_range: list[IntegerRange] = field(default_factory=list)
     """Allowed values, if restricted and the type is integer. Otherwise empty"""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            name: str = ...,
+            type: int = ...,
+            description: str = ...,
+            additional_constraints: str = ...,
+            read_only: bool = ...,
+            dynamic_typing: bool = ...,
+            floating_point_range: list[FloatingPointRange] | Records = ...,
+            integer_range: list[IntegerRange] | Records = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
@@ -108,57 +125,68 @@ class ParameterDescriptor(Message):
             pos += 3
             floating_point_range = self.floating_point_range
             if type(floating_point_range) is not list:
-                expect_list(floating_point_range)
+                floating_point_range = list_or_records(floating_point_range)
             if len(floating_point_range) > 1:
                 limit(len(floating_point_range), 1)
             append(_pack_2[pos & 7](len(floating_point_range)))
             pos = (pos + 3 & -4) + 4
-            append(PAD8[pos & 7] if len(floating_point_range) else b"")
-            if len(floating_point_range):
-                pos = (pos + 7 & -8) + 24 * len(floating_point_range)
-            for floating_point_range_item in floating_point_range:
-                if type(floating_point_range_item) is not FloatingPointRange:
-                    expect(floating_point_range_item, FloatingPointRange)
-                append(
-                    _pack_5(
-                        floating_point_range_item.from_value,
-                        floating_point_range_item.to_value,
-                        floating_point_range_item.step,
-                    ),
+            if type(floating_point_range) is ndarray:
+                pos = write_records(
+                    FloatingPointRange,
+                    floating_point_range,
+                    append,
+                    pos,
                 )
+            else:
+                append(PAD8[pos & 7] if len(floating_point_range) else b"")
+                if len(floating_point_range):
+                    pos = (pos + 7 & -8) + 24 * len(floating_point_range)
+                for floating_point_range_item in floating_point_range:
+                    if type(floating_point_range_item) is not FloatingPointRange:
+                        expect(floating_point_range_item, FloatingPointRange)
+                    append(
+                        _pack_5(
+                            floating_point_range_item.from_value,
+                            floating_point_range_item.to_value,
+                            floating_point_range_item.step,
+                        ),
+                    )
             integer_range = self.integer_range
             if type(integer_range) is not list:
-                expect_list(integer_range)
+                integer_range = list_or_records(integer_range)
             if len(integer_range) > 1:
                 limit(len(integer_range), 1)
             append(_pack_6(len(integer_range)))
             pos += 4
-            append(PAD8[pos & 7] if len(integer_range) else b"")
-            for integer_range_item in integer_range:
-                if type(integer_range_item) is not IntegerRange:
-                    expect(integer_range_item, IntegerRange)
-                append(
-                    _pack_7(
-                        integer_range_item.from_value,
-                        integer_range_item.to_value,
-                        integer_range_item.step,
-                    ),
-                )
+            if type(integer_range) is ndarray:
+                write_records(IntegerRange, integer_range, append, pos)
+            else:
+                append(PAD8[pos & 7] if len(integer_range) else b"")
+                for integer_range_item in integer_range:
+                    if type(integer_range_item) is not IntegerRange:
+                        expect(integer_range_item, IntegerRange)
+                    append(
+                        _pack_7(
+                            integer_range_item.from_value,
+                            integer_range_item.to_value,
+                            integer_range_item.step,
+                        ),
+                    )
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
-                raw, _ = readable(data, copy)
+                raw, view = readable(data, copy)
             else:
-                raw = data
+                raw = view = data
             message = new(cls)
             head, name_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             end = 7 + name_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -188,43 +216,60 @@ class ParameterDescriptor(Message):
             pos += 4
             if floating_point_range_count > 1:
                 limit(floating_point_range_count, 1)
-            if floating_point_range_count:
-                pos = (pos + 3 & -8) + 4
-            end = pos + 24 * floating_point_range_count
-            within(end, raw)
-            floating_point_range: list[FloatingPointRange] = []
-            message.floating_point_range = floating_point_range
-            for (
-                floating_point_range_item_fr,
-                floating_point_range_item_to,
-                floating_point_range_item_st,
-            ) in _iter_0(memoryview(raw)[pos:end]):
-                floating_point_range_item = new(FloatingPointRange)
-                floating_point_range.append(floating_point_range_item)
-                floating_point_range_item.from_value = floating_point_range_item_fr
-                floating_point_range_item.to_value = floating_point_range_item_to
-                floating_point_range_item.step = floating_point_range_item_st
-            pos = end
+            if arrays:
+                (
+                    message.floating_point_range,
+                    pos,
+                ) = read_records(
+                    FloatingPointRange,
+                    view,
+                    pos,
+                    floating_point_range_count,
+                )
+            else:
+                if floating_point_range_count:
+                    pos = (pos + 3 & -8) + 4
+                end = pos + 24 * floating_point_range_count
+                within(end, raw)
+                floating_point_range: list[FloatingPointRange] = []
+                message.floating_point_range = floating_point_range
+                for (
+                    floating_point_range_item_fr,
+                    floating_point_range_item_to,
+                    floating_point_range_item_st,
+                ) in _iter_0(memoryview(raw)[pos:end]):
+                    floating_point_range_item = new(FloatingPointRange)
+                    floating_point_range.append(floating_point_range_item)
+                    floating_point_range_item.from_value = floating_point_range_item_fr
+                    floating_point_range_item.to_value = floating_point_range_item_to
+                    floating_point_range_item.step = floating_point_range_item_st
+                pos = end
             (integer_range_count,) = _unpack_2(raw, pos)
             pos += 4
             if integer_range_count > 1:
                 limit(integer_range_count, 1)
-            if integer_range_count:
-                pos = (pos + 3 & -8) + 4
-            end = pos + 24 * integer_range_count
-            within(end, raw)
-            integer_range: list[IntegerRange] = []
-            message.integer_range = integer_range
-            for (
-                integer_range_item_from_valu,
-                integer_range_item_to_value,
-                integer_range_item_step,
-            ) in _iter_1(memoryview(raw)[pos:end]):
-                integer_range_item = new(IntegerRange)
-                integer_range.append(integer_range_item)
-                integer_range_item.from_value = integer_range_item_from_valu
-                integer_range_item.to_value = integer_range_item_to_value
-                integer_range_item.step = integer_range_item_step
+            if arrays:
+                (
+                    message.integer_range,
+                    _,
+                ) = read_records(IntegerRange, view, pos, integer_range_count)
+            else:
+                if integer_range_count:
+                    pos = (pos + 3 & -8) + 4
+                end = pos + 24 * integer_range_count
+                within(end, raw)
+                integer_range: list[IntegerRange] = []
+                message.integer_range = integer_range
+                for (
+                    integer_range_item_from_valu,
+                    integer_range_item_to_value,
+                    integer_range_item_step,
+                ) in _iter_1(memoryview(raw)[pos:end]):
+                    integer_range_item = new(IntegerRange)
+                    integer_range.append(integer_range_item)
+                    integer_range_item.from_value = integer_range_item_from_valu
+                    integer_range_item.to_value = integer_range_item_to_value
+                    integer_range_item.step = integer_range_item_step
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)

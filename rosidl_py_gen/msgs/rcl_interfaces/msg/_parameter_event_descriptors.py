@@ -13,11 +13,15 @@ from rosidl_py_gen.cdr.support import (
     expect,
     expect_list,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     utf8,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.rcl_interfaces.msg._floating_point_range import (
     FloatingPointRange,
@@ -107,44 +111,55 @@ class ParameterEventDescriptors(Message):
                 pos += 3
                 floating_point_range = new_parameter.floating_point_range
                 if type(floating_point_range) is not list:
-                    expect_list(floating_point_range)
+                    floating_point_range = list_or_records(floating_point_range)
                 if len(floating_point_range) > 1:
                     limit(len(floating_point_range), 1)
                 append(_pack_3[pos & 7](len(floating_point_range)))
                 pos = (pos + 3 & -4) + 4
-                append(PAD8[pos & 7] if len(floating_point_range) else b"")
-                if len(floating_point_range):
-                    pos = (pos + 7 & -8) + 24 * len(floating_point_range)
-                for floating_point_range_item in floating_point_range:
-                    if type(floating_point_range_item) is not FloatingPointRange:
-                        expect(floating_point_range_item, FloatingPointRange)
-                    append(
-                        _pack_6(
-                            floating_point_range_item.from_value,
-                            floating_point_range_item.to_value,
-                            floating_point_range_item.step,
-                        ),
+                if type(floating_point_range) is ndarray:
+                    pos = write_records(
+                        FloatingPointRange,
+                        floating_point_range,
+                        append,
+                        pos,
                     )
+                else:
+                    append(PAD8[pos & 7] if len(floating_point_range) else b"")
+                    if len(floating_point_range):
+                        pos = (pos + 7 & -8) + 24 * len(floating_point_range)
+                    for floating_point_range_item in floating_point_range:
+                        if type(floating_point_range_item) is not FloatingPointRange:
+                            expect(floating_point_range_item, FloatingPointRange)
+                        append(
+                            _pack_6(
+                                floating_point_range_item.from_value,
+                                floating_point_range_item.to_value,
+                                floating_point_range_item.step,
+                            ),
+                        )
                 integer_range = new_parameter.integer_range
                 if type(integer_range) is not list:
-                    expect_list(integer_range)
+                    integer_range = list_or_records(integer_range)
                 if len(integer_range) > 1:
                     limit(len(integer_range), 1)
                 append(_pack_1(len(integer_range)))
                 pos += 4
-                append(PAD8[pos & 7] if len(integer_range) else b"")
-                if len(integer_range):
-                    pos = (pos + 7 & -8) + 24 * len(integer_range)
-                for integer_range_item in integer_range:
-                    if type(integer_range_item) is not IntegerRange:
-                        expect(integer_range_item, IntegerRange)
-                    append(
-                        _pack_7(
-                            integer_range_item.from_value,
-                            integer_range_item.to_value,
-                            integer_range_item.step,
-                        ),
-                    )
+                if type(integer_range) is ndarray:
+                    pos = write_records(IntegerRange, integer_range, append, pos)
+                else:
+                    append(PAD8[pos & 7] if len(integer_range) else b"")
+                    if len(integer_range):
+                        pos = (pos + 7 & -8) + 24 * len(integer_range)
+                    for integer_range_item in integer_range:
+                        if type(integer_range_item) is not IntegerRange:
+                            expect(integer_range_item, IntegerRange)
+                        append(
+                            _pack_7(
+                                integer_range_item.from_value,
+                                integer_range_item.to_value,
+                                integer_range_item.step,
+                            ),
+                        )
             changed_parameters = self.changed_parameters
             if type(changed_parameters) is not list:
                 expect_list(changed_parameters)
@@ -179,44 +194,55 @@ class ParameterEventDescriptors(Message):
                 pos += 3
                 floating_point_range_ = changed_parameter.floating_point_range
                 if type(floating_point_range_) is not list:
-                    expect_list(floating_point_range_)
+                    floating_point_range_ = list_or_records(floating_point_range_)
                 if len(floating_point_range_) > 1:
                     limit(len(floating_point_range_), 1)
                 append(_pack_3[pos & 7](len(floating_point_range_)))
                 pos = (pos + 3 & -4) + 4
-                append(PAD8[pos & 7] if len(floating_point_range_) else b"")
-                if len(floating_point_range_):
-                    pos = (pos + 7 & -8) + 24 * len(floating_point_range_)
-                for floating_point_range_item_ in floating_point_range_:
-                    if type(floating_point_range_item_) is not FloatingPointRange:
-                        expect(floating_point_range_item_, FloatingPointRange)
-                    append(
-                        _pack_6(
-                            floating_point_range_item_.from_value,
-                            floating_point_range_item_.to_value,
-                            floating_point_range_item_.step,
-                        ),
+                if type(floating_point_range_) is ndarray:
+                    pos = write_records(
+                        FloatingPointRange,
+                        floating_point_range_,
+                        append,
+                        pos,
                     )
+                else:
+                    append(PAD8[pos & 7] if len(floating_point_range_) else b"")
+                    if len(floating_point_range_):
+                        pos = (pos + 7 & -8) + 24 * len(floating_point_range_)
+                    for floating_point_range_item_ in floating_point_range_:
+                        if type(floating_point_range_item_) is not FloatingPointRange:
+                            expect(floating_point_range_item_, FloatingPointRange)
+                        append(
+                            _pack_6(
+                                floating_point_range_item_.from_value,
+                                floating_point_range_item_.to_value,
+                                floating_point_range_item_.step,
+                            ),
+                        )
                 integer_range_ = changed_parameter.integer_range
                 if type(integer_range_) is not list:
-                    expect_list(integer_range_)
+                    integer_range_ = list_or_records(integer_range_)
                 if len(integer_range_) > 1:
                     limit(len(integer_range_), 1)
                 append(_pack_1(len(integer_range_)))
                 pos += 4
-                append(PAD8[pos & 7] if len(integer_range_) else b"")
-                if len(integer_range_):
-                    pos = (pos + 7 & -8) + 24 * len(integer_range_)
-                for integer_range_item_ in integer_range_:
-                    if type(integer_range_item_) is not IntegerRange:
-                        expect(integer_range_item_, IntegerRange)
-                    append(
-                        _pack_7(
-                            integer_range_item_.from_value,
-                            integer_range_item_.to_value,
-                            integer_range_item_.step,
-                        ),
-                    )
+                if type(integer_range_) is ndarray:
+                    pos = write_records(IntegerRange, integer_range_, append, pos)
+                else:
+                    append(PAD8[pos & 7] if len(integer_range_) else b"")
+                    if len(integer_range_):
+                        pos = (pos + 7 & -8) + 24 * len(integer_range_)
+                    for integer_range_item_ in integer_range_:
+                        if type(integer_range_item_) is not IntegerRange:
+                            expect(integer_range_item_, IntegerRange)
+                        append(
+                            _pack_7(
+                                integer_range_item_.from_value,
+                                integer_range_item_.to_value,
+                                integer_range_item_.step,
+                            ),
+                        )
             deleted_parameters = self.deleted_parameters
             if type(deleted_parameters) is not list:
                 expect_list(deleted_parameters)
@@ -253,59 +279,70 @@ class ParameterEventDescriptors(Message):
                 pos += 3
                 floating_point_range_2 = deleted_parameter.floating_point_range
                 if type(floating_point_range_2) is not list:
-                    expect_list(floating_point_range_2)
+                    floating_point_range_2 = list_or_records(floating_point_range_2)
                 if len(floating_point_range_2) > 1:
                     limit(len(floating_point_range_2), 1)
                 append(_pack_3[pos & 7](len(floating_point_range_2)))
                 pos = (pos + 3 & -4) + 4
-                append(PAD8[pos & 7] if len(floating_point_range_2) else b"")
-                if len(floating_point_range_2):
-                    pos = (pos + 7 & -8) + 24 * len(floating_point_range_2)
-                for floating_point_range_item_2 in floating_point_range_2:
-                    if type(floating_point_range_item_2) is not FloatingPointRange:
-                        expect(floating_point_range_item_2, FloatingPointRange)
-                    append(
-                        _pack_6(
-                            floating_point_range_item_2.from_value,
-                            floating_point_range_item_2.to_value,
-                            floating_point_range_item_2.step,
-                        ),
+                if type(floating_point_range_2) is ndarray:
+                    pos = write_records(
+                        FloatingPointRange,
+                        floating_point_range_2,
+                        append,
+                        pos,
                     )
+                else:
+                    append(PAD8[pos & 7] if len(floating_point_range_2) else b"")
+                    if len(floating_point_range_2):
+                        pos = (pos + 7 & -8) + 24 * len(floating_point_range_2)
+                    for floating_point_range_item_2 in floating_point_range_2:
+                        if type(floating_point_range_item_2) is not FloatingPointRange:
+                            expect(floating_point_range_item_2, FloatingPointRange)
+                        append(
+                            _pack_6(
+                                floating_point_range_item_2.from_value,
+                                floating_point_range_item_2.to_value,
+                                floating_point_range_item_2.step,
+                            ),
+                        )
                 integer_range_2 = deleted_parameter.integer_range
                 if type(integer_range_2) is not list:
-                    expect_list(integer_range_2)
+                    integer_range_2 = list_or_records(integer_range_2)
                 if len(integer_range_2) > 1:
                     limit(len(integer_range_2), 1)
                 append(_pack_1(len(integer_range_2)))
                 pos += 4
-                append(PAD8[pos & 7] if len(integer_range_2) else b"")
-                if len(integer_range_2):
-                    pos = (pos + 7 & -8) + 24 * len(integer_range_2)
-                for integer_range_item_2 in integer_range_2:
-                    if type(integer_range_item_2) is not IntegerRange:
-                        expect(integer_range_item_2, IntegerRange)
-                    append(
-                        _pack_7(
-                            integer_range_item_2.from_value,
-                            integer_range_item_2.to_value,
-                            integer_range_item_2.step,
-                        ),
-                    )
+                if type(integer_range_2) is ndarray:
+                    pos = write_records(IntegerRange, integer_range_2, append, pos)
+                else:
+                    append(PAD8[pos & 7] if len(integer_range_2) else b"")
+                    if len(integer_range_2):
+                        pos = (pos + 7 & -8) + 24 * len(integer_range_2)
+                    for integer_range_item_2 in integer_range_2:
+                        if type(integer_range_item_2) is not IntegerRange:
+                            expect(integer_range_item_2, IntegerRange)
+                        append(
+                            _pack_7(
+                                integer_range_item_2.from_value,
+                                integer_range_item_2.to_value,
+                                integer_range_item_2.step,
+                            ),
+                        )
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
-                raw, _ = readable(data, copy)
+                raw, view = readable(data, copy)
             else:
-                raw = data
+                raw = view = data
             message = new(cls)
             head, new_parameters_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             pos = 8
             within(pos + 23 * new_parameters_count, raw)
             new_parameters: list[ParameterDescriptor] = []
@@ -347,44 +384,65 @@ class ParameterEventDescriptors(Message):
                 pos += 4
                 if floating_point_range_count > 1:
                     limit(floating_point_range_count, 1)
-                if floating_point_range_count:
-                    pos = (pos + 3 & -8) + 4
-                end = pos + 24 * floating_point_range_count
-                within(end, raw)
-                floating_point_range: list[FloatingPointRange] = []
-                new_parameter.floating_point_range = floating_point_range
-                for (
-                    floating_point_range_item_fr,
-                    floating_point_range_item_to,
-                    floating_point_range_item_st,
-                ) in _iter_0(memoryview(raw)[pos:end]):
-                    floating_point_range_item = new(FloatingPointRange)
-                    floating_point_range.append(floating_point_range_item)
-                    floating_point_range_item.from_value = floating_point_range_item_fr
-                    floating_point_range_item.to_value = floating_point_range_item_to
-                    floating_point_range_item.step = floating_point_range_item_st
-                pos = end
+                if arrays:
+                    (
+                        new_parameter.floating_point_range,
+                        pos,
+                    ) = read_records(
+                        FloatingPointRange,
+                        view,
+                        pos,
+                        floating_point_range_count,
+                    )
+                else:
+                    if floating_point_range_count:
+                        pos = (pos + 3 & -8) + 4
+                    end = pos + 24 * floating_point_range_count
+                    within(end, raw)
+                    floating_point_range: list[FloatingPointRange] = []
+                    new_parameter.floating_point_range = floating_point_range
+                    for (
+                        floating_point_range_item_fr,
+                        floating_point_range_item_to,
+                        floating_point_range_item_st,
+                    ) in _iter_0(memoryview(raw)[pos:end]):
+                        floating_point_range_item = new(FloatingPointRange)
+                        floating_point_range.append(floating_point_range_item)
+                        floating_point_range_item.from_value = (
+                            floating_point_range_item_fr
+                        )
+                        floating_point_range_item.to_value = (
+                            floating_point_range_item_to
+                        )
+                        floating_point_range_item.step = floating_point_range_item_st
+                    pos = end
                 (integer_range_count,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count > 1:
                     limit(integer_range_count, 1)
-                if integer_range_count:
-                    pos = (pos + 3 & -8) + 4
-                end = pos + 24 * integer_range_count
-                within(end, raw)
-                integer_range: list[IntegerRange] = []
-                new_parameter.integer_range = integer_range
-                for (
-                    integer_range_item_from_valu,
-                    integer_range_item_to_value,
-                    integer_range_item_step,
-                ) in _iter_1(memoryview(raw)[pos:end]):
-                    integer_range_item = new(IntegerRange)
-                    integer_range.append(integer_range_item)
-                    integer_range_item.from_value = integer_range_item_from_valu
-                    integer_range_item.to_value = integer_range_item_to_value
-                    integer_range_item.step = integer_range_item_step
-                pos = end
+                if arrays:
+                    (
+                        new_parameter.integer_range,
+                        pos,
+                    ) = read_records(IntegerRange, view, pos, integer_range_count)
+                else:
+                    if integer_range_count:
+                        pos = (pos + 3 & -8) + 4
+                    end = pos + 24 * integer_range_count
+                    within(end, raw)
+                    integer_range: list[IntegerRange] = []
+                    new_parameter.integer_range = integer_range
+                    for (
+                        integer_range_item_from_valu,
+                        integer_range_item_to_value,
+                        integer_range_item_step,
+                    ) in _iter_1(memoryview(raw)[pos:end]):
+                        integer_range_item = new(IntegerRange)
+                        integer_range.append(integer_range_item)
+                        integer_range_item.from_value = integer_range_item_from_valu
+                        integer_range_item.to_value = integer_range_item_to_value
+                        integer_range_item.step = integer_range_item_step
+                    pos = end
             (changed_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 23 * changed_parameters_count, raw)
@@ -427,44 +485,65 @@ class ParameterEventDescriptors(Message):
                 pos += 4
                 if floating_point_range_count_ > 1:
                     limit(floating_point_range_count_, 1)
-                if floating_point_range_count_:
-                    pos = (pos + 3 & -8) + 4
-                end = pos + 24 * floating_point_range_count_
-                within(end, raw)
-                floating_point_range_: list[FloatingPointRange] = []
-                changed_parameter.floating_point_range = floating_point_range_
-                for (
-                    floating_point_range_item__f,
-                    floating_point_range_item__t,
-                    floating_point_range_item__s,
-                ) in _iter_0(memoryview(raw)[pos:end]):
-                    floating_point_range_item_ = new(FloatingPointRange)
-                    floating_point_range_.append(floating_point_range_item_)
-                    floating_point_range_item_.from_value = floating_point_range_item__f
-                    floating_point_range_item_.to_value = floating_point_range_item__t
-                    floating_point_range_item_.step = floating_point_range_item__s
-                pos = end
+                if arrays:
+                    (
+                        changed_parameter.floating_point_range,
+                        pos,
+                    ) = read_records(
+                        FloatingPointRange,
+                        view,
+                        pos,
+                        floating_point_range_count_,
+                    )
+                else:
+                    if floating_point_range_count_:
+                        pos = (pos + 3 & -8) + 4
+                    end = pos + 24 * floating_point_range_count_
+                    within(end, raw)
+                    floating_point_range_: list[FloatingPointRange] = []
+                    changed_parameter.floating_point_range = floating_point_range_
+                    for (
+                        floating_point_range_item__f,
+                        floating_point_range_item__t,
+                        floating_point_range_item__s,
+                    ) in _iter_0(memoryview(raw)[pos:end]):
+                        floating_point_range_item_ = new(FloatingPointRange)
+                        floating_point_range_.append(floating_point_range_item_)
+                        floating_point_range_item_.from_value = (
+                            floating_point_range_item__f
+                        )
+                        floating_point_range_item_.to_value = (
+                            floating_point_range_item__t
+                        )
+                        floating_point_range_item_.step = floating_point_range_item__s
+                    pos = end
                 (integer_range_count_,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count_ > 1:
                     limit(integer_range_count_, 1)
-                if integer_range_count_:
-                    pos = (pos + 3 & -8) + 4
-                end = pos + 24 * integer_range_count_
-                within(end, raw)
-                integer_range_: list[IntegerRange] = []
-                changed_parameter.integer_range = integer_range_
-                for (
-                    integer_range_item__from_val,
-                    integer_range_item__to_value,
-                    integer_range_item__step,
-                ) in _iter_1(memoryview(raw)[pos:end]):
-                    integer_range_item_ = new(IntegerRange)
-                    integer_range_.append(integer_range_item_)
-                    integer_range_item_.from_value = integer_range_item__from_val
-                    integer_range_item_.to_value = integer_range_item__to_value
-                    integer_range_item_.step = integer_range_item__step
-                pos = end
+                if arrays:
+                    (
+                        changed_parameter.integer_range,
+                        pos,
+                    ) = read_records(IntegerRange, view, pos, integer_range_count_)
+                else:
+                    if integer_range_count_:
+                        pos = (pos + 3 & -8) + 4
+                    end = pos + 24 * integer_range_count_
+                    within(end, raw)
+                    integer_range_: list[IntegerRange] = []
+                    changed_parameter.integer_range = integer_range_
+                    for (
+                        integer_range_item__from_val,
+                        integer_range_item__to_value,
+                        integer_range_item__step,
+                    ) in _iter_1(memoryview(raw)[pos:end]):
+                        integer_range_item_ = new(IntegerRange)
+                        integer_range_.append(integer_range_item_)
+                        integer_range_item_.from_value = integer_range_item__from_val
+                        integer_range_item_.to_value = integer_range_item__to_value
+                        integer_range_item_.step = integer_range_item__step
+                    pos = end
             (deleted_parameters_count,) = _unpack_1(raw, pos)
             pos += 4
             within(pos + 23 * deleted_parameters_count, raw)
@@ -507,46 +586,65 @@ class ParameterEventDescriptors(Message):
                 pos += 4
                 if floating_point_range_count_2 > 1:
                     limit(floating_point_range_count_2, 1)
-                if floating_point_range_count_2:
-                    pos = (pos + 3 & -8) + 4
-                end = pos + 24 * floating_point_range_count_2
-                within(end, raw)
-                floating_point_range_2: list[FloatingPointRange] = []
-                deleted_parameter.floating_point_range = floating_point_range_2
-                for (
-                    floating_point_range_item_2_,
-                    floating_point_range_item_2_2,
-                    floating_point_range_item_2_3,
-                ) in _iter_0(memoryview(raw)[pos:end]):
-                    floating_point_range_item_2 = new(FloatingPointRange)
-                    floating_point_range_2.append(floating_point_range_item_2)
-                    floating_point_range_item_2.from_value = (
-                        floating_point_range_item_2_
+                if arrays:
+                    (
+                        deleted_parameter.floating_point_range,
+                        pos,
+                    ) = read_records(
+                        FloatingPointRange,
+                        view,
+                        pos,
+                        floating_point_range_count_2,
                     )
-                    floating_point_range_item_2.to_value = floating_point_range_item_2_2
-                    floating_point_range_item_2.step = floating_point_range_item_2_3
-                pos = end
+                else:
+                    if floating_point_range_count_2:
+                        pos = (pos + 3 & -8) + 4
+                    end = pos + 24 * floating_point_range_count_2
+                    within(end, raw)
+                    floating_point_range_2: list[FloatingPointRange] = []
+                    deleted_parameter.floating_point_range = floating_point_range_2
+                    for (
+                        floating_point_range_item_2_,
+                        floating_point_range_item_2_2,
+                        floating_point_range_item_2_3,
+                    ) in _iter_0(memoryview(raw)[pos:end]):
+                        floating_point_range_item_2 = new(FloatingPointRange)
+                        floating_point_range_2.append(floating_point_range_item_2)
+                        floating_point_range_item_2.from_value = (
+                            floating_point_range_item_2_
+                        )
+                        floating_point_range_item_2.to_value = (
+                            floating_point_range_item_2_2
+                        )
+                        floating_point_range_item_2.step = floating_point_range_item_2_3
+                    pos = end
                 (integer_range_count_2,) = _unpack_1(raw, pos)
                 pos += 4
                 if integer_range_count_2 > 1:
                     limit(integer_range_count_2, 1)
-                if integer_range_count_2:
-                    pos = (pos + 3 & -8) + 4
-                end = pos + 24 * integer_range_count_2
-                within(end, raw)
-                integer_range_2: list[IntegerRange] = []
-                deleted_parameter.integer_range = integer_range_2
-                for (
-                    integer_range_item_2_from_va,
-                    integer_range_item_2_to_valu,
-                    integer_range_item_2_step,
-                ) in _iter_1(memoryview(raw)[pos:end]):
-                    integer_range_item_2 = new(IntegerRange)
-                    integer_range_2.append(integer_range_item_2)
-                    integer_range_item_2.from_value = integer_range_item_2_from_va
-                    integer_range_item_2.to_value = integer_range_item_2_to_valu
-                    integer_range_item_2.step = integer_range_item_2_step
-                pos = end
+                if arrays:
+                    (
+                        deleted_parameter.integer_range,
+                        pos,
+                    ) = read_records(IntegerRange, view, pos, integer_range_count_2)
+                else:
+                    if integer_range_count_2:
+                        pos = (pos + 3 & -8) + 4
+                    end = pos + 24 * integer_range_count_2
+                    within(end, raw)
+                    integer_range_2: list[IntegerRange] = []
+                    deleted_parameter.integer_range = integer_range_2
+                    for (
+                        integer_range_item_2_from_va,
+                        integer_range_item_2_to_valu,
+                        integer_range_item_2_step,
+                    ) in _iter_1(memoryview(raw)[pos:end]):
+                        integer_range_item_2 = new(IntegerRange)
+                        integer_range_2.append(integer_range_item_2)
+                        integer_range_item_2.from_value = integer_range_item_2_from_va
+                        integer_range_item_2.to_value = integer_range_item_2_to_valu
+                        integer_range_item_2.step = integer_range_item_2_step
+                    pos = end
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)

@@ -77,7 +77,7 @@ class GetLoggerLevels_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -130,7 +130,7 @@ class GetLoggerLevels_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -248,7 +248,7 @@ class GetLoggerLevels_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)

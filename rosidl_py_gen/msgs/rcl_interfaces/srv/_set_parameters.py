@@ -157,7 +157,7 @@ class SetParameters_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -288,7 +288,7 @@ class SetParameters_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -462,7 +462,7 @@ class SetParameters_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)

@@ -10,20 +10,23 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
-    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     utf8,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.rmw_dds_common.msg._gid import Gid
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = ["NodeEntitiesInfo"]
 
@@ -62,6 +65,16 @@ class NodeEntitiesInfo(Message):
     writer_gid_seq: list[Gid] = field(default_factory=list)
     """Writers of the node: its publishers, requests of its clients, replies of its services"""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            node_namespace: str = ...,
+            node_name: str = ...,
+            reader_gid_seq: list[Gid] | Records = ...,
+            writer_gid_seq: list[Gid] | Records = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
@@ -81,26 +94,32 @@ class NodeEntitiesInfo(Message):
             pos += len(node_name)
             reader_gid_seq = self.reader_gid_seq
             if type(reader_gid_seq) is not list:
-                expect_list(reader_gid_seq)
+                reader_gid_seq = list_or_records(reader_gid_seq)
             append(_pack_1[pos & 7](len(reader_gid_seq)))
-            for reader_gid_seq_item in reader_gid_seq:
-                if type(reader_gid_seq_item) is not Gid:
-                    expect(reader_gid_seq_item, Gid)
-                append(_pack_2(fixed_uint8s(reader_gid_seq_item.data, 16)))
+            if type(reader_gid_seq) is ndarray:
+                write_records(Gid, reader_gid_seq, append, 0)
+            else:
+                for reader_gid_seq_item in reader_gid_seq:
+                    if type(reader_gid_seq_item) is not Gid:
+                        expect(reader_gid_seq_item, Gid)
+                    append(_pack_2(fixed_uint8s(reader_gid_seq_item.data, 16)))
             writer_gid_seq = self.writer_gid_seq
             if type(writer_gid_seq) is not list:
-                expect_list(writer_gid_seq)
+                writer_gid_seq = list_or_records(writer_gid_seq)
             append(_pack_3(len(writer_gid_seq)))
-            for writer_gid_seq_item in writer_gid_seq:
-                if type(writer_gid_seq_item) is not Gid:
-                    expect(writer_gid_seq_item, Gid)
-                append(_pack_2(fixed_uint8s(writer_gid_seq_item.data, 16)))
+            if type(writer_gid_seq) is ndarray:
+                write_records(Gid, writer_gid_seq, append, 0)
+            else:
+                for writer_gid_seq_item in writer_gid_seq:
+                    if type(writer_gid_seq_item) is not Gid:
+                        expect(writer_gid_seq_item, Gid)
+                    append(_pack_2(fixed_uint8s(writer_gid_seq_item.data, 16)))
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -109,7 +128,7 @@ class NodeEntitiesInfo(Message):
             message = new(cls)
             head, node_namespace_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             end = 7 + node_namespace_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -124,26 +143,38 @@ class NodeEntitiesInfo(Message):
             pos = end + 4 & -4
             (reader_gid_seq_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + 16 * reader_gid_seq_count
-            within(end, raw)
-            reader_gid_seq: list[Gid] = []
-            message.reader_gid_seq = reader_gid_seq
-            for _ in _iter_0(memoryview(raw)[pos:end]):
-                reader_gid_seq_item = new(Gid)
-                reader_gid_seq.append(reader_gid_seq_item)
-                reader_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
-                pos += 16
+            if arrays:
+                (
+                    message.reader_gid_seq,
+                    pos,
+                ) = read_records(Gid, view, pos, reader_gid_seq_count)
+            else:
+                end = pos + 16 * reader_gid_seq_count
+                within(end, raw)
+                reader_gid_seq: list[Gid] = []
+                message.reader_gid_seq = reader_gid_seq
+                for _ in _iter_0(memoryview(raw)[pos:end]):
+                    reader_gid_seq_item = new(Gid)
+                    reader_gid_seq.append(reader_gid_seq_item)
+                    reader_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
+                    pos += 16
             (writer_gid_seq_count,) = _unpack_1(raw, pos)
             pos += 4
-            end = pos + 16 * writer_gid_seq_count
-            within(end, raw)
-            writer_gid_seq: list[Gid] = []
-            message.writer_gid_seq = writer_gid_seq
-            for _ in _iter_0(memoryview(raw)[pos:end]):
-                writer_gid_seq_item = new(Gid)
-                writer_gid_seq.append(writer_gid_seq_item)
-                writer_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
-                pos += 16
+            if arrays:
+                (
+                    message.writer_gid_seq,
+                    _,
+                ) = read_records(Gid, view, pos, writer_gid_seq_count)
+            else:
+                end = pos + 16 * writer_gid_seq_count
+                within(end, raw)
+                writer_gid_seq: list[Gid] = []
+                message.writer_gid_seq = writer_gid_seq
+                for _ in _iter_0(memoryview(raw)[pos:end]):
+                    writer_gid_seq_item = new(Gid)
+                    writer_gid_seq.append(writer_gid_seq_item)
+                    writer_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
+                    pos += 16
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)

@@ -14,11 +14,15 @@ from rosidl_py_gen.cdr.support import (
     fixed_uint8s,
     frombuffer,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     utf8,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.rmw_dds_common.msg._gid import Gid
 from rosidl_py_gen.msgs.rmw_dds_common.msg._node_entities_info import NodeEntitiesInfo
@@ -87,30 +91,36 @@ class ParticipantEntitiesInfo(Message):
                 pos += len(node_name)
                 reader_gid_seq = node_entities_info_seq_item.reader_gid_seq
                 if type(reader_gid_seq) is not list:
-                    expect_list(reader_gid_seq)
+                    reader_gid_seq = list_or_records(reader_gid_seq)
                 append(_pack_2[pos & 7](len(reader_gid_seq)))
                 pos = (pos + 4 & -4) + 4
-                pos += 16 * len(reader_gid_seq)
-                for reader_gid_seq_item in reader_gid_seq:
-                    if type(reader_gid_seq_item) is not Gid:
-                        expect(reader_gid_seq_item, Gid)
-                    append(_pack_3(fixed_uint8s(reader_gid_seq_item.data, 16)))
+                if type(reader_gid_seq) is ndarray:
+                    pos = write_records(Gid, reader_gid_seq, append, pos)
+                else:
+                    pos += 16 * len(reader_gid_seq)
+                    for reader_gid_seq_item in reader_gid_seq:
+                        if type(reader_gid_seq_item) is not Gid:
+                            expect(reader_gid_seq_item, Gid)
+                        append(_pack_3(fixed_uint8s(reader_gid_seq_item.data, 16)))
                 writer_gid_seq = node_entities_info_seq_item.writer_gid_seq
                 if type(writer_gid_seq) is not list:
-                    expect_list(writer_gid_seq)
+                    writer_gid_seq = list_or_records(writer_gid_seq)
                 append(_pack_1(len(writer_gid_seq)))
                 pos += 4
-                pos += 16 * len(writer_gid_seq)
-                for writer_gid_seq_item in writer_gid_seq:
-                    if type(writer_gid_seq_item) is not Gid:
-                        expect(writer_gid_seq_item, Gid)
-                    append(_pack_3(fixed_uint8s(writer_gid_seq_item.data, 16)))
+                if type(writer_gid_seq) is ndarray:
+                    pos = write_records(Gid, writer_gid_seq, append, pos)
+                else:
+                    pos += 16 * len(writer_gid_seq)
+                    for writer_gid_seq_item in writer_gid_seq:
+                        if type(writer_gid_seq_item) is not Gid:
+                            expect(writer_gid_seq_item, Gid)
+                        append(_pack_3(fixed_uint8s(writer_gid_seq_item.data, 16)))
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -120,7 +130,7 @@ class ParticipantEntitiesInfo(Message):
             message.gid = gid = new(Gid)
             head, node_entities_info_seq_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             gid.data = frombuffer(view, UINT8, 16, 4)
             pos = 24
             within(pos + 16 * node_entities_info_seq_count, raw)
@@ -145,26 +155,38 @@ class ParticipantEntitiesInfo(Message):
                 pos = end + 4 & -4
                 (reader_gid_seq_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + 16 * reader_gid_seq_count
-                within(end, raw)
-                reader_gid_seq: list[Gid] = []
-                node_entities_info_seq_item.reader_gid_seq = reader_gid_seq
-                for _ in _iter_0(memoryview(raw)[pos:end]):
-                    reader_gid_seq_item = new(Gid)
-                    reader_gid_seq.append(reader_gid_seq_item)
-                    reader_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
-                    pos += 16
+                if arrays:
+                    (
+                        node_entities_info_seq_item.reader_gid_seq,
+                        pos,
+                    ) = read_records(Gid, view, pos, reader_gid_seq_count)
+                else:
+                    end = pos + 16 * reader_gid_seq_count
+                    within(end, raw)
+                    reader_gid_seq: list[Gid] = []
+                    node_entities_info_seq_item.reader_gid_seq = reader_gid_seq
+                    for _ in _iter_0(memoryview(raw)[pos:end]):
+                        reader_gid_seq_item = new(Gid)
+                        reader_gid_seq.append(reader_gid_seq_item)
+                        reader_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
+                        pos += 16
                 (writer_gid_seq_count,) = _unpack_1(raw, pos)
                 pos += 4
-                end = pos + 16 * writer_gid_seq_count
-                within(end, raw)
-                writer_gid_seq: list[Gid] = []
-                node_entities_info_seq_item.writer_gid_seq = writer_gid_seq
-                for _ in _iter_0(memoryview(raw)[pos:end]):
-                    writer_gid_seq_item = new(Gid)
-                    writer_gid_seq.append(writer_gid_seq_item)
-                    writer_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
-                    pos += 16
+                if arrays:
+                    (
+                        node_entities_info_seq_item.writer_gid_seq,
+                        pos,
+                    ) = read_records(Gid, view, pos, writer_gid_seq_count)
+                else:
+                    end = pos + 16 * writer_gid_seq_count
+                    within(end, raw)
+                    writer_gid_seq: list[Gid] = []
+                    node_entities_info_seq_item.writer_gid_seq = writer_gid_seq
+                    for _ in _iter_0(memoryview(raw)[pos:end]):
+                        writer_gid_seq_item = new(Gid)
+                        writer_gid_seq.append(writer_gid_seq_item)
+                        writer_gid_seq_item.data = frombuffer(view, UINT8, 16, pos)
+                        pos += 16
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)

@@ -19,14 +19,17 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
-    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
@@ -35,7 +38,7 @@ from rosidl_py_gen.msgs.unique_identifier_msgs.msg._uuid import UUID
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = [
     "Go",
@@ -99,7 +102,7 @@ class Go_Goal(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -133,7 +136,7 @@ class Go_Result(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -168,7 +171,7 @@ class Go_Feedback(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -211,7 +214,7 @@ class Go_FeedbackMessage(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -257,7 +260,7 @@ class Go_SendGoal_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -300,7 +303,7 @@ class Go_SendGoal_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -337,6 +340,15 @@ class Go_SendGoal_Event(Message):
     response: list[Go_SendGoal_Response] = field(default_factory=list)
     """The response; empty when contents are not recorded."""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            info: ServiceEventInfo = ...,
+            request: list[Go_SendGoal_Request] | Records = ...,
+            response: list[Go_SendGoal_Response] | Records = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
@@ -349,7 +361,7 @@ class Go_SendGoal_Event(Message):
                 expect(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                request = list_or_records(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -363,41 +375,51 @@ class Go_SendGoal_Event(Message):
                     len(request),
                 ),
             )
-            pos = 44
-            for request_item in request:
-                if type(request_item) is not Go_SendGoal_Request:
-                    expect(request_item, Go_SendGoal_Request)
-                goal_id = request_item.goal_id
-                if type(goal_id) is not UUID:
-                    expect(goal_id, UUID)
-                goal = request_item.goal
-                if type(goal) is not Go_Goal:
-                    expect(goal, Go_Goal)
-                append(_pack_5(fixed_uint8s(goal_id.uuid, 16)))
-                pos += 16
-                append(_pack_6[pos & 7](goal.x))
-                pos = (pos + 7 & -8) + 8
+            if type(request) is ndarray:
+                write_records(Go_SendGoal_Request, request, append, 44)
+            else:
+                pos = 44
+                for request_item in request:
+                    if type(request_item) is not Go_SendGoal_Request:
+                        expect(request_item, Go_SendGoal_Request)
+                    goal_id = request_item.goal_id
+                    if type(goal_id) is not UUID:
+                        expect(goal_id, UUID)
+                    goal = request_item.goal
+                    if type(goal) is not Go_Goal:
+                        expect(goal, Go_Goal)
+                    append(_pack_5(fixed_uint8s(goal_id.uuid, 16)))
+                    pos += 16
+                    append(_pack_6[pos & 7](goal.x))
+                    pos = (pos + 7 & -8) + 8
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                response = list_or_records(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_7(len(response)))
-            for response_item in response:
-                if type(response_item) is not Go_SendGoal_Response:
-                    expect(response_item, Go_SendGoal_Response)
-                stamp_ = response_item.stamp
-                if type(stamp_) is not Time:
-                    expect(stamp_, Time)
-                append(
-                    _pack_8(BOOL[response_item.accepted], stamp_.sec, stamp_.nanosec),
-                )
+            if type(response) is ndarray:
+                write_records(Go_SendGoal_Response, response, append, 0)
+            else:
+                for response_item in response:
+                    if type(response_item) is not Go_SendGoal_Response:
+                        expect(response_item, Go_SendGoal_Response)
+                    stamp_ = response_item.stamp
+                    if type(stamp_) is not Time:
+                        expect(stamp_, Time)
+                    append(
+                        _pack_8(
+                            BOOL[response_item.accepted],
+                            stamp_.sec,
+                            stamp_.nanosec,
+                        ),
+                    )
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -415,47 +437,59 @@ class Go_SendGoal_Event(Message):
                 request_count,
             ) = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
-            pos = 48
-            within(pos + 24 * request_count, raw)
-            request: list[Go_SendGoal_Request] = []
-            message.request = request
-            for _ in range(request_count):
-                request_item = new(Go_SendGoal_Request)
-                request.append(request_item)
-                request_item.goal_id = goal_id = new(UUID)
-                request_item.goal = goal = new(Go_Goal)
-                _unpack_5(raw, pos)
-                goal_id.uuid = frombuffer(view, UINT8, 16, pos)
-                pos += 16
-                pos = (pos + 3 & -8) + 4
-                (goal.x,) = _unpack_6(raw, pos)
-                pos += 8
+            if arrays:
+                (
+                    message.request,
+                    pos,
+                ) = read_records(Go_SendGoal_Request, view, 48, request_count)
+            else:
+                pos = 48
+                within(pos + 24 * request_count, raw)
+                request: list[Go_SendGoal_Request] = []
+                message.request = request
+                for _ in range(request_count):
+                    request_item = new(Go_SendGoal_Request)
+                    request.append(request_item)
+                    request_item.goal_id = goal_id = new(UUID)
+                    request_item.goal = goal = new(Go_Goal)
+                    _unpack_5(raw, pos)
+                    goal_id.uuid = frombuffer(view, UINT8, 16, pos)
+                    pos += 16
+                    pos = (pos + 3 & -8) + 4
+                    (goal.x,) = _unpack_6(raw, pos)
+                    pos += 8
             (response_count,) = _unpack_7(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
-            end = pos + 12 * response_count
-            within(end, raw)
-            response: list[Go_SendGoal_Response] = []
-            message.response = response
-            for (
-                response_item_accepted,
-                stamp__sec,
-                stamp__nanosec,
-            ) in _iter_0(memoryview(raw)[pos:end]):
-                response_item = new(Go_SendGoal_Response)
-                response.append(response_item)
-                response_item.stamp = stamp_ = new(Time)
-                response_item.accepted = response_item_accepted
-                stamp_.sec = stamp__sec
-                stamp_.nanosec = stamp__nanosec
+            if arrays:
+                (
+                    message.response,
+                    _,
+                ) = read_records(Go_SendGoal_Response, view, pos, response_count)
+            else:
+                end = pos + 12 * response_count
+                within(end, raw)
+                response: list[Go_SendGoal_Response] = []
+                message.response = response
+                for (
+                    response_item_accepted,
+                    stamp__sec,
+                    stamp__nanosec,
+                ) in _iter_0(memoryview(raw)[pos:end]):
+                    response_item = new(Go_SendGoal_Response)
+                    response.append(response_item)
+                    response_item.stamp = stamp_ = new(Time)
+                    response_item.accepted = response_item_accepted
+                    stamp_.sec = stamp__sec
+                    stamp_.nanosec = stamp__nanosec
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -481,7 +515,7 @@ class Go_GetResult_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -523,7 +557,7 @@ class Go_GetResult_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -560,6 +594,15 @@ class Go_GetResult_Event(Message):
     response: list[Go_GetResult_Response] = field(default_factory=list)
     """The response; empty when contents are not recorded."""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            info: ServiceEventInfo = ...,
+            request: list[Go_GetResult_Request] | Records = ...,
+            response: list[Go_GetResult_Response] | Records = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
@@ -572,7 +615,7 @@ class Go_GetResult_Event(Message):
                 expect(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                request = list_or_records(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -586,32 +629,38 @@ class Go_GetResult_Event(Message):
                     len(request),
                 ),
             )
-            for request_item in request:
-                if type(request_item) is not Go_GetResult_Request:
-                    expect(request_item, Go_GetResult_Request)
-                goal_id = request_item.goal_id
-                if type(goal_id) is not UUID:
-                    expect(goal_id, UUID)
-                append(_pack_5(fixed_uint8s(goal_id.uuid, 16)))
+            if type(request) is ndarray:
+                write_records(Go_GetResult_Request, request, append, 44)
+            else:
+                for request_item in request:
+                    if type(request_item) is not Go_GetResult_Request:
+                        expect(request_item, Go_GetResult_Request)
+                    goal_id = request_item.goal_id
+                    if type(goal_id) is not UUID:
+                        expect(goal_id, UUID)
+                    append(_pack_5(fixed_uint8s(goal_id.uuid, 16)))
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                response = list_or_records(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_7(len(response)))
-            for response_item in response:
-                if type(response_item) is not Go_GetResult_Response:
-                    expect(response_item, Go_GetResult_Response)
-                result = response_item.result
-                if type(result) is not Go_Result:
-                    expect(result, Go_Result)
-                append(_pack_11(response_item.status, BOOL[result.there]))
+            if type(response) is ndarray:
+                write_records(Go_GetResult_Response, response, append, 0)
+            else:
+                for response_item in response:
+                    if type(response_item) is not Go_GetResult_Response:
+                        expect(response_item, Go_GetResult_Response)
+                    result = response_item.result
+                    if type(result) is not Go_Result:
+                        expect(result, Go_Result)
+                    append(_pack_11(response_item.status, BOOL[result.there]))
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -629,37 +678,49 @@ class Go_GetResult_Event(Message):
                 request_count,
             ) = _unpack_4(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
-            pos = 48
-            end = pos + 16 * request_count
-            within(end, raw)
-            request: list[Go_GetResult_Request] = []
-            message.request = request
-            for _ in _iter_1(memoryview(raw)[pos:end]):
-                request_item = new(Go_GetResult_Request)
-                request.append(request_item)
-                request_item.goal_id = goal_id = new(UUID)
-                goal_id.uuid = frombuffer(view, UINT8, 16, pos)
-                pos += 16
+            if arrays:
+                (
+                    message.request,
+                    pos,
+                ) = read_records(Go_GetResult_Request, view, 48, request_count)
+            else:
+                pos = 48
+                end = pos + 16 * request_count
+                within(end, raw)
+                request: list[Go_GetResult_Request] = []
+                message.request = request
+                for _ in _iter_1(memoryview(raw)[pos:end]):
+                    request_item = new(Go_GetResult_Request)
+                    request.append(request_item)
+                    request_item.goal_id = goal_id = new(UUID)
+                    goal_id.uuid = frombuffer(view, UINT8, 16, pos)
+                    pos += 16
             (response_count,) = _unpack_7(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
-            within(pos + 2 * response_count, raw)
-            response: list[Go_GetResult_Response] = []
-            message.response = response
-            for _ in range(response_count):
-                response_item = new(Go_GetResult_Response)
-                response.append(response_item)
-                response_item.result = result = new(Go_Result)
-                response_item.status, result.there = _unpack_10(raw, pos)
-                pos += 2
+            if arrays:
+                (
+                    message.response,
+                    _,
+                ) = read_records(Go_GetResult_Response, view, pos, response_count)
+            else:
+                within(pos + 2 * response_count, raw)
+                response: list[Go_GetResult_Response] = []
+                message.response = response
+                for _ in range(response_count):
+                    response_item = new(Go_GetResult_Response)
+                    response.append(response_item)
+                    response_item.result = result = new(Go_Result)
+                    response_item.status, result.there = _unpack_10(raw, pos)
+                    pos += 2
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)
 
 
 class Go_SendGoal(Service[Go_SendGoal_Request, Go_SendGoal_Response]):

@@ -15,14 +15,17 @@ from rosidl_py_gen.cdr.support import (
     Fault,
     exactly,
     expect,
-    expect_list,
     float64s,
     frombuffer,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     utf8,
     viewable,
     within,
+    write_records,
 )
 
 # isort: split
@@ -32,7 +35,7 @@ from other_msgs.msg._message import Message
 from odd_msgs.msg._empty import Empty
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Float64s, Readable, Self
+    from rosidl_py_gen.cdr.support import Float64s, Readable, Records, Self
 
 __all__ = ["Alignment"]
 
@@ -96,7 +99,7 @@ class Alignment(_Message):
             c: int = ...,
             numbers: Float64s = ...,
             d: int = ...,
-            pair: list[Message] = ...,
+            pair: list[Message] | Records = ...,
             e: int = ...,
             nothing: Empty = ...,
             large: Float64s = ...,
@@ -123,14 +126,17 @@ class Alignment(_Message):
             pos += 1
             pair = self.pair
             if type(pair) is not list:
-                expect_list(pair)
+                pair = list_or_records(pair)
             if len(pair) != 2:
                 exactly(len(pair), 2)
-            pos += 8 * len(pair)
-            for pair_item in pair:
-                if type(pair_item) is not Message:
-                    expect(pair_item, Message)
-                append(_pack_4(pair_item.x, pair_item.flag))
+            if type(pair) is ndarray:
+                pos = write_records(Message, pair, append, pos)
+            else:
+                pos += 8 * len(pair)
+                for pair_item in pair:
+                    if type(pair_item) is not Message:
+                        expect(pair_item, Message)
+                    append(_pack_4(pair_item.x, pair_item.flag))
             nothing = self.nothing
             if type(nothing) is not Empty:
                 expect(nothing, Empty)
@@ -146,7 +152,7 @@ class Alignment(_Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw = view = viewable(data, copy)
@@ -155,7 +161,7 @@ class Alignment(_Message):
             message = new(cls)
             head, message.a, message.b, text_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             end = 23 + text_count
             if raw[end]:
                 raise ValueError("a string does not end in NUL")
@@ -172,16 +178,19 @@ class Alignment(_Message):
             pos += 8 * numbers_count
             (message.d,) = _unpack_3(raw, pos)
             pos += 1
-            end = pos + 8 * 2
-            within(end, raw)
-            pair: list[Message] = []
-            message.pair = pair
-            for pair_item_x, pair_item_flag in _iter_0(memoryview(raw)[pos:end]):
-                pair_item = new(Message)
-                pair.append(pair_item)
-                pair_item.x = pair_item_x
-                pair_item.flag = pair_item_flag
-            pos = end
+            if arrays:
+                message.pair, pos = read_records(Message, view, pos, 2)
+            else:
+                end = pos + 8 * 2
+                within(end, raw)
+                pair: list[Message] = []
+                message.pair = pair
+                for pair_item_x, pair_item_flag in _iter_0(memoryview(raw)[pos:end]):
+                    pair_item = new(Message)
+                    pair.append(pair_item)
+                    pair_item.x = pair_item_x
+                    pair_item.flag = pair_item_flag
+                pos = end
             message.nothing = new(Empty)
             (message.e,) = _unpack_4(raw, pos)
             pos += 8
@@ -189,4 +198,4 @@ class Alignment(_Message):
             message.large = frombuffer(view, FLOAT64, 1000, pos)
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)

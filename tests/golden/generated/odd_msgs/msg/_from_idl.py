@@ -13,21 +13,24 @@ from rosidl_py_gen.cdr.support import (
     FLOAT64,
     Fault,
     expect,
-    expect_list,
     fixed_float64s,
     frombuffer,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     within,
+    write_records,
 )
 
 # isort: split
 from other_msgs.msg._message import Message
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Float64s, Readable, Self
+    from rosidl_py_gen.cdr.support import Float64s, Readable, Records, Self
 
 __all__ = ["FromIdl"]
 
@@ -72,7 +75,7 @@ class FromIdl(_Message):
             self,
             distance: float = ...,
             position: Float64s = ...,
-            others: list[Message] = ...,
+            others: list[Message] | Records = ...,
             letter: int = ...,
         ) -> None: ...
 
@@ -82,7 +85,7 @@ class FromIdl(_Message):
             append = parts.append
             others = self.others
             if type(others) is not list:
-                expect_list(others)
+                others = list_or_records(others)
             if len(others) > 4:
                 limit(len(others), 4)
             append(
@@ -93,19 +96,22 @@ class FromIdl(_Message):
                     len(others),
                 ),
             )
-            pos = 36
-            for other in others:
-                if type(other) is not Message:
-                    expect(other, Message)
-                append(_pack_1[pos & 7](other.x, other.flag))
-                pos = (pos + 3 & -4) + 5
+            if type(others) is ndarray:
+                write_records(Message, others, append, 36)
+            else:
+                pos = 36
+                for other in others:
+                    if type(other) is not Message:
+                        expect(other, Message)
+                    append(_pack_1[pos & 7](other.x, other.flag))
+                    pos = (pos + 3 & -4) + 5
             append(_pack_2(self.letter))
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -114,21 +120,24 @@ class FromIdl(_Message):
             message = new(cls)
             head, message.distance, others_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             message.position = frombuffer(view, FLOAT64, 3, 12)
             if others_count > 4:
                 limit(others_count, 4)
-            pos = 40
-            within(pos + 5 * others_count, raw)
-            others: list[Message] = []
-            message.others = others
-            for _ in range(others_count):
-                other = new(Message)
-                others.append(other)
-                pos = pos + 3 & -4
-                other.x, other.flag = _unpack_1(raw, pos)
-                pos += 5
+            if arrays:
+                message.others, pos = read_records(Message, view, 40, others_count)
+            else:
+                pos = 40
+                within(pos + 5 * others_count, raw)
+                others: list[Message] = []
+                message.others = others
+                for _ in range(others_count):
+                    other = new(Message)
+                    others.append(other)
+                    pos = pos + 3 & -4
+                    other.x, other.flag = _unpack_1(raw, pos)
+                    pos += 5
             (message.letter,) = _unpack_2(raw, pos)
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)

@@ -10,18 +10,21 @@ from rosidl_py_gen.cdr import TypeInfo, recover_decode, recover_encode
 from rosidl_py_gen.cdr.support import (
     Fault,
     expect,
-    expect_list,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     within,
+    write_records,
 )
 
 # isort: split
 from other_msgs.msg._message import Message as _Message
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = ["Message"]
 
@@ -45,6 +48,15 @@ class Message(_rosidl_py_gen_cdr_Message):
     other: _Message = field(default_factory=_Message)
     others: list[_Message] = field(default_factory=list)
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            x: int = ...,
+            other: _Message = ...,
+            others: list[_Message] | Records = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
@@ -54,40 +66,46 @@ class Message(_rosidl_py_gen_cdr_Message):
                 expect(other, _Message)
             others = self.others
             if type(others) is not list:
-                expect_list(others)
+                others = list_or_records(others)
             append(_pack_0(256, self.x, other.x, other.flag, len(others)))
-            pos = 16
-            for other_ in others:
-                if type(other_) is not _Message:
-                    expect(other_, _Message)
-                append(_pack_1[pos & 7](other_.x, other_.flag))
-                pos = (pos + 3 & -4) + 5
+            if type(others) is ndarray:
+                write_records(_Message, others, append, 16)
+            else:
+                pos = 16
+                for other_ in others:
+                    if type(other_) is not _Message:
+                        expect(other_, _Message)
+                    append(_pack_1[pos & 7](other_.x, other_.flag))
+                    pos = (pos + 3 & -4) + 5
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
-                raw, _ = readable(data, copy)
+                raw, view = readable(data, copy)
             else:
-                raw = data
+                raw = view = data
             message = new(cls)
             message.other = other = new(_Message)
             head, message.x, other.x, other.flag, others_count = _unpack_0(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
-            pos = 20
-            within(pos + 5 * others_count, raw)
-            others: list[_Message] = []
-            message.others = others
-            for _ in range(others_count):
-                other_ = new(_Message)
-                others.append(other_)
-                pos = pos + 3 & -4
-                other_.x, other_.flag = _unpack_1(raw, pos)
-                pos += 5
+                return recover_decode(cls, data, copy, None, arrays)
+            if arrays:
+                message.others, _ = read_records(_Message, view, 20, others_count)
+            else:
+                pos = 20
+                within(pos + 5 * others_count, raw)
+                others: list[_Message] = []
+                message.others = others
+                for _ in range(others_count):
+                    other_ = new(_Message)
+                    others.append(other_)
+                    pos = pos + 3 & -4
+                    other_.x, other_.flag = _unpack_1(raw, pos)
+                    pos += 5
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)

@@ -88,7 +88,7 @@ class Ask_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -155,7 +155,7 @@ class Ask_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw = view = viewable(data, copy)
@@ -298,7 +298,7 @@ class Ask_Event(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)

@@ -17,14 +17,17 @@ from rosidl_py_gen.cdr.support import (
     UINT8,
     Fault,
     expect,
-    expect_list,
     fixed_uint8s,
     frombuffer,
     limit,
+    list_or_records,
+    ndarray,
     new,
     packers,
+    read_records,
     readable,
     within,
+    write_records,
 )
 from rosidl_py_gen.msgs.builtin_interfaces.msg._time import Time
 from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEventInfo
@@ -32,7 +35,7 @@ from rosidl_py_gen.msgs.service_msgs.msg._service_event_info import ServiceEvent
 if TYPE_CHECKING:
     from typing import TypeAlias
 
-    from rosidl_py_gen.cdr.support import Readable, Self
+    from rosidl_py_gen.cdr.support import Readable, Records, Self
 
 __all__ = ["Nothing", "Nothing_Event", "Nothing_Request", "Nothing_Response"]
 
@@ -63,7 +66,7 @@ class Nothing_Request(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -95,7 +98,7 @@ class Nothing_Response(Message):
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, _ = readable(data, copy)
@@ -131,6 +134,15 @@ class Nothing_Event(Message):
     response: list[Nothing_Response] = field(default_factory=list)
     """The response; empty when contents are not recorded."""
 
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            info: ServiceEventInfo = ...,
+            request: list[Nothing_Request] | Records = ...,
+            response: list[Nothing_Response] | Records = ...,
+        ) -> None: ...
+
     def _encode(self) -> bytes:
         try:
             parts: list[bytes] = []
@@ -143,7 +155,7 @@ class Nothing_Event(Message):
                 expect(stamp, Time)
             request = self.request
             if type(request) is not list:
-                expect_list(request)
+                request = list_or_records(request)
             if len(request) > 1:
                 limit(len(request), 1)
             append(
@@ -157,28 +169,34 @@ class Nothing_Event(Message):
                     len(request),
                 ),
             )
-            pos = 44
-            for request_item in request:
-                if type(request_item) is not Nothing_Request:
-                    expect(request_item, Nothing_Request)
-                append(_pack_2())
-                pos += 1
+            if type(request) is ndarray:
+                pos = write_records(Nothing_Request, request, append, 44)
+            else:
+                pos = 44
+                for request_item in request:
+                    if type(request_item) is not Nothing_Request:
+                        expect(request_item, Nothing_Request)
+                    append(_pack_2())
+                    pos += 1
             response = self.response
             if type(response) is not list:
-                expect_list(response)
+                response = list_or_records(response)
             if len(response) > 1:
                 limit(len(response), 1)
             append(_pack_3[pos & 7](len(response)))
-            for response_item in response:
-                if type(response_item) is not Nothing_Response:
-                    expect(response_item, Nothing_Response)
-                append(_pack_2())
+            if type(response) is ndarray:
+                write_records(Nothing_Response, response, append, 0)
+            else:
+                for response_item in response:
+                    if type(response_item) is not Nothing_Response:
+                        expect(response_item, Nothing_Response)
+                    append(_pack_2())
             return b"".join(parts)
         except Fault as error:
             return recover_encode(self, error)
 
     @classmethod
-    def _decode(cls, data: Readable, copy: bool = False) -> Self:
+    def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         try:
             if copy or type(data) is not bytes:
                 raw, view = readable(data, copy)
@@ -196,35 +214,47 @@ class Nothing_Event(Message):
                 request_count,
             ) = _unpack_1(raw)
             if head != 256:  # the bytes 00 01
-                return recover_decode(cls, data, copy)
+                return recover_decode(cls, data, copy, None, arrays)
             info.client_gid = frombuffer(view, UINT8, 16, 16)
             if request_count > 1:
                 limit(request_count, 1)
-            pos = 48
-            within(pos + request_count, raw)
-            request: list[Nothing_Request] = []
-            message.request = request
-            for _ in range(request_count):
-                request_item = new(Nothing_Request)
-                request.append(request_item)
-                _unpack_2(raw, pos)
-                pos += 1
+            if arrays:
+                (
+                    message.request,
+                    pos,
+                ) = read_records(Nothing_Request, view, 48, request_count)
+            else:
+                pos = 48
+                within(pos + request_count, raw)
+                request: list[Nothing_Request] = []
+                message.request = request
+                for _ in range(request_count):
+                    request_item = new(Nothing_Request)
+                    request.append(request_item)
+                    _unpack_2(raw, pos)
+                    pos += 1
             pos = pos + 3 & -4
             (response_count,) = _unpack_3(raw, pos)
             pos += 4
             if response_count > 1:
                 limit(response_count, 1)
-            within(pos + response_count, raw)
-            response: list[Nothing_Response] = []
-            message.response = response
-            for _ in range(response_count):
-                response_item = new(Nothing_Response)
-                response.append(response_item)
-                _unpack_2(raw, pos)
-                pos += 1
+            if arrays:
+                (
+                    message.response,
+                    _,
+                ) = read_records(Nothing_Response, view, pos, response_count)
+            else:
+                within(pos + response_count, raw)
+                response: list[Nothing_Response] = []
+                message.response = response
+                for _ in range(response_count):
+                    response_item = new(Nothing_Response)
+                    response.append(response_item)
+                    _unpack_2(raw, pos)
+                    pos += 1
             return message
         except Fault as error:
-            return recover_decode(cls, data, copy, error)
+            return recover_decode(cls, data, copy, error, arrays)
 
 
 class Nothing(Service[Nothing_Request, Nothing_Response]):

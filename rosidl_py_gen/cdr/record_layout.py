@@ -1,0 +1,254 @@
+"""Where CDR puts the bytes of a fixed-size message, as a numpy dtype: the arithmetic under `records`.
+
+Elements of a sequence are not padded to a common size: each begins where its first member is aligned. So the first
+element may lie otherwise than those behind it: ``{uint8 a; float64 b}`` takes 12 bytes behind a count, then 16 each.
+But all behind the first lie alike, because an element's end is known modulo its largest alignment whatever its start:
+it contains a member of that alignment. The dtype of a message is the layout of these, trailing padding included.
+
+Source: protocol.md 2.2.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar, cast
+
+import numpy as np
+
+from rosidl_py_gen.cdr.arrays import DTYPES, ValueProblem
+from rosidl_py_gen.fieldtype import Arity, FieldType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rosidl_py_gen.cdr.message import Field, Message
+
+    MessageClass = type[Message]
+
+_MAX_ALIGN = 8
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Piece(NamedTuple):
+    """Bytes that lie together both on the wire and in memory, as offsets into one element."""
+
+    wire: int
+    memory: int
+    size: int
+
+
+def remembered(function: Callable[P, R]) -> Callable[P, R]:
+    """`lru_cache` over classes, which type checkers take for unhashable because messages are."""
+    return cast("Callable[P, R]", lru_cache(1 << 15)(function))
+
+
+def up(position: int, align: int) -> int:
+    return position + -position % align
+
+
+@remembered
+def varying_field(cls: MessageClass) -> str:
+    """The path and type of the first field that makes messages of this class vary in size; empty when none does."""
+    for field in cls._TYPE.fields:
+        kind = field.type
+        if kind.is_string or kind.arity not in (Arity.SCALAR, Arity.ARRAY):
+            return f"{field.ros_name} ({kind})"
+        inside = varying_field(field.cls) if field.cls is not None else ""
+        if inside:
+            return f"{field.ros_name}.{inside}"
+    return ""
+
+
+@remembered
+def alignments(cls: MessageClass) -> tuple[int, int]:
+    """The alignment of the first member, and the largest of all, of a fixed-size message."""
+    each = [alignments(field.cls) if field.cls is not None else (_size(field.type),) * 2 for field in cls._TYPE.fields]
+    return (each[0][0], max(largest for _, largest in each)) if each else (1, 1)
+
+
+@remembered
+def content_size(cls: MessageClass) -> int:
+    """The bytes of all values, without padding."""
+    return sum(
+        (content_size(field.cls) if field.cls is not None else _size(field.type)) * _count(field.type)
+        for field in cls._TYPE.fields
+    )
+
+
+def _size(kind: FieldType) -> int:
+    primitive = kind.primitive
+    assert primitive is not None
+    return primitive.size
+
+
+def _count(kind: FieldType) -> int:
+    return kind.capacity if kind.arity is Arity.ARRAY else 1
+
+
+def end_of(cls: MessageClass, position: int) -> int:
+    """The end of a message that begins at `position`, both counted from the alignment origin."""
+    return position + _length(cls, position % _MAX_ALIGN)
+
+
+@remembered
+def _length(cls: MessageClass, position: int) -> int:
+    ends = [end for _, _, end in _members(cls, position)] or [position + 1]
+    return ends[-1] - position
+
+
+def end_of_many(cls: MessageClass, position: int, count: int) -> int:
+    """The end of `count` messages, one at least: those behind the first are equally long."""
+    first = end_of(cls, position)
+    return first + (count - 1) * (end_of(cls, first) - first) if count > 1 else first
+
+
+def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int]]:
+    """Each field of a message with the positions where its values begin and end."""
+    for field in cls._TYPE.fields:
+        count = _count(field.type)
+        if field.cls is None:
+            size = _size(field.type)
+            begin = up(position, size)
+            position = begin + size * count
+        else:
+            begin = up(position, alignments(field.cls)[0])
+            position = end_of_many(field.cls, begin, count)
+        yield field, begin, position
+
+
+def exact_dtype(cls: MessageClass, position: int, itemsize: int = 0) -> np.dtype[np.void] | None:
+    """The dtype of one message as it lies at an aligned position; `itemsize` 0 is its own size.
+
+    None when it holds an array of messages of which the first lies otherwise than the rest, or that have padding
+    between them: numpy would take that padding, and what follows the array, for a part of the last.
+    """
+    return _exact_dtype(cls, position % _MAX_ALIGN, itemsize or end_of(cls, position) - position)
+
+
+@remembered
+def _exact_dtype(cls: MessageClass, position: int, itemsize: int) -> np.dtype[np.void] | None:
+    formats: list[Any] = []
+    offsets: list[int] = []
+    for field, begin, _ in _members(cls, position):
+        one = _exact_element(field, begin)
+        if one is None:
+            return None
+        formats.append(_shaped(one, field.type))
+        offsets.append(begin - position)
+    return _struct(cls, formats, offsets, itemsize)
+
+
+def _exact_element(field: Field, begin: int) -> np.dtype[Any] | None:
+    if field.cls is None:
+        assert field.type.primitive is not None
+        return DTYPES[field.type.primitive.code]
+    first, largest = alignments(field.cls)
+    end = end_of(field.cls, begin)
+    if _count(field.type) > 1 and ((end - begin) % largest or end % first):
+        return None
+    return exact_dtype(field.cls, begin)
+
+
+def loose_dtype(cls: MessageClass) -> np.dtype[np.void]:
+    """A dtype with the same fields and without padding, for messages that have no exact one."""
+    formats: list[Any] = []
+    offsets: list[int] = []
+    size = 0
+    for field in cls._TYPE.fields:
+        primitive = field.type.primitive
+        one = DTYPES[primitive.code] if primitive is not None else record_dtype(_nested(field))
+        formats.append(_shaped(one, field.type))
+        offsets.append(size)
+        size += one.itemsize * _count(field.type)
+    return _struct(cls, formats, offsets, size)
+
+
+def _nested(field: Field) -> MessageClass:
+    assert field.cls is not None
+    return field.cls
+
+
+def _shaped(one: np.dtype[Any], kind: FieldType) -> Any:
+    return (one, (kind.capacity,)) if kind.arity is Arity.ARRAY else one
+
+
+def _struct(cls: MessageClass, formats: list[Any], offsets: list[int], itemsize: int) -> np.dtype[np.void]:
+    names = [field.ros_name for field in cls._TYPE.fields]
+    try:
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": itemsize})
+    except (ValueError, OverflowError) as error:
+        raise ValueProblem(f"{cls._TYPE.name} is too large for a numpy dtype ({error})") from error
+
+
+class Steady(NamedTuple):
+    """How the elements behind the first lie.
+
+    Attributes:
+        phase: where they begin, modulo the largest alignment.
+        stride: from one to the next.
+        size: of one, without the padding behind it.
+    """
+
+    phase: int
+    stride: int
+    size: int
+
+
+def steady(cls: MessageClass) -> Steady:
+    first, largest = alignments(cls)
+    phase = up(end_of(cls, 0), first) % largest
+    end = end_of(cls, phase)
+    return Steady(phase, up(end, first) - phase, end - phase)
+
+
+@remembered
+def record_dtype(cls: MessageClass) -> np.dtype[np.void]:
+    """The dtype of a fixed-size message: its exact one, padded to the stride, or the loose one.
+
+    Raises:
+        ValueProblem: it is too large for numpy.
+    """
+    phase, stride, _ = steady(cls)
+    exact = exact_dtype(cls, phase, stride)
+    return loose_dtype(cls) if exact is None else exact
+
+
+def pieces(cls: MessageClass, position: int, memory: np.dtype[Any]) -> list[Piece]:
+    """What to copy between one message at an aligned position of the wire and one element of a dtype in memory."""
+    found: list[Piece] = []
+    for field, begin, _ in _members(cls, position):
+        assert memory.fields is not None
+        form, offset = memory.fields[field.ros_name][:2]
+        if field.cls is None:
+            parts = [Piece(0, 0, _size(field.type) * _count(field.type))]
+        else:
+            parts = _pieces_of_many(field.cls, begin, form.base, _count(field.type))
+        for wire, inside, size in parts:
+            _add(found, Piece(wire + begin - position, inside + offset, size))
+    return found
+
+
+def _pieces_of_many(cls: MessageClass, begin: int, memory: np.dtype[Any], count: int) -> list[Piece]:
+    found = pieces(cls, begin, memory)
+    if count == 1:
+        return found
+    align = alignments(cls)[0]
+    second = up(end_of(cls, begin), align)
+    rest = pieces(cls, second, memory)
+    step = up(end_of(cls, second), align) - second
+    if len(rest) == 1 and rest[0].size == step == memory.itemsize:  # without gaps, so the rest is one piece
+        _add(found, Piece(second - begin, memory.itemsize, step * (count - 1)))
+        return found
+    for index in range(count - 1):
+        for wire, inside, size in rest:
+            _add(found, Piece(second - begin + index * step + wire, (index + 1) * memory.itemsize + inside, size))
+    return found
+
+
+def _add(found: list[Piece], piece: Piece) -> None:
+    """Append a piece, or lengthen the last one by it."""
+    if found and found[-1].wire + found[-1].size == piece.wire and found[-1].memory + found[-1].size == piece.memory:
+        found[-1] = Piece(found[-1].wire, found[-1].memory, found[-1].size + piece.size)
+    else:
+        found.append(piece)
