@@ -91,7 +91,7 @@ async def test_everything_is_listed(shared_peer: Peer, tool: Tool) -> None:
         "param list": f"{node}:",
         "lifecycle get": f"{managed}: unconfigured [1]",
     }
-    listed = await asyncio.gather(*(tool(*words.split(), "--spin-time", "4") for words in expected))
+    listed = await asyncio.gather(*(tool(*words.split(), "--spin-time", "6") for words in expected))
     for found, one in zip(listed, expected.values(), strict=True):
         assert one in found.splitlines()
     await shared_peer.ask("unpublish", topic=topic)
@@ -108,8 +108,8 @@ async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None
     of_topic, of_service, of_action, of_node = await asyncio.gather(
         tool("topic", "info", topic),
         tool("service", "info", service),
-        tool("action", "info", action, "--spin-time", "4"),
-        tool("node", "info", f"/{shared_peer.name}", "--json", "--spin-time", "4"),
+        tool("action", "info", action, "--spin-time", "6"),
+        tool("node", "info", f"/{shared_peer.name}", "--json", "--spin-time", "6"),
     )
     assert of_topic.startswith(f"Type: {STRINGS}\n")
     assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
@@ -127,8 +127,8 @@ async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer:
     await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
     await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
     graph, doctor = await asyncio.gather(
-        tool("graph", "--json", "--node", shared_peer.name, "--spin-time", "4"),
-        tool("doctor", "--json", "--spin-time", "4"),
+        tool("graph", "--json", "--node", shared_peer.name, "--spin-time", "6"),
+        tool("doctor", "--json", "--spin-time", "6"),
     )
     (node,) = json.loads(graph)["nodes"]
     shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}
