@@ -2,7 +2,8 @@
 
 A block with a title is a file. Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
 background, so that a server of one block answers the client of the next. Shell blocks run what they say to
-``rosidl-py-gen`` and ``rosidl-py``, and to Python and pytest about files of the page. A text block says what the block before it prints.
+``rosidl-py-gen`` and ``rosidl-py``, and to Python and pytest about files of the page. A text block says what the block
+before it prints.
 """
 
 from __future__ import annotations

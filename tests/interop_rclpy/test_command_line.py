@@ -121,6 +121,27 @@ async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None
     await shared_peer.ask("unserve", name=service)
 
 
+async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer: Peer, tool: Tool) -> None:
+    topic, service, action = map(fresh, ("words", "answers", "counts"))
+    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
+    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
+    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
+    graph, doctor = await asyncio.gather(
+        tool("graph", "--json", "--node", shared_peer.name, "--spin-time", "4"),
+        tool("doctor", "--json", "--spin-time", "4"),
+    )
+    (node,) = json.loads(graph)["nodes"]
+    shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}
+    assert {("topic", topic, STRINGS), ("service", service, BASIC), ("action", action, FIBONACCI)} <= shown
+    assert not any("parameter" in name for _, name, *_ in shown)
+    texts = [row["text"] for row in json.loads(doctor)["peers"]]
+    (peers,) = [text for text in texts if text.startswith("Fast DDS, ROS Iron or later: ")]
+    assert f"/{shared_peer.name}" in peers
+    assert any("a message went there and back" in text for text in texts)
+    await shared_peer.ask("unpublish", topic=topic)
+    await shared_peer.ask("unserve", name=service)
+
+
 async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) -> None:
     name = fresh("answers")
     await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
