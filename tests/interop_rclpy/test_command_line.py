@@ -242,3 +242,20 @@ async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Too
     ended = await tool.end(process)
     assert json.loads(ended.out)["string_value"] == "grüße"
     await shared_peer.ask("unpublish", topic=topic)
+
+
+async def test_what_is_published_arrives_and_what_they_publish_is_measured(shared_peer: Peer, tool: Tool) -> None:
+    heard, said = fresh("heard"), fresh("said")
+    await shared_peer.ask("subscribe", topic=heard, type=STRINGS)
+    await shared_peer.ask("publisher", topic=said, type=STRINGS)
+    await tool("topic", "pub", heard, "string_value: grüße", "--times", "2", "--rate", "20")
+    taken = await shared_peer.ask("take", topic=heard, count=2)
+    assert [one["string_value"] for one in taken] == ["grüße", "grüße"]
+    process = await tool.start("topic", "hz", said, "--times", "1", "--json")
+    while process.returncode is None:
+        await shared_peer.ask("publish", topic=said, messages_=[{}])
+        await asyncio.sleep(0.05)
+    report = json.loads((await tool.end(process)).out)
+    assert (report["topic"], report["window"] > 1) == (said, True)
+    await shared_peer.ask("unsubscribe", topic=heard)
+    await shared_peer.ask("unpublish", topic=said)
