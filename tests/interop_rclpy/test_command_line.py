@@ -91,7 +91,7 @@ async def test_everything_is_listed(shared_peer: Peer, tool: Tool) -> None:
         "param list": f"{node}:",
         "lifecycle get": f"{managed}: unconfigured [1]",
     }
-    listed = await asyncio.gather(*(tool(*words.split(), "--spin-time", "4") for words in expected))
+    listed = await asyncio.gather(*(tool(*words.split(), "--spin-time", "6") for words in expected))
     for found, one in zip(listed, expected.values(), strict=True):
         assert one in found.splitlines()
     await shared_peer.ask("unpublish", topic=topic)
@@ -108,8 +108,8 @@ async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None
     of_topic, of_service, of_action, of_node = await asyncio.gather(
         tool("topic", "info", topic),
         tool("service", "info", service),
-        tool("action", "info", action, "--spin-time", "4"),
-        tool("node", "info", f"/{shared_peer.name}", "--json", "--spin-time", "4"),
+        tool("action", "info", action, "--spin-time", "6"),
+        tool("node", "info", f"/{shared_peer.name}", "--json", "--spin-time", "6"),
     )
     assert of_topic.startswith(f"Type: {STRINGS}\n")
     assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
@@ -117,6 +117,27 @@ async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None
     found = json.loads(of_node)
     assert (found["publishers"][topic], found["service_servers"][service]) == ([STRINGS], [BASIC])
     assert found["action_servers"][action] == [FIBONACCI]
+    await shared_peer.ask("unpublish", topic=topic)
+    await shared_peer.ask("unserve", name=service)
+
+
+async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer: Peer, tool: Tool) -> None:
+    topic, service, action = map(fresh, ("words", "answers", "counts"))
+    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
+    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
+    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
+    graph, doctor = await asyncio.gather(
+        tool("graph", "--json", "--node", shared_peer.name, "--spin-time", "6"),
+        tool("doctor", "--json", "--spin-time", "6"),
+    )
+    (node,) = json.loads(graph)["nodes"]
+    shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}
+    assert {("topic", topic, STRINGS), ("service", service, BASIC), ("action", action, FIBONACCI)} <= shown
+    assert not any("parameter" in name for _, name, *_ in shown)
+    texts = [row["text"] for row in json.loads(doctor)["peers"]]
+    (peers,) = [text for text in texts if text.startswith("Fast DDS, ROS Iron or later: ")]
+    assert f"/{shared_peer.name}" in peers
+    assert any("a message went there and back" in text for text in texts)
     await shared_peer.ask("unpublish", topic=topic)
     await shared_peer.ask("unserve", name=service)
 
@@ -138,10 +159,8 @@ async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, t
     await shared_peer.ask("introspect", kind="service", name=name, state="CONTENTS")
     await shared_peer.ask("client", name=name, type=BASIC)
     process = await tool.start("service", "echo", name, "--once", "--json")  # its hash is announced with its events
-    for _ in range(40):
+    while process.returncode is None:
         await asyncio.sleep(0.2)
-        if process.returncode is not None:
-            break
         await shared_peer.ask("call", name=name, requests_=[{"int32_value": 7}])
     event = json.loads((await tool.end(process)).out)
     assert (event["info"]["event_type"], event["request"][0]["int32_value"]) == ("REQUEST_RECEIVED", 7)
@@ -149,7 +168,7 @@ async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, t
     await shared_peer.ask("unserve", name=name)
 
 
-async def test_parameters_are_read_set_dumped_and_loaded(shared_peer: Peer, tool: Tool, tmp_path: Path) -> None:
+async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> None:
     name = fresh("holder").strip("/")
     await shared_peer.ask("add_node", name=name)
     await shared_peer.ask("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
@@ -165,8 +184,15 @@ async def test_parameters_are_read_set_dumped_and_loaded(shared_peer: Peer, tool
     assert (wrong.code, "  Type: integer\n" in described) == (1, True)
     assert wrong.err.startswith("error: Setting parameter failed: ")
     assert await shared_peer.ask("parameters", node=name, names=["speed"]) == [2.5]
+    await shared_peer.ask("remove_node", name=name)
+
+
+async def test_parameters_are_dumped_and_loaded(shared_peer: Peer, tool: Tool, tmp_path: Path) -> None:
+    name = fresh("holder").strip("/")
+    await shared_peer.ask("add_node", name=name)
+    await shared_peer.ask("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
     dumped = yaml.safe_load(await tool("param", "dump", f"/{name}"))[f"/{name}"]["ros__parameters"]
-    assert (dumped["speed"], dumped["arm"], dumped["count"]) == (2.5, {"names": ["a", "ü"]}, 3)
+    assert (dumped["speed"], dumped["arm"], dumped["count"]) == (1.5, {"names": ["a", "ü"]}, 3)
     file = tmp_path / "holder.yaml"
     file.write_text(f"/{name}:\n  ros__parameters: {{count: 4}}\n")
     assert await tool("param", "load", f"/{name}", str(file)) == "Set parameter count successful\n"
@@ -216,3 +242,20 @@ async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Too
     ended = await tool.end(process)
     assert json.loads(ended.out)["string_value"] == "grüße"
     await shared_peer.ask("unpublish", topic=topic)
+
+
+async def test_what_is_published_arrives_and_what_they_publish_is_measured(shared_peer: Peer, tool: Tool) -> None:
+    heard, said = fresh("heard"), fresh("said")
+    await shared_peer.ask("subscribe", topic=heard, type=STRINGS)
+    await shared_peer.ask("publisher", topic=said, type=STRINGS)
+    await tool("topic", "pub", heard, "string_value: grüße", "--times", "2", "--rate", "20")
+    taken = await shared_peer.ask("take", topic=heard, count=2)
+    assert [one["string_value"] for one in taken] == ["grüße", "grüße"]
+    process = await tool.start("topic", "hz", said, "--times", "1", "--json")
+    while process.returncode is None:
+        await shared_peer.ask("publish", topic=said, messages_=[{}])
+        await asyncio.sleep(0.05)
+    report = json.loads((await tool.end(process)).out)
+    assert (report["topic"], report["window"] > 1) == (said, True)
+    await shared_peer.ask("unsubscribe", topic=heard)
+    await shared_peer.ask("unpublish", topic=said)

@@ -122,7 +122,7 @@ async def test_pub_goes_on_until_it_is_interrupted(node: Node, tool: Any) -> Non
         (["/words", "no_pkg/msg/Nothing", "{}"], "", "no_pkg/msg/Nothing"),
         (["/words", STRING, "data:", "hello"], "", "expected values in one word"),
         (
-            ["/words", STRING, "-"],
+            ["/words", STRING, "-", "-w", "0"],
             "{data: a}\n{dta: b}\n",
             "document 2 of standard input: std_msgs/msg/String: unknown",
         ),
