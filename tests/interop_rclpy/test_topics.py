@@ -128,8 +128,8 @@ async def test_a_megabyte_arrives_whole(dds: Any, shared_peer: Peer) -> None:
 
 async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_peer: Peer) -> None:
     """Fast DDS cuts messages into packets of 64 KB. It has sent a heartbeat when it found our subscription, but that
-    was, in most of ten cases, before Cyclone knew the publisher; the next one comes among the packets. Without our
-    greeting Cyclone takes what it tells of for old.
+    was, in most of ten cases, before Cyclone knew the publisher; the next one comes among the packets. Cyclone would
+    take what it tells of for old.
     """
     node, order = dds.node("tester"), {"data": {"random_bytes": 200_000, "seed": 1}}
     cls, topics = message(shared_peer, "std_msgs/msg/UInt8MultiArray"), [fresh("big_at_once") for _ in range(10)]

@@ -105,15 +105,6 @@ def test_hostile_parameters_end_at_the_payload(vendor: bytes, parameters: bytes,
     assert found is None or (len(found[0]) == 16 and -(2**63) <= found[1] < 2**63)
 
 
-def test_a_greeting_is_the_heartbeat_of_a_writer_that_wrote_nothing() -> None:
-    writer = FAST + bytes(range(10)) + WRITER_ID
-    assert rtps.greeting(writer).hex() == (
-        "52545053 0201 010f".replace(" ", "") + writer[:12].hex()  # RTPS 2.1, as of that participant
-        + "07031c00" + "00000000" + WRITER_ID.hex()  # HEARTBEAT, final, 28 bytes, for every reader
-        + "0000000001000000" + "0000000000000000" + "00000000"  # first 1, last 0, the zeroth
-    )  # fmt: skip
-
-
 @given(st.binary(max_size=40), st.binary(min_size=16, max_size=16), st.integers(-(2**63), 2**63 - 1))
 def test_an_identity_comes_back_and_the_message_with_it(message: bytes, guid: bytes, number: int) -> None:
     sample = identified(b"\0\1\0\0" + message, (guid, number))

@@ -37,7 +37,7 @@ class Container(ct.Structure):
 
 
 class MatchedStatus(ct.Structure):
-    """dds_publication_matched_status_t."""
+    """dds_publication_matched_status_t, and that of subscriptions."""
 
     _fields_ = (
         ("total", ct.c_uint32),
@@ -87,7 +87,10 @@ _PROTOTYPES: dict[str, tuple[Any, ...]] = {
     "dds_create_writer": (_i32, _i32, _i32, _ptr, _ptr),
     "dds_create_listener": (_ptr, _ptr),
     "dds_delete_listener": (None, _ptr),
+    "dds_copy_listener": (None, _ptr, _ptr),
+    "dds_set_listener": (_int, _i32, _ptr),
     "dds_lset_data_available_arg": (_int, _ptr, _ptr, _ptr, _bool),
+    "dds_lset_subscription_matched_arg": (_int, _ptr, _ptr, _ptr, _bool),
     "dds_delete": (_int, _i32),
     "dds_get_guid": (_int, _i32, _ptr),
     "dds_get_instance_handle": (_int, _i32, _u64p),
@@ -103,6 +106,8 @@ _PROTOTYPES: dict[str, tuple[Any, ...]] = {
     "dds_get_matched_publication_data": (_ptr, _i32, ct.c_uint64),
     "dds_builtintopic_free_endpoint": (None, _ptr),
     "dds_strretcode": (_text, _int),
+    "dds_entity_pin": (_int, _i32, _ptr),
+    "dds_entity_unpin": (None, _ptr),
     "dds_get_entity_sertype": (_int, _i32, _ptr),
     "dds_create_topic_sertype": (_i32, _i32, _text, _ptr, _ptr, _ptr, _ptr),
     "ddsi_sertype_ref": (_ptr, _ptr),

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.cyclone import abi
-from rosidl_py_gen.runtime.transport.cyclone.greeting import greet
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_user_data
-from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,15 +38,10 @@ _TOPICS = (abi.DCPS_PARTICIPANT, abi.DCPS_PUBLICATION, abi.DCPS_SUBSCRIPTION)
 class DiscoveryReaders:
     """The three builtin readers of a participant."""
 
-    def __init__(
-        self, api: abi.Api, fast_dds: FastDds, domain_id: int, participant: int, listener: int, stream: int
-    ) -> None:
+    def __init__(self, api: abi.Api, fast_dds: FastDds, participant: int, listener: int, stream: int) -> None:
         """`listener` puts handles into the pipe behind `stream`; that of participants has one more thing to do."""
         self._api = api
         self._fast_dds = fast_dds
-        self._domain_id = domain_id
-        self._strangers: list[bytes] = []
-        """Writers on Fast DDS that are new."""
         self._readers: dict[int, int] = {}
         for topic in _TOPICS:
             own = fast_dds.listener(api, stream) if topic == abi.DCPS_PARTICIPANT else None
@@ -79,17 +73,10 @@ class DiscoveryReaders:
                 if reader == participants:
                     self._fast_dds.settle(participants, news)
                 self._events.extend(news)
-            if self._strangers and self._fast_dds.refusal is None:
-                greet(self._domain_id, self._strangers)
 
     def report(self) -> None:
         """Pass all news to the sink."""
         self.fetch()
-        if self._strangers:
-            # Again: Cyclone tells of a writer a moment before it connects it with our readers.
-            strangers, self._strangers = self._strangers, []
-            if self._fast_dds.refusal is None:
-                greet(self._domain_id, strangers)
         complaint = self._fast_dds.complaint()
         if complaint is not None:
             get_root_logger().warning(complaint)
@@ -127,8 +114,6 @@ class DiscoveryReaders:
             return Lost(guid)
         self._guids[handle] = guid
         is_writer = topic == abi.DCPS_PUBLICATION
-        if is_writer and guid.startswith(FAST_DDS_VENDOR):
-            self._strangers.append(guid)
         return EndpointFound(
             guid,
             bytes(endpoint.participant_key),

@@ -10,7 +10,7 @@ them with some functions replaced by ours.
   parameters go in front of the message, and a flag in the packet says so. Readers of this process need no packet and
   get the identity in `to_sample`.
 
-All knowledge of layouts of Cyclone's structures is in this file. Rules, each with a test:
+All offsets in Cyclone's structures are in this file; `catchup.py` uses two of them. Rules, each with a test:
 
 - `_LAYOUTS` names the builds of the library the layouts were read from. With any other, and after the first packet that
   does not look as expected, services of Fast DDS peers are refused; nothing is guessed.
@@ -64,6 +64,8 @@ class _Layout(NamedTuple):
     out_payload: int = 32
     out_data: int = 152
     out_head: int = 40
+    entity_reader: int = 632
+    reader_flags: int = 256
 
 
 _LAYOUTS = {("Linux", "x86_64", "libddsc-ad12c33a.so.11.0.1"): _Layout()}

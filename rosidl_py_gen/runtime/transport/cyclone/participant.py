@@ -20,12 +20,14 @@ import ctypes as ct
 import sys
 import threading
 from contextlib import ExitStack
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone.catchup import EarlySamples
 from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
@@ -107,6 +109,8 @@ class CycloneParticipant:
             self._listener: int = _api.create_listener(None)
             undo.callback(_api.delete_listener, self._listener)
             _api.lset_data_available_arg(self._listener, putw, self._pipe.stream, True)
+            self._early = EarlySamples(_api, _fast_dds, self._listener)
+            undo.callback(self._early.close)
             with participant_qos(_api, user_data) as qos:
                 what = f"create a participant in domain {domain_id}"
                 self.entity = _api.check(_api.create_participant(domain_id, qos, None), what)
@@ -114,9 +118,7 @@ class CycloneParticipant:
             self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
             self.guid = self.guid_of(self.entity)
-            self.discovery = DiscoveryReaders(
-                _api, _fast_dds, domain_id, self.entity, self._listener, self._pipe.stream
-            )
+            self.discovery = DiscoveryReaders(_api, _fast_dds, self.entity, self._listener, self._pipe.stream)
             self._undo = undo.pop_all()
 
     @property
@@ -142,7 +144,9 @@ class CycloneParticipant:
     ) -> CycloneReader:
         profile = effective(qos, is_writer=False)
         with endpoint_qos(_api, profile, user_data, is_writer=False, ignore_local=ignore_local) as cqos:
-            entity = self._create(_api.create_reader, self._subscriber, topic, type, cqos, self._listener)
+            entity = self._early.create_reader(
+                partial(self._create, _api.create_reader, self._subscriber, topic, type, cqos)
+            )
         return CycloneReader(self, entity, topic, type, ReceiveQueue(profile))
 
     def _create(

@@ -22,7 +22,6 @@ PARAMETERS_BYTES = 2 * (4 + IDENTITY_BYTES) + 4
 """Length of what `parameter_list` makes."""
 
 _LITTLE = 1
-_HEARTBEAT, _FINAL, _HEARTBEAT_BYTES = 7, 2, 28
 _PID_END, _PID_IDENTITY, _PID_IDENTITY_EARLIER = 1, 0x0083, 0x800F
 """Fast DDS up to 2.9 knows the last only, later ones send both."""
 _VENDORS_OF_EARLIER = (FAST_DDS_VENDOR, b"\x01\x01")
@@ -89,20 +88,3 @@ def _find_identity(submessage: bytes, offset: int, order: int, knows_earlier: bo
             return submessage[offset : offset + 16], high << 32 | low
         offset += length
     return None
-
-
-def greeting(writer_guid: bytes) -> bytes:
-    """An RTPS packet of that writer's participant: a heartbeat that says nothing was written yet.
-
-    Cyclone takes what the first heartbeat of a writer tells of for history that a new reader does not want, and drops
-    it, half-received samples too. Cyclone's own writers say so at once; those of Fast DDS when they have connected,
-    which may be a second before we have, and then only behind the first sample. So that one would be lost: a request
-    sent early, or a message of many fragments. With this packet, sent to our own socket, it is asked for.
-    """
-    return b"".join(
-        (
-            b"RTPS\2\1" + FAST_DDS_VENDOR + writer_guid[:12],
-            struct.pack("<BBH4x4s", _HEARTBEAT, _LITTLE | _FINAL, _HEARTBEAT_BYTES, writer_guid[12:]),
-            struct.pack("<iIiII", 0, 1, 0, 0, 0),  # first 1, last 0, the zeroth
-        )
-    )
