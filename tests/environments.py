@@ -2,9 +2,10 @@
 
 An environment is made once and kept between runs in ``$ROSIDL_TEST_CACHE`` (by default a folder in the user's cache),
 below a name made of what is in it: another list of requirements or another Python is another environment, so checkouts
-with different lists get along. It is built beside its place and moved there when whole; of two processes that build the
-same one the second to finish throws its own away. Because it is moved, only its Python may be run (``python -m tool``):
-the programs in its bin folder remember where they were built. The whole cache may be deleted at any time.
+with different lists get along. It is built beside its place and moved there when whole. Of two processes that want the
+same one the second waits for the first; where it cannot, the second to finish throws its own away. Because it is moved,
+only its Python may be run (``python -m tool``): the programs in its bin folder remember where they were built. The
+whole cache may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import NoReturn
 
 import pytest
+from locks import lock
 
 _PYTHON = Path("Scripts", "python.exe") if os.name == "nt" else Path("bin", "python")
 _MARKER = "requirements.txt"  # written last: who has it is whole
@@ -43,16 +45,25 @@ def environment(name: str, requirements: Sequence[str]) -> Path:
         requirements: as pip takes them; pin them, because an environment is never updated.
     """
     wanted = "\n".join([sys.implementation.cache_tag, *requirements]) + "\n"
-    cache = _cache()
-    folder = cache / f"{name}-{hashlib.sha256(wanted.encode()).hexdigest()[:12]}"
+    folder = _cache() / f"{name}-{hashlib.sha256(wanted.encode()).hexdigest()[:12]}"
     if not _whole(folder, wanted):
-        cache.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=cache, ignore_cleanup_errors=True) as beside:
-            built = Path(beside) / "new"
-            _build(built, requirements)
-            (built / _MARKER).write_text(wanted, encoding="utf-8")
-            _move(built, folder, wanted, Path(beside) / "old")
+        held = lock(folder.name, wait=True)
+        try:
+            if not _whole(folder, wanted):
+                _make(folder, name, requirements, wanted)
+        finally:
+            if held is not None:
+                os.close(held)
     return folder / _PYTHON
+
+
+def _make(folder: Path, name: str, requirements: Sequence[str], wanted: str) -> None:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=folder.parent, ignore_cleanup_errors=True) as beside:
+        built = Path(beside) / "new"
+        _build(built, requirements)
+        (built / _MARKER).write_text(wanted, encoding="utf-8")
+        _move(built, folder, wanted, Path(beside) / "old")
 
 
 def _cache() -> Path:

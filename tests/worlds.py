@@ -8,6 +8,7 @@ tests need.
 from __future__ import annotations
 
 import asyncio
+import functools
 import inspect
 import itertools
 import os
@@ -18,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from locks import lock
 
 from rosidl_py_gen.generate import generate
 from rosidl_py_gen.resources import interfaces_dir
@@ -33,18 +35,20 @@ GENERATED = tempfile.TemporaryDirectory(prefix="runtime-tests-")
 generate(search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
 sys.path.insert(0, GENERATED.name)
 
-FIRST_DOMAIN = 60
+FIRST_DOMAIN, DOMAINS = 60, 85
 
 
+@functools.cache
 def domain_id() -> int:
-    """A domain of this test process alone, so that parallel runs do not see each other."""
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
-    return FIRST_DOMAIN + (os.getpid() * 7 + int(worker)) % 120
+    """A domain that no other test process of this machine has, so that runs side by side do not hear each other."""
+    start = os.getpid() * 7
+    all_of_them = (FIRST_DOMAIN + (start + offset) % DOMAINS for offset in range(DOMAINS))
+    return next(number for number in all_of_them if lock(f"domain-{number}", wait=False) is not None)
 
 
 def second_domain_id() -> int:
-    """Another domain of this test process, none that `domain_id` gives."""
-    return FIRST_DOMAIN + 120 + domain_id() % 50
+    """Another domain of this test process alone."""
+    return domain_id() + DOMAINS
 
 
 @pytest.fixture(autouse=True)
