@@ -15,6 +15,7 @@ from __future__ import annotations
 import asyncio
 import inspect
 from contextvars import copy_context
+from types import CoroutineType
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rosidl_py_gen.runtime.loop.callbacks import in_context, is_async, is_own_cancel
@@ -61,22 +62,24 @@ class UserFunction:
         Returns:
             None when all is done, otherwise the task that goes on with it.
         """
-        return self._context.copy().run(self._call, arguments, then)
-
-    def _call(self, arguments: tuple[object, ...], then: Callable[[Any], object]) -> asyncio.Task[Any] | None:
+        context = self._context.copy()
         if self.is_async:
-            return self._owner.start(self._finish(lambda: self._function(*arguments), then))
+            return context.run(self._start, lambda: self._function(*arguments), then)
         try:
-            answer = self._function(*arguments)
-            if not inspect.iscoroutine(answer):
-                then(answer)
+            answer = context.run(self._function, *arguments)
+            if not isinstance(answer, CoroutineType):
+                if then is not ignore:
+                    context.run(then, answer)
                 return None
         except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
-            self._owner.report_failure(self.what)
+            context.run(self._owner.report_failure, self.what)
             return None
-        task = self._owner.start(self._finish(lambda: answer, then))
+        task = context.run(self._start, lambda: answer, then)
         task.add_done_callback(lambda _: answer.close())  # one that was cancelled has not begun it
         return task
+
+    def _start(self, begin: Callable[[], Any], then: Callable[[Any], object]) -> asyncio.Task[None]:
+        return self._owner.start(self._finish(begin, then))
 
     async def run(self, *arguments: object) -> None:
         """Call it inside a task of `Owner.start` that goes on with the next call: cheaper than a task for each."""

@@ -66,15 +66,18 @@ class Waiters:
 
     def wake(self) -> None:
         """Let all look again; from any thread."""
-        if not self._futures:
+        futures = self._futures
+        if not futures:
             return
         here = current_loop()
-        with contextlib.suppress(IndexError):  # taken off by another thread in this moment
-            while self._futures:
-                future = self._futures.popleft()
+        try:
+            while True:
+                future = futures.popleft()
                 loop = future.get_loop()
-                if loop is here:
-                    settle(future, None)
-                else:
+                if loop is not here:
                     with contextlib.suppress(RuntimeError):  # closed with somebody waiting
                         loop.call_soon_threadsafe(settle, future, None)
+                elif not future.done():
+                    future.set_result(None)
+        except IndexError:  # that was the last one, or another thread took it in this moment
+            pass

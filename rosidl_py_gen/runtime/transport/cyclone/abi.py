@@ -139,6 +139,8 @@ class Api:
         self.bare_write: Callable[[int, Any], int] = library["dds_write"]
         self.bare_take: Callable[[int, Any, Any, ct.c_size_t, int], int] = library["dds_take"]
         self.bare_matched: Callable[[int, Any], int] = library["dds_get_publication_matched_status"]
+        self.bare_free: Callable[[int], None] = ct.PYFUNCTYPE(None, ct.c_void_p)(("dds_free", library))
+        """`free` of something small, for which letting go of the GIL would take longer than the call."""
         for name, (result, *arguments) in _PROTOTYPES.items():
             function = ct.CFUNCTYPE(result, *arguments)((name, library))
             setattr(self, name.removeprefix("dds_").removeprefix("ddsi_"), function)

@@ -62,7 +62,8 @@ class DiscoveryReaders:
         self._pointers = (ct.c_void_p * _BATCH)()
         self._infos = (ct.c_ubyte * (64 * _BATCH))()
         self._events: deque[DiscoveryEvent] = deque()
-        self._guids: dict[int, bytes] = {}
+        self.guids: dict[int, bytes] = {}
+        """By local handle, what is known so far; to be looked at first, then `endpoint_guid` asked."""
         self._lost: deque[int] = deque()
 
     # ---------------------------------------------------------------------------------------------------- events
@@ -125,7 +126,7 @@ class DiscoveryReaders:
         if not valid:
             self._forget_later(handle)
             return Lost(guid)
-        self._guids[handle] = guid
+        self.guids[handle] = guid
         is_writer = topic == abi.DCPS_PUBLICATION
         if is_writer and guid.startswith(FAST_DDS_VENDOR):
             self._strangers.append(guid)
@@ -142,7 +143,7 @@ class DiscoveryReaders:
     def _forget_later(self, handle: int) -> None:
         self._lost.append(handle)
         if len(self._lost) > _REMEMBERED:
-            self._guids.pop(self._lost.popleft(), None)
+            self.guids.pop(self._lost.popleft(), None)
 
     def close(self) -> None:
         """The participant and its readers are deleted."""
@@ -166,13 +167,13 @@ class DiscoveryReaders:
 
     def endpoint_guid(self, entity: int, handle: int, *, is_writer: bool) -> bytes | None:
         """The GUID behind a handle; asks Cyclone when discovery has not been read that far."""
-        guid = self._guids.get(handle)
+        guid = self.guids.get(handle)
         if guid is None:
             api = self._api
             look_up = api.get_matched_subscription_data if is_writer else api.get_matched_publication_data
             pointer = look_up(entity, handle)
             if not pointer:
                 return None
-            guid = self._guids[handle] = bytes(abi.BuiltinEndpoint.from_address(pointer).key)
+            guid = self.guids[handle] = bytes(abi.BuiltinEndpoint.from_address(pointer).key)
             api.builtintopic_free_endpoint(pointer)
         return guid

@@ -11,7 +11,7 @@ import struct
 import threading
 import time
 import weakref
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.cyclone import abi
@@ -152,7 +152,13 @@ class TakeBuffers:
         base = ct.addressof(self.containers)
         self.pointers = (ct.c_void_p * _BATCH)(*(base + 16 * index for index in range(_BATCH)))
         self.infos = (ct.c_ubyte * (64 * _BATCH))()
-        self.size = ct.c_size_t(_BATCH)
+        self.arguments: tuple[Any, ...] = (
+            ct.byref(self.pointers),
+            ct.byref(self.infos),
+            ct.c_size_t.from_param(_BATCH),
+            _BATCH,
+        )
+        """Of a take, behind the reader; made once, because converting them would take longer than the call."""
         self.container_bytes = memoryview(self.containers).cast("B")
         self.info_bytes = memoryview(self.infos)
 
@@ -172,8 +178,9 @@ class CycloneReader:
         self._take = owner.api.bare_take
         self._samples = owner.fast_dds.samples(owner.type_object(type))
         self._free = owner.api.free
+        self._free_small = owner.api.bare_free
         self._buffers = owner.buffers
-        self._push = queue.push
+        self._guids = owner.discovery.guids
         self._large_bytes = 0
         self.guid = owner.guid_of(entity)
         owner.watch(self)
@@ -203,29 +210,29 @@ class CycloneReader:
         return found
 
     def _take_all(self, buffers: TakeBuffers) -> bool:
-        containers = buffers.containers
-        found = False
+        items, found = self.queue.items, False
         count = _BATCH
         while count == _BATCH:
-            arguments = (self.entity, buffers.pointers, buffers.infos, buffers.size, _BATCH)
             if self._samples is not None and self._samples.sends:
-                count = abi.undisturbed(self._take, *arguments)
+                count = abi.undisturbed(self._take, self.entity, *buffers.arguments)
             else:
-                count = self._take(*arguments)
+                count = self._take(self.entity, *buffers.arguments)
             now = _time_ns()
             for index in range(count):
                 pointer, size = _container_fields(buffers.container_bytes, 16 * index)
                 # Cyclone frees what it finds here when the next sample carries no data.
-                containers[2 * index] = 0
+                buffers.containers[2 * index] = 0
                 valid, source_ns, writer = _info_fields(buffers.info_bytes, 64 * index)
                 data: Payload
                 if size < _VIEW_FROM_BYTES or not valid:
                     data = _string_at(pointer, size) if valid else b""
-                    self._free(pointer)
+                    self._free_small(pointer)
                 else:
                     data = self._large(pointer, size)
                 if valid:
-                    self._push((data, source_ns, writer, now))
+                    if len(items) == items.maxlen:  # as `ReceiveQueue.push`, without a call for each sample
+                        self.queue.dropped += 1
+                    items.append((data, source_ns, writer, now))
                     found = True
         return found
 
@@ -241,7 +248,8 @@ class CycloneReader:
         return self._owner.discovery.matched(self.entity, is_writer=False)
 
     def writer_guid(self, handle: int) -> bytes | None:
-        return self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
+        guid = self._guids.get(handle)
+        return guid or self._owner.discovery.endpoint_guid(self.entity, handle, is_writer=False)
 
     def close(self) -> None:
         entity, self.sink = self.entity, None

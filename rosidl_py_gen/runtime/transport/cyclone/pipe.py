@@ -28,7 +28,8 @@ _LOOPS_CAN_WATCH = os.name == "posix"
 """
 _SMALLEST_BYTES = 512
 """No system's pipe is smaller (PIPE_BUF of POSIX), so that less than this was not a full one."""
-_READ_BYTES = 1 << 16
+_READ_BYTES = 4096
+"""At a time: Python allocates as much for each read, and a pipe that is not empty yet stays readable."""
 _one = struct.Struct("i")
 
 # The C library that Python itself uses. On Windows the functions of POSIX have an underscore.
