@@ -30,6 +30,7 @@ from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import request_numbers
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_error
+from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.names.dds import entity_gid
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import History
@@ -54,7 +55,7 @@ ResponseT = TypeVar("ResponseT")
 class _PendingRequest(Generic[ResponseT]):
     """A request under way."""
 
-    __slots__ = ("encoded", "has_turn", "number", "on_error", "on_reply", "sequence")
+    __slots__ = ("encoded", "has_turn", "limits", "number", "on_error", "on_reply", "sequence")
 
     def __init__(
         self,
@@ -69,6 +70,12 @@ class _PendingRequest(Generic[ResponseT]):
         self.number = 0
         """The middleware's, when it went to a server on Fast DDS."""
         self.has_turn = False
+        self.limits: TimeLimits | None = None
+        """What watches its time, if that is limited."""
+
+
+class _OutOfTimeError(RosidlError):
+    """No answer came in time; how long that was only the call knows."""
 
 
 class Client(ServiceEnd[RequestT, ResponseT]):
@@ -89,6 +96,9 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._by_number: dict[int, _PendingRequest[ResponseT]] = {}
         """Those that went to servers on Fast DDS, by the middleware's numbers."""
         self._sent = 0
+        self._limits: TimeLimits | None = None
+        self._was_asked = False
+        """Replies go to functions that may be the user's, and not only to futures."""
         self._matching: Matching[None] = Matching(scope, lambda _: self._find_server())
         self._serves_fast_dds = False
         self._kept = 0
@@ -184,17 +194,20 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         if not self._is_available() and not await self.wait_for_service(deadline.left_s()):
             raise CallTimeoutError(f"no server of {self.name} ({self.service_type}) appeared in {timeout_s} s")
         future: asyncio.Future[ResponseT] = loop.create_future()
-        sequence = self._put(encoded, lambda response, _: settle(future, response), partial(settle_error, future))
-        left_s, timer = deadline.left_s(), None
+        on_error = partial(settle_error, future)
+        pending: _PendingRequest[ResponseT]
+        pending = _PendingRequest(encoded, lambda response, _: settle(future, response), on_error)
+        self._put(pending)
+        left_s = deadline.left_s()
         if left_s is not None:
-            message = f"no response from {self.name} ({self.service_type}) in {timeout_s} s"
-            timer = loop.call_later(left_s, settle_error, future, CallTimeoutError(message))
+            self._limit(pending, loop, left_s)
         try:
             return await future
+        except _OutOfTimeError:
+            message = f"no response from {self.name} ({self.service_type}) in {timeout_s} s"
+            raise CallTimeoutError(message) from None
         finally:
-            self.forget(sequence)
-            if timer is not None:
-                timer.cancel()
+            self.forget(pending.sequence)
 
     def call_sync(self, request: RequestT, timeout_s: float | None = None) -> ResponseT:
         """`call` for plain code: from a script without event loop, or from another thread than the loop's.
@@ -227,29 +240,40 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         """
         self._scope.require_open(self._closed, f"the client of {self.name}")
         self._scope.bridge.running_loop()
-        return self._put(self._type.request.encode(request), on_reply, on_error)
+        self._was_asked = True
+        pending = _PendingRequest(self._type.request.encode(request), on_reply, on_error)
+        self._put(pending)
+        return pending.sequence
 
     def forget(self, sequence: int) -> None:
         """Nobody waits for this reply any more; without effect when it is over already."""
         pending = self._pending.pop(sequence, None)
         if pending is not None:
-            self._by_number.pop(pending.number, None)
+            if pending.number:
+                self._by_number.pop(pending.number, None)
+            if pending.limits is not None:
+                pending.limits.remove(sequence)
             if pending.has_turn:
                 self._window.leave()
 
-    def _put(
-        self,
-        encoded: bytes,
-        on_reply: Callable[[ResponseT, bytes | None], object],
-        on_error: Callable[[Exception], object],
-    ) -> int:
-        pending = _PendingRequest(encoded, on_reply, on_error)
+    def _put(self, pending: _PendingRequest[ResponseT]) -> None:
         self._pending[pending.sequence] = pending
         if self._kept:
             self._window.enter(partial(self._send_in_turn, pending), self._kept)
         else:
             self._send_soon(pending)
-        return pending.sequence
+
+    def _limit(self, pending: _PendingRequest[ResponseT], loop: asyncio.AbstractEventLoop, left_s: float) -> None:
+        """Let a request fail when its time has passed."""
+        if self._limits is None or self._limits.loop is not loop:
+            self._limits = TimeLimits(loop, self._expire)
+        pending.limits = self._limits
+        self._limits.add(pending.sequence, left_s)
+
+    def _expire(self, sequence: int) -> None:
+        pending = self._pending.get(sequence)
+        if pending is not None:
+            self._fail(pending, _OutOfTimeError())
 
     def _send_soon(self, pending: _PendingRequest[ResponseT]) -> None:
         if self._outbox.waiting or not self._send(pending):
@@ -293,8 +317,15 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self.forget(pending.sequence)
         pending.on_error(error)
 
-    def _on_replies(self) -> None:
-        """The sink of the reply reader. All clients of a service see all replies."""
+    def _on_replies(self) -> Callable[[], None] | None:
+        """The sink of the reply reader."""
+        if self._was_asked:
+            return self._read_all
+        self._read_all()
+        return None
+
+    def _read_all(self) -> None:
+        """All clients of a service see all replies."""
         items = self._reader.queue.items
         while items:
             data, _, handle, _ = items.popleft()

@@ -57,6 +57,12 @@ def finite_number(what: str, value: object, kind: str) -> float:
     return number
 
 
+_PLAIN_S = 1e6
+"""Below this a product of floats is exact to the nanosecond; it is what calls with a time limit need, in a fifth of the
+time.
+"""
+
+
 def seconds_to_ns(what: str, seconds: object) -> int:
     """A number of seconds, numpy's too, as nanoseconds; rounded when it is no whole number.
 
@@ -76,6 +82,8 @@ def limit_to_ns(what: str, seconds: object) -> int | None:
     Raises:
         TypeError: no number. TimeRangeError: negative or NaN. Both begin with `what`.
     """
+    if type(seconds) in (int, float) and 0 <= seconds < _PLAIN_S:  # type: ignore[operator]
+        return round(seconds * NS_PER_S)  # type: ignore[operator]
     if isinstance(seconds, float) and seconds == math.inf:
         return None
     limit_ns = seconds_to_ns(what, seconds)

@@ -118,6 +118,46 @@ async def test_a_call_without_server_times_out(world: World) -> None:
         await client.call(Request(), timeout_s=0.1)
 
 
+def test_a_time_limit_holds_on_the_loop_on_which_it_began(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service(AddTwoInts, "silent")  # never answers
+    client = bob.create_client(AddTwoInts, "silent")
+    loop = asyncio.new_event_loop()
+
+    async def begin() -> asyncio.Task[AddTwoInts.Response]:
+        assert await client.wait_for_service(timeout_s=5)
+        return asyncio.create_task(client.call(Request(), timeout_s=0.3))
+
+    async def end(call: asyncio.Task[AddTwoInts.Response]) -> None:
+        await asyncio.wait((call,), timeout=5)
+
+    call = loop.run_until_complete(begin())
+    loop.run_until_complete(asyncio.sleep(0.05))
+    with pytest.raises(CallTimeoutError, match=r"/silent .*in 0\.05 s"):  # on a loop of its own
+        client.call_sync(Request(), timeout_s=0.05)
+    assert client.pending_count == 1
+    loop.run_until_complete(end(call))
+    assert isinstance(call.exception(), CallTimeoutError)
+    assert client.pending_count == 0
+    loop.close()
+
+
+async def test_calls_with_different_time_limits_end_in_their_order(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service(AddTwoInts, "silent")  # never answers
+    client = bob.create_client(AddTwoInts, "silent")
+    assert await client.wait_for_service(timeout_s=5)
+    ended: list[float] = []
+
+    async def call(limit_s: float) -> None:
+        with pytest.raises(CallTimeoutError, match=f"in {limit_s} s"):
+            await client.call(Request(), timeout_s=limit_s)
+        ended.append(limit_s)
+
+    await asyncio.gather(*(call(limit_s) for limit_s in (0.2, 0.05, 0, 0.1)))
+    assert ended == [0, 0.05, 0.1, 0.2]
+
+
 async def test_pending_calls_are_freed_by_timeout_cancellation_and_close(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "silent")  # never answers

@@ -1,0 +1,65 @@
+"""Many time limits with one timer."""
+
+from __future__ import annotations
+
+import asyncio
+
+from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
+
+
+class CountingLoop(asyncio.SelectorEventLoop):
+    """Counts the timers that are made."""
+
+    timers = 0
+
+    def call_at(self, *args: object, **kwargs: object) -> asyncio.TimerHandle:  # type: ignore[override]
+        self.timers += 1
+        return super().call_at(*args, **kwargs)  # type: ignore[arg-type, type-var]
+
+
+def watched(seconds: float, limits_s: dict[int, float], remove: tuple[int, ...] = ()) -> tuple[list[int], int]:
+    """What expires in that time, and how many timers it took."""
+    loop, expired = CountingLoop(), list[int]()
+    limits = TimeLimits(loop, expired.append)
+    for number, left_s in limits_s.items():
+        limits.add(number, left_s)
+    for number in remove:
+        limits.remove(number)
+    loop.run_until_complete(asyncio.sleep(seconds))
+    loop.close()
+    return expired, loop.timers - (seconds > 0)  # one is of the sleep
+
+
+def test_they_expire_in_order_of_time_each_once() -> None:
+    assert watched(0.15, {1: 0.1, 2: 0.05, 3: 0.0, 4: 10.0})[0] == [3, 2, 1]
+
+
+def test_what_is_over_in_time_never_expires() -> None:
+    assert watched(0.1, {1: 0.02, 2: 0.04, 3: 0.06}, remove=(2, 7)) == ([1, 3], 2)
+
+
+def test_many_calls_need_one_timer() -> None:
+    assert watched(0.0, dict.fromkeys(range(1000), 5.0), remove=tuple(range(1000))) == ([], 1)
+
+
+def test_many_that_end_one_shortly_after_the_other_take_a_look_a_millisecond_at_most() -> None:
+    expired, timers = watched(0.1, {number: 0.02 + number * 1e-5 for number in range(1000)})
+    assert sorted(expired) == list(range(1000))
+    assert timers <= 25
+
+
+def test_expiring_may_add_and_remove() -> None:
+    loop, expired = asyncio.new_event_loop(), list[int]()
+
+    def expire(number: int) -> None:
+        expired.append(number)
+        limits.remove(2)
+        if number < 5:
+            limits.add(number + 4, 0.01)
+
+    limits = TimeLimits(loop, expire)
+    limits.add(1, 0.01)
+    limits.add(2, 0.0105)  # seen in the same look
+    loop.run_until_complete(asyncio.sleep(0.1))
+    loop.close()
+    assert expired == [1, 5]
