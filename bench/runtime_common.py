@@ -47,7 +47,7 @@ def report(**figures: object) -> None:
 def run_node(main: Callable[[Any, Any], Any], name: str) -> None:
     """Run `main(node, String)` on an event loop: BENCH_LOOP says which, BENCH_CONTEXTS how many contexts are on it."""
     from rosidl_py_gen import get_message
-    from rosidl_py_gen.runtime import Context, Node
+    from rosidl_py_gen.runtime import Context, Node, run
 
     async def body() -> None:
         async with AsyncExitStack() as stack:
@@ -57,12 +57,15 @@ def run_node(main: Callable[[Any, Any], Any], name: str) -> None:
             node = await stack.enter_async_context(Node(name))
             await main(node, get_message("std_msgs/msg/String"))
 
-    if os.environ.get("BENCH_LOOP") == "uvloop":
+    kind = os.environ.get("BENCH_LOOP")
+    if kind == "uvloop":
         import uvloop
 
         uvloop.run(body())
-    else:
+    elif kind == "asyncio":
         asyncio.run(body())
+    else:
+        run(body)
 
 
 async def both_ways(publisher: Any, subscription: Any) -> None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
+from rosidl_py_gen.runtime.loop.event_loop import new_event_loop
 from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.node.context import Context
 
@@ -49,7 +50,7 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
         KeyboardInterrupt: at the second SIGINT.
     """
     coroutine = _coroutine(main)
-    loop = asyncio.new_event_loop()
+    loop = new_event_loop()
     with _Signals(loop) as signals:
         try:
             asyncio.set_event_loop(loop)

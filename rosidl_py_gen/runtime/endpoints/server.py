@@ -119,8 +119,14 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
         self._scope.bridge.running_loop()
         return await anext(self._requests)
 
-    def _on_requests(self) -> None:
+    def _on_requests(self) -> Callable[[], None] | None:
         """The sink of the request reader."""
+        if self._handler is not None:
+            return self._read_all
+        self._read_all()
+        return None
+
+    def _read_all(self) -> None:
         items = self._reader.queue.items
         while items and not self._closed:
             request = self._read(items.popleft())

@@ -181,20 +181,22 @@ class Subscription(Owned, Generic[T]):
     def deliver(self) -> None:
         """Call back for what DDS has received already, without waiting for the loop to come round to it."""
         self._reader.fetch()
-        self._on_data()
+        self._call_back()
 
-    def _on_data(self) -> None:
+    def _on_data(self) -> Callable[[], None] | None:
         """The sink of the reader; runs on the loop."""
-        if self._callback is None:
-            self._waiters.wake()
-        elif self._worker is not None and not self._worker.done():
-            return  # it looks again when it is done
-        elif self._callback.is_async:
-            self._worker = self._scope.start(self._await_back(self._callback))
-        else:
-            self._call_back(self._callback)
+        if self._callback is not None:
+            return self._call_back
+        self._waiters.wake()
+        return None
 
-    def _call_back(self, callback: UserFunction) -> None:
+    def _call_back(self) -> None:
+        callback = self._callback
+        if callback is None or (self._worker is not None and not self._worker.done()):
+            return  # it looks again when it is done
+        if callback.is_async:
+            self._worker = self._scope.start(self._await_back(callback))
+            return
         # Only what is here now: a callback that publishes on its own topic must not keep the loop for itself.
         for _ in range(len(self._items)):
             found = self._take()
@@ -202,10 +204,10 @@ class Subscription(Owned, Generic[T]):
                 return
             self._worker = callback.call(found[0])
             if self._worker is not None:
-                self._worker.add_done_callback(lambda _: self._on_data())
+                self._worker.add_done_callback(lambda _: self._call_back())
                 return
         if self._items and not self._closed:
-            self._scope.bridge.call_soon(self._on_data)
+            self._scope.bridge.call_soon(self._call_back)
 
     async def _await_back(self, callback: UserFunction) -> None:
         while (found := self._take()) is not None:

@@ -1,11 +1,12 @@
 """The one crossing from the transport to asyncio.
 
-Decides which event loop serves a context, and how what arrived gets onto it: the loop watches the transport's file
-descriptor with `add_reader`, or, where there is none or the loop cannot watch it, the transport calls `_notified` from
-any thread. Both end in `dispatch`, batched: one wake-up for all that is ready.
+Decides which event loop serves a context, and how what arrived gets onto it. An `EventLoop` calls `dispatch` while it
+still waits; others watch the transport's file descriptor with `add_reader`, or, where there is none or the loop cannot
+watch it, the transport calls `_notified` from any thread. All end in calling sinks, batched: one wake-up for all that
+is ready.
 
 Only public functions of asyncio are used, so that any loop will do. Sinks are called one after the other; one that
-raises is logged and the others still run.
+raises is logged and the others still run. What calls functions of the user always runs as a callback of the loop.
 """
 
 from __future__ import annotations
@@ -17,16 +18,18 @@ import itertools
 import logging
 import os
 import threading
+from collections import deque
 from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
+from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.portal import Portal
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.interface import Participant
+    from rosidl_py_gen.runtime.transport.interface import Participant, Sink
 
 _log = logging.getLogger(__name__)
 
@@ -35,6 +38,7 @@ T = TypeVar("T")
 _numbers = itertools.count()
 _LOOP_ENDED_S = 0.2
 """How often a thread that waits for the loop looks whether there still is one."""
+_FAILED = "an internal receive function failed; other endpoints are not affected"
 _MISMATCH = (
     "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
     "Node(..., context=Context())"
@@ -60,6 +64,8 @@ class Bridge:
         self._closed = False
         self._closed_reason = "this context is closed"
         self._lock = threading.RLock()
+        self._rest: deque[Callable[[], None]] = deque()
+        """What sinks left to do: functions of the user have to be called."""
         self._starts: dict[int, Callable[[], None]] = {}
 
     @property
@@ -122,7 +128,10 @@ class Bridge:
             return False
         watched = os.dup(descriptor)
         try:
-            loop.add_reader(watched, self.dispatch)
+            if isinstance(loop, EventLoop):
+                loop.watch(watched, self._take_in, self._call_back)
+            else:
+                loop.add_reader(watched, self.dispatch)
         except NotImplementedError:  # Windows' proactor
             os.close(watched)
             return False
@@ -139,7 +148,10 @@ class Bridge:
             return
 
         def unwatch() -> None:
-            loop.remove_reader(watched)
+            if isinstance(loop, EventLoop):
+                loop.unwatch(watched)
+            else:
+                loop.remove_reader(watched)
             os.close(watched)
 
         if loop.is_running() and loop is not current_loop():
@@ -233,9 +245,29 @@ class Bridge:
             self.dispatch()
 
     def dispatch(self) -> None:
-        """Call every sink that has something to do."""
-        for sink in self._participant.collect():
+        """Call every sink that has something to do, and what is left to do then."""
+        if self._take_in():
+            self._call_back()
+
+    def _take_in(self) -> bool:
+        """Call every sink that has something to do; whether that left something for `_call_back`."""
+        sinks: list[Sink] = []
+        try:
+            sinks = self._participant.collect()
+        except Exception:
+            _log.exception("taking in what arrived failed")
+        for sink in sinks:
             try:
-                sink()
+                rest = sink()
+                if rest is not None:
+                    self._rest.append(rest)
             except (Exception, asyncio.CancelledError):  # the latter would end the loop
-                _log.exception("an internal receive function failed; other endpoints are not affected")
+                _log.exception(_FAILED)
+        return bool(self._rest)
+
+    def _call_back(self) -> None:
+        for _ in range(len(self._rest)):
+            try:
+                self._rest.popleft()()
+            except (Exception, asyncio.CancelledError):
+                _log.exception(_FAILED)

@@ -16,6 +16,7 @@ import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.loop.event_loop import new_event_loop
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine, Iterator
@@ -77,7 +78,7 @@ class Portal:
 
     def _enter(self, before: asyncio.AbstractEventLoop | None) -> asyncio.AbstractEventLoop:
         if self.loop is None:
-            self.loop = asyncio.new_event_loop()
+            self.loop = new_event_loop()
         self._calls += 1
         if self._calls == 1:
             self._paused = before if before is not self.loop else None

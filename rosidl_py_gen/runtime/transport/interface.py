@@ -4,8 +4,8 @@ Bytes go in, bytes and discovery events come out; names and types are already th
 `cyclone/participant.py` carries them over DDS, `memory.py` inside one process; nothing above this file can tell which
 one it is.
 
-Threads: `write` may be called from any thread. A sink is called by the bridge on the event loop's thread, and takes
-what it wants from the queue of its reader.
+Threads: `write` may be called from any thread. A sink is called by the bridge on the event loop's thread, perhaps while
+the loop still waits, and takes what it wants from the queue of its reader.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ Sample: TypeAlias = "tuple[Payload, int, int, int]"
 A plain tuple: this is made once per message, and a named one costs ten times as much.
 """
 
-Sink: TypeAlias = "Callable[[], None]"
+Sink: TypeAlias = "Callable[[], Callable[[], None] | None]"
+"""Takes in what arrived. It calls no function of the user: what does that it answers, to be called a moment later."""
 
 FAST_DDS_VENDOR = b"\x01\x0f"
 """First bytes of every GUID that Fast DDS makes (RTPS vendor id)."""

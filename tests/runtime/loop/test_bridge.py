@@ -6,11 +6,14 @@ import asyncio
 import ctypes as ct
 import logging
 import os
+import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 from contextvars import ContextVar
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -19,6 +22,7 @@ from std_srvs.srv import SetBool
 from worlds import ROOT
 
 from rosidl_py_gen.runtime import CallTimeoutError, Context
+from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import pipe
 
@@ -45,17 +49,20 @@ def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
         Context.attach_all()
         await main
 
-    if kind == "uvloop":
-        loop = pytest.importorskip("uvloop").new_event_loop()
-    else:
-        loop = LoopWithoutReaders() if kind == "no readers" else asyncio.SelectorEventLoop()
+    makers: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
+        "ours": EventLoop,
+        "asyncio": asyncio.SelectorEventLoop,
+        "uvloop": lambda: pytest.importorskip("uvloop").new_event_loop(),
+        "no readers": LoopWithoutReaders,
+    }
+    loop = makers[kind]()
     try:
         loop.run_until_complete(asyncio.wait_for(served(), 20))
     finally:
         loop.close()
 
 
-loops = pytest.mark.parametrize("kind", ["asyncio", "uvloop", "no readers"])
+loops = pytest.mark.parametrize("kind", ["ours", "asyncio", "uvloop", "no readers"])
 
 
 def threads() -> list[str]:
@@ -312,7 +319,8 @@ def test_each_callback_has_its_own_context(world: World, kind: str) -> None:
     assert seen == ["unset"] * 3
 
 
-async def test_debug_mode_tells_of_slow_callbacks(world: World, caplog: pytest.LogCaptureFixture) -> None:
+@pytest.mark.parametrize("kind", ["ours", "asyncio", "no readers"])  # uvloop has no such mode
+def test_debug_mode_tells_of_slow_callbacks(world: World, kind: str, caplog: pytest.LogCaptureFixture) -> None:
     alice, bob = world.pair()
     heard: list[int] = []
 
@@ -322,13 +330,42 @@ async def test_debug_mode_tells_of_slow_callbacks(world: World, caplog: pytest.L
 
     bob.create_subscription(Int32, "n", slow)
     publisher = alice.create_publisher(Int32, "n")
-    await publisher.wait_for_subscribers(timeout_s=5)
-    asyncio.get_running_loop().set_debug(True)
-    with caplog.at_level(logging.WARNING, "asyncio"):
+
+    async def main() -> None:
+        await publisher.wait_for_subscribers(timeout_s=5)
+        asyncio.get_running_loop().set_debug(True)
         publisher.publish(Int32(data=1))
         await eventually(lambda: heard)
         await asyncio.sleep(0)
-    assert "Executing <Handle Bridge." in caplog.text
+
+    with caplog.at_level(logging.WARNING, "asyncio"):
+        run_on(kind, main())
+    assert "Executing <Handle Bridge." in caplog.text or "Executing <Handle Subscription." in caplog.text
+
+
+@loops
+def test_what_fails_inside_is_logged_and_others_still_hear(
+    world: World, kind: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    alice, bob = world.pair()
+    broken, heard = bob.create_subscription(Int32, "broken"), numbers(bob)
+    to_broken, publisher = alice.create_publisher(Int32, "broken"), alice.create_publisher(Int32, "n")
+
+    def wake() -> None:
+        raise RuntimeError("no")
+
+    monkeypatch.setattr(broken, "_waiters", SimpleNamespace(wake=wake))
+
+    async def main() -> None:
+        for each in (to_broken, publisher):
+            await each.wait_for_subscribers(timeout_s=5)
+        to_broken.publish(Int32())
+        publisher.publish(Int32(data=1))
+        await eventually(lambda: heard == [1])
+        await eventually(lambda: "an internal receive function failed" in caplog.text)
+
+    run_on(kind, main())
+    monkeypatch.undo()
 
 
 @loops
@@ -357,7 +394,8 @@ def test_an_error_of_a_callback_is_logged_and_the_next_message_comes(
     assert "the callback of /n failed" in caplog.text
 
 
-def test_ctrl_c_in_a_callback_ends_the_loop(world: World) -> None:
+@pytest.mark.parametrize("kind", ["ours", "asyncio"])
+def test_ctrl_c_in_a_callback_ends_the_loop(world: World, kind: str) -> None:
     alice, bob = world.pair()
 
     def callback(_: Int32) -> None:
@@ -372,28 +410,37 @@ def test_ctrl_c_in_a_callback_ends_the_loop(world: World) -> None:
         await asyncio.sleep(10)
 
     with pytest.raises(KeyboardInterrupt):
-        run_on("asyncio", main())
+        run_on(kind, main())
 
 
 # ------------------------------------------------------------------------------------------------- beside other things
 
 
-async def test_sockets_threads_timers_and_subprocesses_work_beside_dds(dds: World) -> None:
+@pytest.mark.parametrize("kind", ["ours", "asyncio", "uvloop"])
+def test_sockets_threads_timers_signals_and_subprocesses_work_beside_dds(dds: World, kind: str) -> None:
     dds.node("a")
-    server = await asyncio.start_server(echo, "127.0.0.1", 0)
-    reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
-    for number in range(200):
-        line = f"{number}\n".encode()
-        writer.write(line)
-        assert await asyncio.wait_for(reader.readline(), 2) == line
-    writer.close()
-    server.close()
-    start = time.monotonic()
-    assert await asyncio.gather(*(asyncio.to_thread(lambda: 7) for _ in range(20))) == [7] * 20
-    await asyncio.sleep(0.05)
-    assert 0.05 <= time.monotonic() - start < 1
-    process = await asyncio.create_subprocess_exec(sys.executable, "-c", "print(1)", stdout=subprocess.PIPE)
-    assert (await asyncio.wait_for(process.communicate(), 10))[0] == b"1\n"
+
+    async def main() -> None:
+        server = await asyncio.start_server(echo, "127.0.0.1", 0)
+        reader, writer = await asyncio.open_connection(*server.sockets[0].getsockname())
+        for number in range(200):
+            line = f"{number}\n".encode()
+            writer.write(line)
+            assert await asyncio.wait_for(reader.readline(), 2) == line
+        writer.close()
+        server.close()
+        start = time.monotonic()
+        assert await asyncio.gather(*(asyncio.to_thread(lambda: 7) for _ in range(20))) == [7] * 20
+        await asyncio.sleep(0.05)
+        assert 0.05 <= time.monotonic() - start < 5
+        process = await asyncio.create_subprocess_exec(sys.executable, "-c", "print(1)", stdout=subprocess.PIPE)
+        assert (await asyncio.wait_for(process.communicate(), 10))[0] == b"1\n"
+        signalled = asyncio.Event()
+        asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, signalled.set)
+        os.kill(os.getpid(), signal.SIGUSR1)
+        await asyncio.wait_for(signalled.wait(), 2)
+
+    run_on(kind, main())
 
 
 async def echo(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -401,6 +448,81 @@ async def echo(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> No
     while line := await reader.readline():
         writer.write(line)
     writer.close()
+
+
+@loops
+def test_a_descriptor_that_is_always_ready_does_not_keep_dds_waiting(dds: World, kind: str) -> None:
+    alice, bob = dds.pair()
+    heard, publisher = numbers(bob), alice.create_publisher(Int32, "n")
+    read_end, write_end = os.pipe()
+    os.write(write_end, b"x")  # which nobody reads
+    looked = 0
+
+    def look() -> None:
+        nonlocal looked
+        looked += 1
+
+    async def main() -> None:
+        await publisher.wait_for_subscribers(timeout_s=5)
+        loop = asyncio.get_running_loop()
+        if kind != "no readers":
+            loop.add_reader(read_end, look)
+        for number in range(20):
+            await asyncio.to_thread(publisher.publish, Int32(data=number))
+            await eventually(lambda number=number: heard[-1:] == [number])  # type: ignore[misc]
+        if kind != "no readers":
+            assert looked >= 20
+            loop.remove_reader(read_end)
+
+    run_on(kind, main())
+    os.close(read_end)
+    os.close(write_end)
+
+
+@loops
+@pytest.mark.parametrize("style", ["callback", "receive"])
+def test_a_flood_of_samples_keeps_neither_timers_nor_sockets_waiting(dds: World, kind: str, style: str) -> None:
+    alice, bob = dds.pair()
+    count, stop = 0, threading.Event()
+
+    def note(_: Int32) -> None:
+        nonlocal count
+        count += 1
+
+    subscription = bob.create_subscription(Int32, "n", note if style == "callback" else None, qos=1000)
+    publisher = alice.create_publisher(Int32, "n", 1000)
+
+    def flood() -> None:
+        while not stop.is_set():
+            publisher.publish(Int32())
+
+    async def receive() -> None:
+        async for message in subscription:
+            note(message)
+
+    async def main() -> None:
+        await publisher.wait_for_subscribers(timeout_s=5)
+        receiving = asyncio.create_task(receive()) if style == "receive" else None
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            ours.setblocking(False)
+            flooding = asyncio.create_task(asyncio.to_thread(flood))
+            latest_s = 0.0
+            for _ in range(20):
+                start = time.monotonic()
+                await asyncio.sleep(0.01)
+                if kind != "no readers":
+                    theirs.send(b"x")
+                    assert await asyncio.get_running_loop().sock_recv(ours, 1) == b"x"
+                latest_s = max(latest_s, time.monotonic() - start)
+            stop.set()
+            await flooding
+        if receiving is not None:
+            receiving.cancel()
+        assert count > 100
+        assert latest_s < 2
+
+    run_on(kind, main())
 
 
 async def test_a_busy_loop_still_serves_dds_and_an_idle_one_costs_nothing(dds: World) -> None:

@@ -1,0 +1,273 @@
+"""Our event loop: asyncio's, whose selector calls the functions of some descriptors itself."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import socket
+import sys
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from std_msgs.msg import Int32
+
+from rosidl_py_gen.runtime import Context, new_event_loop, run
+from rosidl_py_gen.runtime.loop import event_loop
+from rosidl_py_gen.runtime.loop.event_loop import EventLoop
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from worlds import World
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="it needs epoll")
+
+
+@pytest.fixture
+def loop() -> Iterator[EventLoop]:
+    """A loop that is closed at the end."""
+    made = EventLoop()
+    yield made
+    made.close()
+
+
+class Pipe:
+    """A pipe with something in it, and how often that was seen."""
+
+    def __init__(self) -> None:
+        self.read_end, self.write_end = os.pipe()
+        self.write()
+        self.seen = 0
+
+    def write(self) -> None:
+        os.write(self.write_end, b"x")
+
+    def read(self) -> bool:
+        os.read(self.read_end, 100)
+        self.seen += 1
+        return False
+
+    def on_read(self) -> None:
+        """What has nothing to do."""
+        raise AssertionError("nothing was left to do")
+
+    def close(self) -> None:
+        os.close(self.read_end)
+        os.close(self.write_end)
+
+
+@pytest.fixture
+def pipes() -> Iterator[list[Pipe]]:
+    """More than are looked at in one go."""
+    made = [Pipe() for _ in range(3 * event_loop._MOST_EVENTS)]
+    yield made
+    for each in made:
+        each.close()
+
+
+@pytest.fixture
+def rounds(monkeypatch: pytest.MonkeyPatch) -> list[float | None]:
+    """The times that selectors of ours were told to wait, one for each round."""
+    waits: list[float | None] = []
+    select = event_loop._Selector.select
+
+    def note(self: Any, timeout: float | None = None) -> Any:
+        waits.append(timeout)
+        return select(self, timeout)
+
+    monkeypatch.setattr(event_loop._Selector, "select", note)
+    return waits
+
+
+def test_a_task_goes_on_in_the_round_in_which_its_data_came(
+    loop: EventLoop, pipes: list[Pipe], rounds: list[float | None]
+) -> None:
+    pipe = pipes[0]
+    pipe.read()
+
+    async def main() -> tuple[int, int]:
+        future: asyncio.Future[int] = loop.create_future()
+
+        def arrived() -> bool:
+            future.set_result(len(rounds))
+            return pipe.read()
+
+        loop.watch(pipe.read_end, arrived, pipe.on_read)
+        pipe.write()
+        return await future, len(rounds)
+
+    came, went_on = loop.run_until_complete(main())
+    assert came == went_on
+
+
+def test_a_sample_wakes_a_task_without_one_more_round(dds: World, rounds: list[float | None]) -> None:
+    alice, bob = dds.pair()
+    publisher, subscription = alice.create_publisher(Int32, "n"), bob.create_subscription(Int32, "n")
+    needed: list[int] = []
+
+    async def main() -> None:
+        await publisher.wait_for_subscribers(timeout_s=5)
+        await asyncio.sleep(0.2)  # both sides have heard all there is to hear of each other
+        for number in range(10):
+            before = len(rounds)
+            sending = asyncio.get_running_loop().run_in_executor(None, late, number)
+            assert (await subscription.receive(timeout_s=5)).data == number
+            needed.append(len(rounds) - before)
+            await sending
+
+    def late(number: int) -> None:
+        time.sleep(0.02)
+        publisher.publish(Int32(data=number))
+
+    run(main)
+    assert min(needed) == 1
+
+
+def test_what_is_left_to_do_is_an_ordinary_callback_of_the_same_round(
+    loop: EventLoop, pipes: list[Pipe], rounds: list[float | None]
+) -> None:
+    pipe, seen = pipes[0], list[tuple[str, int]]()
+
+    async def main() -> None:
+        done = asyncio.Event()
+
+        def early() -> bool:
+            pipe.read()
+            seen.append(("early", len(rounds)))
+            return True
+
+        def callback() -> None:
+            seen.append(("callback", len(rounds)))
+            done.set()
+
+        loop.watch(pipe.read_end, early, callback)
+        await asyncio.wait_for(done.wait(), 2)
+        await asyncio.sleep(0.01)
+
+    loop.run_until_complete(main())
+    assert seen == [("early", seen[0][1]), ("callback", seen[0][1])]
+
+
+def test_however_many_descriptors_are_ready_all_are_seen(loop: EventLoop, pipes: list[Pipe]) -> None:
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        ours.setblocking(False)
+        theirs.send(b"x")
+        for pipe in pipes:
+            loop.watch(pipe.read_end, pipe.read, pipe.on_read)
+
+        async def main() -> bytes:
+            return await loop.sock_recv(ours, 1)
+
+        assert loop.run_until_complete(asyncio.wait_for(main(), 2)) == b"x"
+        loop.run_until_complete(asyncio.sleep(0.01))
+        assert [pipe.seen for pipe in pipes] == [1] * len(pipes)
+
+
+def test_those_that_stay_ready_keep_neither_each_other_nor_timers_nor_sockets_waiting(
+    loop: EventLoop, pipes: list[Pipe]
+) -> None:
+    calls = dict.fromkeys(range(len(pipes)), 0)
+    for number, pipe in enumerate(pipes):
+
+        def look(number: int = number) -> bool:
+            calls[number] += 1
+            return False
+
+        loop.watch(pipe.read_end, look, pipe.on_read)
+
+    async def main() -> None:
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            ours.setblocking(False)
+            for _ in range(20):
+                theirs.send(b"x")
+                await asyncio.wait_for(loop.sock_recv(ours, 1), 1)
+                start = time.monotonic()
+                await asyncio.sleep(0.002)
+                assert time.monotonic() - start < 2
+
+    loop.run_until_complete(main())
+    assert min(calls.values()) >= 10
+
+
+def test_a_function_may_end_the_watching_of_its_own_and_of_another_descriptor(
+    loop: EventLoop, pipes: list[Pipe]
+) -> None:
+    calls: list[int] = []
+    for number in (0, 1):
+
+        def call(number: int = number) -> bool:
+            calls.append(number)
+            loop.unwatch(pipes[0].read_end)
+            loop.unwatch(pipes[1].read_end)
+            return True
+
+        loop.watch(pipes[number].read_end, call, pipes[number].on_read)
+    loop.run_until_complete(asyncio.sleep(0.01))
+    assert len(calls) == 1
+
+
+def test_waiting_takes_the_time_of_the_next_timer_and_no_cpu(loop: EventLoop) -> None:
+    start, cpu = time.monotonic(), time.process_time()
+    loop.run_until_complete(asyncio.sleep(0.2))
+    assert 0.19 < time.monotonic() - start < 5
+    assert time.process_time() - cpu < 0.05
+
+
+def test_a_closed_loop_has_no_descriptors_left_and_may_be_told_to_end_watching(pipes: list[Pipe]) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    loop = EventLoop()
+    loop.watch(pipes[0].read_end, pipes[0].read, pipes[0].on_read)
+    loop.close()
+    loop.unwatch(pipes[0].read_end)
+    assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_loop_may_be_closed_before_its_contexts(dds: World) -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    context = dds.context()
+    node = dds.node("n", context=context)
+    heard: list[int] = []
+    node.create_subscription(Int32, "n", lambda message: heard.append(message.data))
+    publisher = node.create_publisher(Int32, "n")
+    for number in range(3):
+        loop = EventLoop()
+
+        async def main(number: int = number) -> None:
+            Context.attach_all()
+            publisher.publish(Int32(data=number))
+            while len(heard) <= number:
+                await asyncio.sleep(0.01)
+
+        loop.run_until_complete(asyncio.wait_for(main(), 5))
+        loop.close()
+    context.close()
+    assert heard == [0, 1, 2]
+    assert len(os.listdir("/proc/self/fd")) <= before
+
+
+def test_a_loop_that_the_user_chose_stays() -> None:
+    class Chosen(asyncio.SelectorEventLoop):
+        pass
+
+    class Policy(asyncio.DefaultEventLoopPolicy):
+        def new_event_loop(self) -> asyncio.AbstractEventLoop:
+            return Chosen()
+
+    for policy, kind in ((Policy(), Chosen), (None, EventLoop)):
+        asyncio.set_event_loop_policy(policy)
+        try:
+            loop = new_event_loop()
+            assert type(loop) is kind
+            loop.close()
+        finally:
+            asyncio.set_event_loop_policy(None)
+
+
+def test_run_uses_it() -> None:
+    async def main() -> type[asyncio.AbstractEventLoop]:
+        return type(asyncio.get_running_loop())
+
+    assert run(main) is EventLoop
