@@ -97,7 +97,8 @@ def table(quick: bool, rclpy: str | None) -> None:
     rounds, trips = (3, 2000) if quick else (10, 3000)
     kinds = {"floor": ("floor_pong", "floor_ping"), "callback": ("callback_pong", "callback_ping")}
     kinds |= {"asyncio": ("stream_pong", "stream_ping"), "service": ("serve", "call")}
-    settings = {f"{kind}, uvloop": {"BENCH_LOOP": "uvloop"} for kind in ("callback", "asyncio", "service")}
+    styles, loops = ("callback", "asyncio", "service"), {"uvloop": "uvloop", "plain loop": "asyncio"}
+    settings = {f"{kind}, {name}": {"BENCH_LOOP": loop} for kind in styles for name, loop in loops.items()}
     settings["callback, three contexts"] = {"BENCH_CONTEXTS": "3"}
     kinds |= {kind: kinds[kind.partition(",")[0]] for kind in settings}
     kinds |= {"action": ("goal_server", "goal_client"), "parameter": ("parameter_server", "parameter_setter")}
@@ -112,10 +113,13 @@ def table(quick: bool, rclpy: str | None) -> None:
     for kind, name, target, base in (
         ("callback", "round trip, callback style", "1.3x", "floor"),
         ("callback, uvloop", "the same on uvloop", "1.3x", "floor"),
+        ("callback, plain loop", "the same by asyncio.run", "1.3x", "floor"),
         ("asyncio", "round trip, asyncio both ends", "1.5x", "floor"),
         ("asyncio, uvloop", "the same on uvloop", "1.5x", "floor"),
+        ("asyncio, plain loop", "the same by asyncio.run", "1.5x", "floor"),
         ("service", "service call", "1.7x", "floor"),
         ("service, uvloop", "the same on uvloop", "1.7x", "floor"),
+        ("service, plain loop", "the same by asyncio.run", "1.7x", "floor"),
         ("callback, three contexts", "callback style, last of three contexts on a loop", "1.2x", "callback"),
         ("action", "action, goal to result", "4x", "service"),
         ("parameter", "set_parameters of another node", "1.5x", "service"),
