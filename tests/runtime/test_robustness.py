@@ -87,14 +87,14 @@ def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
             publisher.publish(String(data=f"{publisher.topic} {number} {'x' * number}"))
     cyclone_endpoints._local_readers.update(known)
     reader: Any = first._reader
-    push = reader._push
+    free = reader._free_small
 
-    def interrupted(sample: Any) -> None:
+    def interrupted(pointer: int) -> None:
         assert not reader.fetch()  # newer samples must not overtake
         other._reader.fetch()
-        push(sample)
+        free(pointer)
 
-    reader._push = interrupted
+    reader._free_small = interrupted
     assert reader.fetch()
     for subscription, topic in ((first, "/first"), (other, "/other")):
         texts = [String.decode(sample[0]).data for sample in subscription._items]

@@ -520,7 +520,7 @@ def test_a_flood_of_samples_keeps_neither_timers_nor_sockets_waiting(dds: World,
         if receiving is not None:
             receiving.cancel()
         assert count > 100
-        assert latest_s < 1
+        assert latest_s < 2
 
     run_on(kind, main())
 

@@ -186,7 +186,7 @@ def test_those_that_stay_ready_keep_neither_each_other_nor_timers_nor_sockets_wa
                 await asyncio.wait_for(loop.sock_recv(ours, 1), 1)
                 start = time.monotonic()
                 await asyncio.sleep(0.002)
-                assert time.monotonic() - start < 1
+                assert time.monotonic() - start < 2
 
     loop.run_until_complete(main())
     assert min(calls.values()) >= 10
@@ -212,7 +212,7 @@ def test_a_function_may_end_the_watching_of_its_own_and_of_another_descriptor(
 def test_waiting_takes_the_time_of_the_next_timer_and_no_cpu(loop: EventLoop) -> None:
     start, cpu = time.monotonic(), time.process_time()
     loop.run_until_complete(asyncio.sleep(0.2))
-    assert 0.19 < time.monotonic() - start < 1
+    assert 0.19 < time.monotonic() - start < 5
     assert time.process_time() - cpu < 0.05
 
 
