@@ -70,6 +70,12 @@ class _Groups(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(sorted(_GROUPS.items()))
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
+        from click.shell_completion import CompletionItem
+
+        found = [CompletionItem(name, help=text) for name, text in _GROUPS.items() if name.startswith(incomplete)]
+        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
+
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
         if args and args[0] not in _GROUPS:
             from rosidl_py_gen.names import did_you_mean

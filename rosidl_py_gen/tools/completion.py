@@ -1,4 +1,4 @@
-"""Completion: the scripts of the shells come from click; names come from the live graph, within half a second."""
+"""Completion: the scripts of the shells come from click; names come from the live graph."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 _PROGRAM, _VARIABLE = "rosidl-py", "_ROSIDL_PY_COMPLETE"
+_PATIENCE_S = 1.5
+"""How long a node may take to list its parameters."""
 
 
 def run(shell: str) -> int:
@@ -27,39 +29,54 @@ def run(shell: str) -> int:
 
 
 def complete_names(what: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
-    """Names that begin with what is typed; none when nothing can be asked, as a shell wants no error here."""
-    with contextlib.suppress(RosidlError, OSError, TypeError, ValueError):
-        return [CompletionItem(name) for name in _names(what, context) if name.startswith(incomplete)]
+    """Names that begin with what is typed; none when nothing can be asked, as a shell wants no error here.
+
+    Hidden ones are offered when a hidden part is typed.
+    """
+    with contextlib.suppress(RosidlError, OSError, ImportError, TypeError, ValueError):
+        return [
+            CompletionItem(name)
+            for name in _names(what, context)
+            if name.startswith(incomplete) and ("/_" in incomplete or "/_" not in name)
+        ]
     return []
 
 
 def _names(what: str, context: click.Context) -> list[str]:
-    if what == "types":
+    if what in ("types", "packages"):
         from rosidl_py_gen.tools.types import interface_names
 
-        return interface_names(paths=context.params.get("paths") or ())
+        names = interface_names(paths=context.params.get("paths") or ())
+        return names if what == "types" else sorted({name.partition("/")[0] for name in names})
     import asyncio
 
     from rosidl_py_gen.tools.session import Session
 
     async def look() -> list[str]:
         async with Session(context.params.get("network", {})) as session:
+            if what == "parameters":
+                return await _parameters(session.node, context.params["node"])
             await session.settle()
             return _listed(what, session.node)
 
     return asyncio.run(look())
 
 
+async def _parameters(node: Node, name: str) -> list[str]:
+    client = node.create_parameter_client(name if name.startswith("/") else f"/{name}")
+    return list((await client.list(timeout_s=_PATIENCE_S)).names)
+
+
 def _listed(what: str, node: Node) -> list[str]:
     services = [name for name, _ in node.get_service_names_and_types()]
     match what:
         case "topics":
-            return [name for name, _ in node.get_topic_names_and_types()]
+            return [name for name, _ in node.get_topic_names_and_types() if "/_action/" not in name]
         case "services":
             return services
         case "actions":
             mark = "/_action/send_goal"
             return [name.removesuffix(mark) for name in services if name.endswith(mark)]
         case "nodes":
-            return [name for name in node.get_node_names() if not name.rpartition("/")[2].startswith("_")]
+            return node.get_node_names()
     raise ValueError(what)

@@ -28,8 +28,6 @@ _ACTION, _GOAL = "/_action/", "/_action/send_goal"
 _EVERY_TOPIC = ("/rosout", "/parameter_events")
 _EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 _STRANGERS = {BARE_DDS_NODE: "(DDS program without node)", UNKNOWN_NODE: "(unknown node)"}
-_NAMES_S = 1.5
-"""Node names of Fast DDS participants follow their endpoints by up to 1.2 s."""
 
 
 def run(network: Network, kind: str | None, as_json: bool, output: str | None, **chosen: Any) -> int:
@@ -49,8 +47,7 @@ async def _show(
     network: Network, kind: str, output: str | None, nodes: tuple[str, ...], topics: tuple[str, ...], everything: bool
 ) -> int:
     async with Session(network) as session:
-        await session.settle()
-        await session.wait_for(lambda: not _has_nameless(session), _NAMES_S)
+        await session.settle_names()
         picture = _filtered(_picture(session, everything), nodes, topics)
     if output is None and kind == "text":
         from rosidl_py_gen.tools.graph_text import print_text
@@ -80,11 +77,6 @@ def _drawn(picture: Picture, kind: str) -> str:
 
 
 # ---------------------------------------------------------------------------------------------------------- collecting
-
-
-def _has_nameless(session: Session) -> bool:
-    graph = session.node.scope.graph
-    return any(graph.node_of(endpoint.info) == UNKNOWN_NODE for endpoint in graph.endpoints.values())
 
 
 def _picture(session: Session, everything: bool) -> Picture:

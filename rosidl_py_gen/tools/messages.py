@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import re
 import sys
+from functools import reduce
+from time import time_ns
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -148,15 +150,65 @@ def message_from(cls: type[M], text: str) -> M:
     Raises:
         ToolError: names the field, what was found and what was expected.
     """
+    message, stamps = message_and_stamps(cls, text)
+    set_stamps(stamps)
+    return message
+
+
+def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
+    """As `message_from`, and those times in it that shall be now: ``header: auto`` and ``stamp: now``."""
     value = from_yaml(text) if text.strip() else {}
     if value is None:
         value = {}
     if not isinstance(value, dict):
         raise ToolError(f"{cls.__name__} takes a mapping such as '{{{_example(cls)}}}', got {text[:200]!r}")
+    paths: list[_Path] = []
+    value = _without_stamps(cls, value, (), paths)
     try:
-        return from_dict(cls, value)
+        message = from_dict(cls, value)
     except (EncodeError, InvalidNameError, TypeNotFoundError) as error:
         raise ToolError(str(error)) from None
+    return message, [reduce(_follow, path, message) for path in paths]
+
+
+def set_stamps(stamps: Sequence[Any]) -> None:
+    """Set times of a message to now."""
+    sec, nanosec = divmod(time_ns(), 1_000_000_000)
+    for stamp in stamps:
+        stamp.sec, stamp.nanosec = sec, nanosec
+
+
+_HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"
+_Path = tuple[str | int, ...]
+"""Attributes and indices, from a message to a time in it."""
+
+
+def _follow(value: Any, step: str | int) -> Any:
+    return value[step] if isinstance(step, int) else getattr(value, step)
+
+
+def _without_stamps(cls: type[Message], value: Any, here: _Path, paths: list[_Path]) -> Any:
+    """The value with each ``auto`` and ``now`` taken out; `paths` is told where they were."""
+    if not isinstance(value, dict):
+        return value
+    fields = {field.ros_name: field for field in cls._TYPE.fields if field.cls is not None}
+    kept = dict(value)
+    for name, field in fields.items():
+        if name not in kept or field.cls is None:
+            continue
+        path, inside = (*here, field.py_name), kept[name]
+        if isinstance(inside, list):
+            items = enumerate(inside)
+            kept[name] = [_without_stamps(field.cls, item, (*path, index), paths) for index, item in items]
+        elif (inside, field.cls._TYPE.name) == ("auto", _HEADER):
+            kept[name] = {}
+            paths.append((*path, "stamp"))
+        elif (inside, field.cls._TYPE.name) == ("now", _TIME):
+            kept[name] = {}
+            paths.append(path)
+        else:
+            kept[name] = _without_stamps(field.cls, inside, path, paths)
+    return kept
 
 
 def _example(cls: type[Message]) -> str:

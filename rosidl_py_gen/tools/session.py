@@ -11,6 +11,8 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.runtime.graph.state import UNKNOWN_NODE
+from rosidl_py_gen.runtime.names.dds import DISCOVERY_TOPIC
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
@@ -18,7 +20,9 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-_LEAST_S, _QUIET_S, _MOST_S = 0.2, 0.1, 1.5
+    from rosidl_py_gen.runtime.graph.state import Graph
+
+_LEAST_S, _QUIET_S, _ALONE_S, _MOST_S = 0.2, 0.1, 1.0, 1.5
 """When nothing is said: peers are asked at once and answer within milliseconds on a quiet network; those that answer
 later, over wireless links or when busy, are waited for as long as news keep coming."""
 NAMED_TIMEOUT_S = 5.0
@@ -67,7 +71,10 @@ class Session:
         self.context.close()
 
     async def settle(self) -> None:
-        """Listen until discovery says nothing new: at least 0.2 s, at most 1.5 s; or as long as the user said."""
+        """Listen until discovery says nothing new: at least 0.2 s, at most 1.5 s; or as long as the user said.
+
+        Where nobody else is seen there is no news to go by: that takes 1 s.
+        """
         if self._spin_time_s is not None:
             await asyncio.sleep(self._began + self._spin_time_s - monotonic())
             return
@@ -77,12 +84,28 @@ class Session:
             async for _ in self.node.graph_changes():
                 last[0] = max(last[0], monotonic())
 
+        def end() -> float:
+            if len(self.node.get_nodes()) <= 1:
+                return self._began + _ALONE_S
+            if any(one.is_ros and one.announces_hashes is None for one in self.node.scope.graph.participants()):
+                return self._began + _MOST_S  # every ROS participant has endpoints: these will come
+            return min(last[0] + _QUIET_S, self._began + _MOST_S)
+
         watching = asyncio.ensure_future(watch())
         try:
-            while (now := monotonic()) < min(last[0] + _QUIET_S, self._began + _MOST_S):
-                await asyncio.sleep(min(last[0] + _QUIET_S, self._began + _MOST_S) - now)
+            while (now := monotonic()) < (until := end()):
+                await asyncio.sleep(min(until - now, _QUIET_S))
         finally:
             watching.cancel()
+
+    async def settle_names(self) -> None:
+        """As `settle`, then wait until the nodes of all that was found have told their names, at most 1.5 s more.
+
+        Names of Fast DDS participants follow their endpoints by up to 1.2 s.
+        """
+        await self.settle()
+        if self._spin_time_s is None:
+            await self.wait_for(lambda: names_are_known(self.node.scope.graph), _MOST_S)
 
     async def wait_for(self, is_there: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Wait until `is_there` gives something true, asked after every change of the graph.
@@ -94,11 +117,13 @@ class Session:
             timeout_s = NAMED_TIMEOUT_S if self._spin_time_s is None else self._spin_time_s
 
         async def watch() -> None:
+            if is_there():
+                return
             async for _ in self.node.graph_changes():
                 if is_there():
                     return
 
-        if is_there():
+        if is_there():  # even when there is no time to begin to watch
             return True
         try:
             await asyncio.wait_for(watch(), timeout_s)
@@ -130,3 +155,12 @@ class Session:
 
 def _nothing_there() -> str:
     return "; there is none at all: is the domain right, and does `rosidl-py doctor` see other participants?"
+
+
+def names_are_known(graph: Graph) -> bool:
+    """Whether every ROS participant has told its nodes, and every endpoint is of one of them."""
+    return all(one.nodes for one in graph.participants() if one.is_ros) and not any(
+        graph.node_of(endpoint.info) == UNKNOWN_NODE
+        for endpoint in graph.endpoints.values()
+        if endpoint.info.topic != DISCOVERY_TOPIC  # of the participant itself
+    )

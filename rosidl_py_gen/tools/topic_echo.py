@@ -13,9 +13,9 @@ from time import monotonic
 from typing import Any
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import Subscription
+from rosidl_py_gen.runtime import Subscription, WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
-from rosidl_py_gen.tools import printing, run_async, topic_qos, types
+from rosidl_py_gen.tools import ToolError, printing, run_async, topic_qos, types
 from rosidl_py_gen.tools.filter_values import FilterError
 from rosidl_py_gen.tools.filters import compile_filter, compile_path
 from rosidl_py_gen.tools.session import Network, Session
@@ -122,6 +122,8 @@ class _Echo:
             left_s = None if timeout_s is None else max(0.0, self._shown_at + timeout_s - monotonic())
             try:
                 message = await subscription.receive(left_s)
+            except WaitTimeoutError:
+                raise ToolError(self._silence()) from None
             except ClosedError:
                 if self._session.node.is_closed:
                     raise
@@ -133,6 +135,11 @@ class _Echo:
                     return True
             if self._wanted.lost_messages:
                 self._note_lost(self._lost + subscription.dropped)
+
+    def _silence(self) -> str:
+        publishers = self._session.node.count_publishers(self._topic)
+        which = " that the filter lets through" if self._wanted.filter_text else ""
+        return f"no message{which} on {self._topic} in {self._wanted.timeout_s:g} s; it has {publishers} publishers"
 
     def _note_lost(self, total: int) -> None:
         if total > self._lost_noted and (now := monotonic()) > self._lost_noted_at + _LOST_EVERY_S:

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import asyncio
 import os
+import signal
+import subprocess
 import sys
+import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
-from worlds import GENERATED, dds, memory, only_loopback, pytest_pyfunc_call
+from worlds import GENERATED, dds, memory, only_loopback, pytest_pyfunc_call, second_domain_id
+
+from rosidl_py_gen import tools
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
 
 __all__ = ["dds", "memory", "only_loopback", "pytest_pyfunc_call"]
 
-PATIENCE_S = 20
+PATIENCE_S = 25
 
 
 @dataclass(frozen=True)
@@ -27,9 +38,12 @@ class Ended:
 class Tool:
     """Runs ``rosidl-py`` in processes of their own."""
 
+    def __init__(self) -> None:
+        self.begun: list[asyncio.subprocess.Process] = []
+
     async def start(self, *arguments: str, **environment: str) -> asyncio.subprocess.Process:
         """Begin a command; the test ends it."""
-        return await asyncio.create_subprocess_exec(
+        process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "rosidl_py_gen.tools", *arguments),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
@@ -37,6 +51,8 @@ class Tool:
             env={**os.environ, "PYTHONPATH": GENERATED.name, **environment},
             limit=1 << 24,
         )
+        self.begun.append(process)
+        return process
 
     async def __call__(self, *arguments: str, stdin: str = "", **environment: str) -> Ended:
         """Run a command to its end."""
@@ -54,6 +70,50 @@ class Tool:
 
 
 @pytest.fixture
-def tool() -> Tool:
-    """See `Tool`."""
-    return Tool()
+def tool() -> Iterator[Tool]:
+    """See `Tool`; what a failed test left is killed."""
+    made = Tool()
+    yield made
+    for process in made.begun:
+        if process.returncode is None:
+            with suppress(ProcessLookupError):
+                os.kill(process.pid, signal.SIGKILL)
+
+
+@pytest.fixture(scope="module")
+def topic_peer() -> Iterator[tuple[str, str]]:
+    """The process of `topic_peer.py`, alone in a domain; what to add to a command line to look at it."""
+    domain = str(second_domain_id())
+    environment = {"ROS_DOMAIN_ID": domain, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "PYTHONPATH": GENERATED.name}
+    process = subprocess.Popen(
+        [sys.executable, str(Path(__file__).with_name("topic_peer.py"))],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, **environment},
+    )
+    with process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+        yield "--domain", domain
+
+
+@pytest.fixture
+def run_here(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, only_loopback: None
+) -> Callable[..., tuple[int, str, str]]:
+    """Run a command in this process, which is quick, but nothing goes on beside. Gives exit code, output, errors."""
+
+    def run(*arguments: str, stdin: str = "") -> tuple[int, str, str]:
+        with tempfile.TemporaryFile() as file, monkeypatch.context() as patched:
+            file.write(stdin.encode(errors="surrogateescape"))
+            file.seek(0)
+            patched.setattr(sys, "stdin", file)
+            code: object = 0
+            try:
+                tools.main([*arguments])
+            except SystemExit as end:
+                code = end.code
+        assert isinstance(code, int)
+        return (code, *capsys.readouterr())
+
+    return run

@@ -49,7 +49,7 @@ def with_names(answer: dict[str, Any], node: str, role: str) -> list[tuple[str, 
 
 async def test_the_graph_shows_who_is_connected_through_what(dds: World, tool: Tool) -> None:
     await robot(dds)
-    answer = json.loads((await tool("graph", "--json", "--spin-time", "1.5")).out)
+    answer = json.loads((await tool("graph", "--json", "--spin-time", "3")).out)
     assert [one["name"] for one in answer["nodes"]] == ["/base", "/cockpit/pilot", "/idle"]
     assert with_names(answer, "/base", "publishes") == [("topic", "/bumper", [])]
     assert with_names(answer, "/base", "subscribes") == [("topic", "/speed", ["/cockpit/pilot"])]
@@ -70,7 +70,7 @@ async def test_the_graph_shows_who_is_connected_through_what(dds: World, tool: T
 
 async def test_all_shows_hidden_names_and_what_every_node_has(dds: World, tool: Tool) -> None:
     await robot(dds)
-    answer = json.loads((await tool("graph", "--json", "--all", "--spin-time", "1.5")).out)
+    answer = json.loads((await tool("graph", "--json", "--all", "--spin-time", "3")).out)
     names = {name for _, name, _ in with_names(answer, "/base", "publishes")}
     assert names == {"/bumper", "/_hidden", "/rosout", "/parameter_events"}
     assert "/base/get_parameters" in {name for _, name, _ in with_names(answer, "/base", "serves")}
@@ -80,9 +80,9 @@ async def test_all_shows_hidden_names_and_what_every_node_has(dds: World, tool: 
 async def test_filters_leave_the_chosen_and_their_counterparts(dds: World, tool: Tool, tmp_path: Path) -> None:
     await robot(dds)
     text, mermaid, wrong = await asyncio.gather(
-        tool("graph", "--node", "cockpit/*", "--topic", "/speed", "--spin-time", "1.5"),
-        tool("graph", "--topic", "/enable", "--format", "mermaid", "--spin-time", "1.5"),
-        tool("graph", "--node", "/bse", "--spin-time", "1.5"),
+        tool("graph", "--node", "cockpit/*", "--topic", "/speed", "--spin-time", "3"),
+        tool("graph", "--topic", "/enable", "--format", "mermaid", "--spin-time", "3"),
+        tool("graph", "--node", "/bse", "--spin-time", "3"),
     )
     assert text.out == "/cockpit/pilot\n  publishes\n    /speed [std_msgs/msg/String]\n      -> /base\n"
     assert mermaid.out == (

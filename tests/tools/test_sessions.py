@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-import pytest
+from typing import TYPE_CHECKING
 
+import pytest
+from std_msgs.msg import String
+from worlds import until
+
+from rosidl_py_gen.runtime.graph.state import NodeEntities
+from rosidl_py_gen.runtime.transport.interface import ParticipantFound
 from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.messages import type_and_values
-from rosidl_py_gen.tools.session import Session
+from rosidl_py_gen.tools.session import Session, names_are_known
+
+if TYPE_CHECKING:
+    from worlds import World
 
 
 async def test_what_is_there_needs_no_time() -> None:
@@ -37,3 +46,16 @@ def test_type_and_values_may_be_left_out(words: list[str], expected: tuple[str |
 def test_values_that_a_shell_took_apart_are_refused() -> None:
     with pytest.raises(ToolError, match="put them between '"):
         type_and_values(["{a:", "1}"])
+
+
+async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> None:
+    dds.node("base").create_publisher(String, "/speed")
+    async with Session({}) as session:
+        graph = session.node.scope.graph
+        await until(lambda: "/base" in session.node.get_node_names() and session.node.count_publishers("/speed") == 1)
+        await until(lambda: names_are_known(graph))
+        participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
+        graph.apply(ParticipantFound(participant, b"enclave=/;"))
+        assert not names_are_known(graph)
+        graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
+        assert names_are_known(graph)

@@ -84,6 +84,22 @@ class NodeEntities:
     writer_gids: frozenset[bytes]
 
 
+@dataclass(frozen=True, slots=True)
+class ParticipantInfo:
+    """One member of the domain; usually a process.
+
+    Attributes:
+        guid: 16 bytes; the first two are the number of the vendor.
+        is_ros: it says that it is a ROS participant.
+        announces_hashes: an endpoint of it has a type hash, as in Iron and later; None when it has no endpoints (yet).
+    """
+
+    guid: bytes
+    is_ros: bool
+    announces_hashes: bool | None
+    nodes: tuple[NodeInfo, ...]
+
+
 @dataclass(slots=True)
 class _Participant:
     enclave: str | None = None
@@ -191,6 +207,22 @@ class Graph:
             for participant in self._participants.values()
             if participant.enclave is not None
             for node in participant.nodes
+        ]
+
+    def participants(self) -> list[ParticipantInfo]:
+        """Every participant known, our own included."""
+        hashed: dict[bytes, bool] = {}
+        for one in self.endpoints.values():
+            guid = one.info.participant_guid
+            hashed[guid] = hashed.get(guid, False) or "typehash" in one.user_data
+        return [
+            ParticipantInfo(
+                guid,
+                participant.enclave is not None,
+                hashed.get(guid),
+                tuple(NodeInfo(node.name, node.namespace, participant.enclave or "") for node in participant.nodes),
+            )
+            for guid, participant in self._participants.items()
         ]
 
     def topics(self, *, demangle: bool = True) -> NamesAndTypes:

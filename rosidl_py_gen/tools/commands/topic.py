@@ -196,6 +196,71 @@ def echo(style: str | None, **arguments: Any) -> None:
     run_command("topic_echo", style=style or "yaml", **arguments)
 
 
+def _types_of_topic(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
+    """Completes the first word behind the topic."""
+    return [] if ctx.params.get("words") else options.completion("types")(ctx, param, incomplete)
+
+
+@topic.command()
+@options.topic_argument()
+@click.argument("words", metavar="[TYPE] [VALUES]", nargs=-1, shell_complete=_types_of_topic)
+@click.option(
+    "-r", "--rate", type=click.FloatRange(0, min_open=True), metavar="HZ", help="Messages a second.  [default: 1]"
+)
+@click.option("-1", "--once", is_flag=True, help="Publish one message and end.")
+@click.option("-t", "--times", type=click.IntRange(1), metavar="N", help="Publish N messages and end.")
+@click.option(
+    "-w",
+    "--wait-matching-subscriptions",
+    "wait",
+    type=click.IntRange(0),
+    metavar="N",
+    help="Wait for so many subscriptions first.  [default: 1 with --once or --times, else 0]",
+)
+@click.option(
+    "--timeout",
+    "--max-wait-time-secs",
+    "timeout_s",
+    type=click.FloatRange(0),
+    metavar="SECONDS",
+    help="How long to wait for the topic, 5 if not given, and for subscriptions, without end if not given.",
+)
+@click.option(
+    "-p",
+    "--print",
+    "print_every",
+    type=click.IntRange(0),
+    default=1,
+    metavar="N",
+    help="Print every N-th message only; 0 prints none.",
+)
+@click.option(
+    "--keep-alive",
+    "keep_alive_s",
+    type=click.FloatRange(0),
+    default=0.1,
+    show_default=True,
+    metavar="SECONDS",
+    help="Stay this long after the last message.",
+)
+@_qos_options
+@options.paths
+@options.as_json
+@options.node_options
+def pub(**arguments: Any) -> None:
+    """Publish messages.
+
+    \b
+    rosidl-py topic pub /chatter std_msgs/msg/String 'data: hello' --rate 10
+    rosidl-py topic pub --once /goal geometry_msgs/msg/PoseStamped '{header: auto, pose: {position: {x: 1}}}'
+    rosidl-py topic echo --json /a | rosidl-py topic pub /b -
+
+    VALUES is YAML or JSON; what it leaves out has its default. "header: auto" and "stamp: now" are set for each
+    message. With - each document of standard input is published once. TYPE may be left out for a topic that is there.
+    """
+    run_command("topic_pub", **arguments)
+
+
 # ------------------------------------------------------------------------------------------------------------- figures
 
 

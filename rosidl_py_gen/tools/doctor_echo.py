@@ -1,0 +1,32 @@
+"""The other process of the doctor's self-test: sends back what it gets. Run with ``python -m``."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
+from rosidl_py_gen.runtime import run
+from rosidl_py_gen.tools.session import Network, Session
+
+LIFE_S = 20
+"""Nobody needs it longer, should the doctor be killed."""
+
+
+def topics(mark: str) -> tuple[str, str]:
+    """There and back. Hidden, as the nodes are."""
+    return f"/_rosidl_py_doctor/{mark}/there", f"/_rosidl_py_doctor/{mark}/back"
+
+
+async def main(domain_id: int, discovery: str, mark: str) -> None:
+    """Answer until somebody ends this process."""
+    there, back = topics(mark)
+    async with Session(Network(domain_id=domain_id, discovery=discovery)) as session:
+        out = session.node.create_publisher(Time, back)
+        async for message in session.node.create_subscription(Time, there):
+            out.publish(message)
+
+
+if __name__ == "__main__":
+    # SIGTERM ends it in an orderly way: peers wait for what a killed process has not acknowledged.
+    run(asyncio.wait_for(main(int(sys.argv[1]), sys.argv[2], sys.argv[3]), LIFE_S))

@@ -1,0 +1,45 @@
+"""``node list``; which nodes are hidden, and finding one by its name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.session import Network, Session
+
+
+def run(network: Network, **shown: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_list(network, **shown))
+
+
+async def _list(network: Network, hidden: bool, count: bool, as_json: bool) -> int:
+    async with Session(network) as session:
+        await session.settle()
+        nodes = session.node.get_nodes()
+    found = [
+        {"name": node.fully_qualified_name, "enclave": node.enclave}
+        for node in sorted(nodes, key=lambda one: one.fully_qualified_name)
+        if hidden or not is_hidden_node(node.fully_qualified_name)
+    ]
+    names = [one["name"] for one in found]
+    if as_json:
+        printing.document(found)
+    elif count:
+        printing.line(str(len(found)))
+    elif found:
+        printing.line("\n".join(names))
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        printing.note(f"several nodes share one name, which confuses all who look for them: {', '.join(twice)}")
+    return 0
+
+
+def is_hidden_node(name: str) -> bool:
+    """Whether ROS tools leave a node out, by its full name: they hide themselves like that."""
+    return name.rpartition("/")[2].startswith("_")
+
+
+async def find_node(session: Session, node: str, timeout_s: float | None = None) -> str:
+    """The full name; raises as `Session.find`."""
+    return await session.find("node", node, session.node.get_node_names, timeout_s)

@@ -1,0 +1,110 @@
+"""Completion in shells: what is offered, and that nothing else is ever printed."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import pytest
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from worlds import until
+
+from rosidl_py_gen import get_action, tools
+from rosidl_py_gen.tools.completion import complete_names
+
+if TYPE_CHECKING:
+    from conftest import Ended, Tool
+    from worlds import World
+
+
+async def complete(tool: Tool, line: str, **environment: str) -> list[str]:
+    """What is offered for the last word of a command line."""
+    words = line.split(" ")
+    done: Ended = await tool(
+        _ROSIDL_PY_COMPLETE="bash_complete", COMP_WORDS=line, COMP_CWORD=str(len(words) - 1), **environment
+    )
+    assert done.err == ""
+    return [offer.partition(",")[2] for offer in done.out.splitlines() if offer]
+
+
+async def offered(what: str, incomplete: str, **params: Any) -> list[str]:
+    """What is offered behind these parameters, asked in a thread as a loop runs here."""
+    context = click.Context(click.Command("x"))
+    context.params.update(params, network={"spin_time_s": 3})
+    items = await asyncio.to_thread(complete_names, what, context, incomplete)
+    return [item.value for item in items]
+
+
+async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
+    node, other = dds.node("base"), dds.node("pilot")
+    node.create_publisher(String, "/speed")
+    node.create_publisher(String, "/_secret")
+    node.create_service(Trigger, "/stop", lambda request: Trigger.Response())
+    node.create_action_server(get_action("example_interfaces/action/Fibonacci"), "/drive", lambda goal: None)
+    node.declare_parameter("max_speed", 1.0)
+    await until(lambda: other.count_services("/drive/_action/get_result") == 1)
+    topics, hidden, services, nodes, actions, parameters, nobody = await asyncio.gather(
+        complete(tool, "rosidl-py topic echo --spin-time 3 /"),
+        complete(tool, "rosidl-py topic echo --spin-time 3 /_"),
+        complete(tool, "rosidl-py service call --spin-time 3 /st"),
+        complete(tool, "rosidl-py graph --spin-time 3 --node /"),
+        offered("actions", "/"),
+        offered("parameters", "max", node="base"),
+        offered("parameters", "max", node="/nobody"),
+    )
+    assert {"/speed", "/rosout"} <= set(topics) and "/_secret" not in topics
+    assert not any("_action" in name for name in topics)
+    assert hidden == ["/_secret"]
+    assert services == ["/stop"]
+    assert nodes == ["/base", "/pilot"]
+    assert (actions, parameters, nobody) == (["/drive"], ["max_speed"], [])
+
+
+async def test_groups_options_choices_and_types_need_no_network(tool: Tool) -> None:
+    groups, options, choices, types, packages = await asyncio.gather(
+        complete(tool, "rosidl-py "),
+        complete(tool, "rosidl-py graph --f"),
+        complete(tool, "rosidl-py graph --format "),
+        complete(tool, "rosidl-py interface show geometry_msgs/msg/PoseS"),
+        complete(tool, "rosidl-py interface package geo"),
+    )
+    assert groups == sorted(groups) and {"doctor", "graph", "interface", "topic"} <= set(groups)
+    assert (options, choices) == (["--format"], ["text", "mermaid", "svg", "json"])
+    assert (types, packages) == (["geometry_msgs/msg/PoseStamped"], ["geometry_msgs"])
+
+
+async def test_a_shell_gets_nothing_where_nothing_can_be_asked(tool: Tool) -> None:
+    assert await complete(tool, "rosidl-py topic echo /", ROS_DOMAIN_ID="junk") == []
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_each_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    tools.main(["completion", shell])
+    script = capsys.readouterr().out
+    assert f"_ROSIDL_PY_COMPLETE={shell}_complete" in script
+    if shutil.which(shell):
+        done = subprocess.run([shell, "-n"], input=script, text=True, capture_output=True)
+        assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
+def test_a_real_bash_completes() -> None:
+    tools_dir = Path(sys.executable).parent
+    if not (tools_dir / "rosidl-py").exists():
+        pytest.skip("the command is not installed beside this Python")
+    script = 'eval "$(rosidl-py completion bash)"; COMP_WORDS=(rosidl-py interf); COMP_CWORD=1; _rosidl_py_completion'
+    path = os.pathsep.join([str(tools_dir), os.environ["PATH"]])
+    done = subprocess.run(
+        ["bash", "-c", f'{script} rosidl-py interf; echo "${{COMPREPLY[@]}}"'],
+        env={**os.environ, "PATH": path},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.stdout, done.stderr) == ("interface\n", "")

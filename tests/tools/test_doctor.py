@@ -1,0 +1,241 @@
+"""``rosidl-py doctor``: what it finds on good and bad machines, and what it tells strangers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from std_msgs.msg import Bool, String
+from worlds import until
+
+from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.runtime.graph.state import ParticipantInfo
+from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSettings
+from rosidl_py_gen.tools import doctor_machine, doctor_network
+from rosidl_py_gen.tools.doctor_findings import BROKEN, NOTE, OK, WARNING, Finding, careful, for_strangers
+from rosidl_py_gen.tools.doctor_network import Interface
+from rosidl_py_gen.tools.doctor_peers import make
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from conftest import Tool
+    from worlds import World
+
+
+def levels(findings: Iterable[Finding], word: str) -> list[str]:
+    """The levels of the findings that say a word."""
+    return [one.level for one in findings if word in one.text]
+
+
+# ------------------------------------------------------------------------------------------------------------ as a run
+
+
+async def test_a_good_machine_with_peers_is_well(dds: World, tool: Tool) -> None:
+    node, other = dds.pair()
+    node.create_publisher(String, "/talk")
+    await until(lambda: other.count_publishers("/talk") == 1)
+    done = await tool("doctor", "--json")
+    assert done.code == 0, done
+    found = json.loads(done.out)
+    assert found["broken"] is False
+    texts = [row["text"] for row in found["peers"]]
+    assert any("a message went there and back" in text for text in texts)
+    (peers,) = [row["data"] for row in found["peers"] if "Cyclone DDS, ROS Iron or later" in row["text"]]
+    assert (peers["participants"], peers["nodes"]) == (2, ["/alice", "/bob"])
+    assert [row["level"] for row in found["installation"]] == ["ok"] * len(found["installation"])
+
+
+async def test_what_does_not_fit_together_is_told(dds: World, tool: Tool) -> None:
+    node, twin = dds.node("same"), dds.node("same")
+    node.create_publisher(String, "/scan", qos=QoSProfile().best_effort())
+    twin.create_subscription(String, "/scan")
+    node.create_publisher(String, "/mixed")
+    twin.create_subscription(Bool, "/mixed")
+    await until(lambda: twin.count_publishers("/scan") == 1 and twin.count_publishers("/mixed") == 1)
+    done, report = await asyncio.gather(tool("doctor"), tool("doctor", "--report"))
+    assert "warning  2 nodes have the same name: /same" in done.out
+    assert "no messages on /scan from /same to /same: ERROR: Best effort publisher" in done.out
+    assert "types differ, std_msgs/msg/String and std_msgs/msg/Bool" in done.out
+    assert "2 nodes have the same name" in report.out
+    assert "/same" not in report.out and "/scan" not in report.out
+
+
+async def test_what_is_broken_ends_with_one_and_no_traceback(tool: Tool) -> None:
+    domain, uri, off = await asyncio.gather(
+        tool("doctor", ROS_DOMAIN_ID="999"),
+        tool("doctor", "--report", CYCLONEDDS_URI="<CycloneDDS>\n<Secret"),
+        tool("doctor", "--discovery", "off", "--json"),
+    )
+    for done in (domain, uri):
+        assert done.code == 1 and "Traceback" not in done.err + done.out
+    assert "broken   ROS_DOMAIN_ID must be a whole number from 0 to 232" in domain.out
+    assert "CYCLONEDDS_URI is not well-formed XML" in uri.out and "Secret" not in uri.out
+    assert off.code == 0 and any("discovery is off" in row["text"] for row in json.loads(off.out)["peers"])
+
+
+@pytest.mark.skipif(shutil.which("unshare") is None, reason="Linux, with the right to make namespaces")
+def test_a_machine_without_network_or_proc_gets_its_answers() -> None:
+    doctor = [sys.executable, "-m", "rosidl_py_gen.tools", "doctor"]
+    bare = ["unshare", "-m", "-n", "sh", "-c", 'mount -t tmpfs none /proc && exec "$@"', "sh"]
+    done = subprocess.run([*bare, *doctor], capture_output=True, text=True, timeout=60)
+    if "unshare failed" in done.stderr or "mount:" in done.stderr:
+        pytest.skip(done.stderr)
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+    assert "no network interface is up" in done.stdout
+    assert "is not told by this system" in done.stdout and "DDS does not start" in done.stdout
+
+
+# ------------------------------------------------------------------------------------------------------------ settings
+
+
+@pytest.mark.parametrize(
+    ("variables", "word", "level"),
+    [
+        ({"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"}, "Zenoh", WARNING),
+        ({"RMW_IMPLEMENTATION": "rmw_connextdds"}, "never tried", NOTE),
+        ({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}, "RMW_IMPLEMENTATION=", OK),
+        ({"ROS_LOCALHOST_ONLY": "1"}, "deprecated", WARNING),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "everywhere"}, "must be one of", WARNING),
+        ({"ROS_DOMAIN_ID": "x"}, "must be a whole number", BROKEN),
+        ({"ROS_DISCOVERY_SERVER": "10.0.0.1:11811"}, "answer their server only", WARNING),
+        ({"FASTDDS_BUILTIN_TRANSPORTS": "SHM"}, "shared memory", WARNING),
+        ({"ROS_SECURITY_ENABLE": "true"}, "security is not supported", WARNING),
+        ({"CYCLONEDDS_URI": "file:///no/such.xml"}, "CYCLONEDDS_URI names /no/such.xml", BROKEN),
+        ({"CYCLONEDDS_URI": "<a><b></a>"}, "not well-formed", BROKEN),
+    ],
+)
+def test_pitfalls_of_settings_are_found(variables: dict[str, str], word: str, level: str) -> None:
+    assert levels(doctor_machine.settings(variables, None, None), word) == [level]
+    assert levels(doctor_machine.settings({}, None, None), word) == []
+
+
+def test_good_configurations_of_cyclone_are_left_alone(tmp_path: Path) -> None:
+    file = tmp_path / "c.xml"
+    file.write_text('<?xml version="1.0"?>\n<CycloneDDS/>')
+    for value in ("", f"file://{file}", f"{file},{file}", '<?xml version="1.0"?><CycloneDDS/>', "<Domain/>,<Domain/>"):
+        assert list(doctor_machine.cyclonedds_uri(value)) == []
+
+
+@pytest.mark.parametrize(("text", "level"), [("212992\n", WARNING), ("4194304", OK), ("junk", NOTE), (None, NOTE)])
+def test_socket_buffers_that_are_too_small_are_told(text: str | None, level: str, tmp_path: Path) -> None:
+    file = tmp_path / "rmem_max"
+    if text is not None:
+        file.write_text(text)
+    (finding,) = doctor_machine.socket_buffers(file)
+    assert finding.level == level and (level != WARNING or "sysctl" in finding.advice)
+
+
+# ------------------------------------------------------------------------------------------------------------- network
+
+
+def interface(name: str, address: str | None = "10.0.0.1", **facts: Any) -> Interface:
+    """One that leads to others, with multicast."""
+    given = {"is_up": True, "is_loopback": False, "multicast_flag": True, "multicast_works": True, **facts}
+    return Interface(name, address, **given)
+
+
+LO = interface("lo", "127.0.0.1", is_loopback=True, multicast_flag=False)
+SUBNET, LOCALHOST = DomainSettings(), DomainSettings(discovery=DiscoveryRange.LOCALHOST)
+PEERS = DomainSettings(static_peers=("10.0.0.9",))
+
+
+@pytest.mark.parametrize(
+    ("found", "settings", "expected"),
+    [
+        ([LO, interface("eth0")], SUBNET, []),
+        ([LO, interface("eth0"), interface("docker0")], SUBNET, [(NOTE, "eth0, docker0 lead to other machines")]),
+        ([LO, interface("eth0"), interface("docker0")], LOCALHOST, []),
+        ([LO, interface("tun0", multicast_works=False)], SUBNET, [(WARNING, "multicast does not work on tun0")]),
+        ([LO, interface("tun0", multicast_flag=False)], SUBNET, [(WARNING, "multicast does not work on tun0")]),
+        ([LO, interface("tun0", multicast_works=False)], PEERS, []),
+        ([LO], SUBNET, [(NOTE, "no interface leads to other machines")]),
+        ([interface("lo", None, is_up=False)], SUBNET, [(BROKEN, "no network interface is up")]),
+        ([], SUBNET, [(NOTE, "not told by this system")]),
+        ([Interface("en0")], SUBNET, []),
+        ([LO], None, []),
+    ],
+)
+def test_interfaces_are_judged_by_the_discovery_range(
+    found: list[Interface], settings: DomainSettings | None, expected: list[tuple[str, str]]
+) -> None:
+    judged = [one for one in doctor_network.check_interfaces(found, settings) if one.level != OK]
+    assert [one.level for one in judged] == [level for level, _ in expected]
+    assert all(word in one.text for one, (_, word) in zip(judged, expected, strict=True))
+
+
+def test_loopback_is_found_with_its_address(monkeypatch: pytest.MonkeyPatch) -> None:
+    if sys.platform == "linux":
+        (lo,) = [one for one in doctor_network.interfaces() if one.name == "lo"]
+        assert (lo.address, lo.is_up, lo.is_loopback) == ("127.0.0.1", True, True)
+
+    def refuse() -> list[tuple[int, str]]:
+        raise OSError("not here")
+
+    monkeypatch.setattr(socket, "if_nameindex", refuse)
+    assert doctor_network.interfaces() == []
+
+
+def test_other_domains_are_told_by_their_ports(tmp_path: Path) -> None:
+    ports = [7400, 7400 + 250 * 42, 7410 + 250 * 7, 7400 + 250 * 3 + 99, 7400 + 250 * 150, 53]
+    lines = [f"  {number}: 0100007F:{port:04X} 00000000:0000 07 0" for number, port in enumerate(ports)]
+    file = tmp_path / "udp"
+    file.write_text("\n".join(["  sl  local_address rem_address", *lines]))
+    (finding,) = doctor_network.other_domains(0, (file, tmp_path / "udp6"))
+    assert finding.data["domains"] == [7, 42]
+    assert list(doctor_network.other_domains(0, (tmp_path / "nothing",))) == []
+
+
+# ------------------------------------------------------------------------------------------------- peers and strangers
+
+
+@pytest.mark.parametrize(
+    ("prefix", "is_ros", "hashes", "said"),
+    [
+        ("010f", True, True, "Fast DDS, ROS Iron or later"),
+        ("0110", True, False, "Cyclone DDS, ROS Humble or earlier (no type hashes)"),
+        ("0110", True, None, "Cyclone DDS, ROS"),
+        ("0101", False, False, "RTI Connext, no ROS"),
+        ("0999", False, False, "DDS of vendor 09.99, no ROS"),
+    ],
+)
+def test_only_what_is_known_of_a_peer_is_said(prefix: str, is_ros: bool, hashes: bool | None, said: str) -> None:
+    assert make(ParticipantInfo(bytes.fromhex(prefix) + bytes(14), is_ros, hashes, ())) == said
+
+
+def test_strangers_learn_neither_homes_nor_hosts_nor_addresses(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", "/home/alice")
+    monkeypatch.setenv("ROS_STATIC_PEERS", "robot.lab;10.1.2.3")
+    monkeypatch.setattr(socket, "gethostname", lambda: "alices-laptop")
+    text = (
+        "/home/alice/ws on alices-laptop at 192.168.17.23 and 127.0.0.1, robot.lab;10.1.2.3, numpy 2.4.6, 239.255.0.1"
+    )
+    shown = "~/ws on (host) at 192.168.x.x and 127.0.0.1, $ROS_STATIC_PEERS, numpy 2.4.6, 239.255.0.1"
+    assert for_strangers(Finding(OK, text, text)) == Finding(OK, shown, shown)
+    assert for_strangers(Finding(OK, "nodes: /secret", public="nodes: 1", data={"nodes": ["/secret"]})) == Finding(
+        OK, "nodes: 1"
+    )
+
+
+def test_a_check_that_fails_is_a_finding() -> None:
+    def check() -> Iterable[Finding]:
+        yield Finding(OK, "never seen")
+        raise ZeroDivisionError("strange machine")
+
+    assert [(one.level, one.text) for one in careful("the moon", check)] == [
+        (NOTE, "the moon could not be looked at: ZeroDivisionError: strange machine")
+    ]
+
+
+def test_missing_folders_of_ament_are_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([str(tmp_path), "/no/such/prefix"]))
+    assert levels(doctor_machine.interfaces(()), "/no/such/prefix, which is no folder") == [WARNING]
+    assert levels(doctor_machine.interfaces(("/no/such",)), "expected a folder") == [BROKEN]

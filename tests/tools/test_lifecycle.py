@@ -1,0 +1,64 @@
+"""``rosidl-py lifecycle`` beside lifecycle nodes of the test's own."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.msgs.lifecycle_msgs.srv import GetState
+from rosidl_py_gen.runtime import LifecycleNode, Outcome, State
+
+if TYPE_CHECKING:
+    from conftest import Tool
+    from worlds import World
+
+
+class Camera(LifecycleNode):
+    """Configures, but never activates."""
+
+    def on_activate(self, state: State) -> Outcome:
+        return Outcome.FAILURE
+
+
+async def test_a_node_is_led_through_its_states(dds: World, tool: Tool) -> None:
+    async with Camera("camera", context=dds.context()):
+        assert (await tool("lifecycle", "get", "/camera")).out == "unconfigured [1]\n"
+        assert (await tool("lifecycle", "set", "/camera", "configure")).out == "Transitioning successful\n"
+        state, possible, failed = await asyncio.gather(
+            tool("lifecycle", "get", "camera", "--json"),
+            tool("lifecycle", "list", "/camera"),
+            tool("lifecycle", "set", "/camera", "3"),
+        )
+        assert json.loads(state.out) == {"id": 2, "label": "inactive"}
+        assert "- activate [3]\n    Start: inactive\n    Goal: activating\n" in possible.out
+        assert (failed.code, failed.err) == (1, "error: Transitioning failed\n")
+
+
+async def test_what_cannot_be_done_says_why(dds: World, tool: Tool) -> None:
+    dds.node("plain")
+    async with Camera("camera", context=dds.context()):
+        unknown, plain, missing, every = await asyncio.gather(
+            tool("lifecycle", "set", "/camera", "activate"),
+            tool("lifecycle", "get", "/plain"),
+            tool("lifecycle", "get", "/camer", "--timeout", "0.5"),
+            tool("lifecycle", "list", "/camera", "-a", "--json"),
+        )
+    assert "possible now: configure [1]" in unknown.err
+    assert plain.err == "error: /plain is no lifecycle node: it serves no /plain/get_state\n"
+    assert 'did you mean "/camera"?' in missing.err
+    assert {unknown.code, plain.code, missing.code} == {1}
+    assert len(json.loads(every.out)) > 20
+
+
+async def test_all_lifecycle_nodes_are_asked_at_once(dds: World, tool: Tool) -> None:
+    servers = [dds.node("silent").create_service(GetState, "/silent/get_state")]
+    async with Camera("camera", context=dds.context()), Camera("_hidden", context=dds.context()):
+        nodes, states = await asyncio.gather(
+            tool("lifecycle", "nodes", "--spin-time", "1"),
+            tool("lifecycle", "get", "--timeout", "1", "--spin-time", "1"),
+        )
+    assert nodes.out == "/camera\n/silent\n"
+    assert (states.code, states.out) == (0, "/camera: unconfigured [1]\n")
+    assert states.err.startswith("/silent: no response from /silent/get_state")
+    assert servers

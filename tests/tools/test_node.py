@@ -1,0 +1,57 @@
+"""``rosidl-py node`` beside nodes of the test's own."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import TYPE_CHECKING
+
+from example_interfaces.action import Fibonacci
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+if TYPE_CHECKING:
+    from conftest import Tool
+    from worlds import World
+
+
+async def test_list_shows_names_and_leaves_hidden_ones_out(dds: World, tool: Tool) -> None:
+    dds.node("talker", "/left"), dds.node("_secret"), dds.node("twin"), dds.node("twin")
+    plain, count, every = await asyncio.gather(
+        *(tool("node", "list", *words, "--spin-time", "1") for words in ([], ["-c"], ["-a", "--json"]))
+    )
+    assert plain.out == "/left/talker\n/twin\n/twin\n"
+    assert plain.err == "several nodes share one name, which confuses all who look for them: /twin\n"
+    assert (count.code, count.out) == (0, "3\n")
+    assert "/_secret" in [one["name"] for one in json.loads(every.out)]
+
+
+async def test_info_shows_what_a_node_has(dds: World, tool: Tool) -> None:
+    node = dds.node("busy", start_services=False, enable_rosout=False, parameter_events=False)
+    node.create_publisher(String, "out")
+    node.create_subscription(String, "in")
+    node.create_service(Trigger, "trigger")
+    node.create_client(Trigger, "other")
+    node.create_action_server(Fibonacci, "count", lambda goal: None)
+    node.create_action_client(Fibonacci, "ask")
+    plain, as_json = await asyncio.gather(
+        *(tool("node", "info", *words, "--spin-time", "1") for words in (["busy"], ["/busy", "--json", "-a"]))
+    )
+    type_services = "/busy/get_type_description: type_description_interfaces/srv/GetTypeDescription"
+    assert [line for line in plain.out.splitlines() if type_services not in line] == [
+        *("/busy", "  Subscribers:", "    /in: std_msgs/msg/String", "  Publishers:", "    /out: std_msgs/msg/String"),
+        *("  Service Servers:", "    /trigger: std_srvs/srv/Trigger"),
+        *("  Service Clients:", "    /other: std_srvs/srv/Trigger"),
+        *("  Action Servers:", "    /count: example_interfaces/action/Fibonacci"),
+        *("  Action Clients:", "    /ask: example_interfaces/action/Fibonacci"),
+    ]
+    found = json.loads(as_json.out)
+    assert "/count/_action/status" in found["publishers"]
+    assert found["action_clients"] == {"/ask": ["example_interfaces/action/Fibonacci"]}
+
+
+async def test_an_unknown_node_is_an_error_that_names_another(dds: World, tool: Tool) -> None:
+    dds.node("talker")
+    ended = await tool("node", "info", "/tolker", "--spin-time", "0.5")
+    assert (ended.code, ended.out) == (1, "")
+    assert 'did you mean "/talker"?' in ended.err

@@ -1,0 +1,165 @@
+"""``rosidl-py param`` beside nodes of the test's own."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from rosidl_py_gen.msgs.rcl_interfaces.srv import ListParameters
+from rosidl_py_gen.runtime import FloatRange, Node, ParameterDescriptor
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from conftest import Tool
+    from worlds import World
+
+QUIET = {"overrides": {"start_type_description_service": False}}
+
+
+def drive(world: World) -> Node:
+    node = world.node("drive", **QUIET)
+    limits = ParameterDescriptor(description="in m/s", floating_point_range=FloatRange(0.0, 3.0, 0.5))
+    node.declare_parameter("speed", 1.5, limits)
+    node.declare_parameter("arm.names", ["a", "b"])
+    node.declare_parameter("on", True)
+    return node
+
+
+async def test_values_are_printed_with_their_type_or_alone(dds: World, tool: Tool) -> None:
+    drive(dds)
+    speed, names, alone, as_json = await asyncio.gather(
+        tool("param", "get", "/drive", "speed"),
+        tool("param", "get", "drive", "arm.names"),
+        tool("param", "get", "/drive", "on", "--hide-type"),
+        tool("param", "get", "/drive", "arm.names", "--json"),
+    )
+    assert (speed.out, names.out) == ("Double value is: 1.5\n", "String values are: ['a', 'b']\n")
+    assert (alone.out, json.loads(as_json.out)) == ("True\n", ["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["/drive", "sped"], '/drive has no parameter sped; did you mean "speed"?'),
+        (["/driv", "speed", "--timeout", "0.5"], 'did you mean "/drive"?'),
+        (["/drive/", "speed"], "error: "),
+    ],
+)
+async def test_what_cannot_be_read_says_why(dds: World, tool: Tool, words: list[str], said: str) -> None:
+    drive(dds)
+    ended = await tool("param", "get", *words)
+    assert (ended.code, ended.out) == (1, "")
+    assert said in ended.err
+    assert "Traceback" not in ended.err
+
+
+async def test_a_node_without_parameter_services_says_so(dds: World, tool: Tool) -> None:
+    dds.node("bare", start_services=False)
+    ended = await tool("param", "get", "/bare", "speed", "--timeout", "0.5")
+    assert ended.err == "error: node /bare is there, but offered no parameter services in 0.5 s\n"
+
+
+async def test_set_reads_values_as_parameter_files_do(dds: World, tool: Tool) -> None:
+    node = drive(dds)
+    for name, value, expected in [
+        *(("speed", "2.5", 2.5), ("on", "off", False)),
+        *(("arm.names", "[c, '1']", ("c", "1")), ("arm.names", "[]", ())),
+    ]:
+        ended = await tool("param", "set", "/drive", name, value)
+        assert (ended.code, ended.out) == (0, "Set parameter successful\n")
+        assert node.get_parameter(name) == expected
+
+
+async def test_a_set_that_fails_is_a_failure_with_the_reason_of_the_node(dds: World, tool: Tool) -> None:
+    drive(dds)
+    negative, text, yaml, as_json = await asyncio.gather(
+        tool("param", "set", "/drive", "speed", "-1.5"),
+        tool("param", "set", "/drive", "speed", "fast"),
+        tool("param", "set", "/drive", "speed", "[1, a]"),
+        tool("param", "set", "/drive", "speed", "9.0", "--json"),
+    )
+    assert negative.err.startswith("error: Setting parameter failed: ")
+    assert "-1.5" in negative.err
+    assert "STRING" in text.err
+    assert "all items of an array must have one type" in yaml.err
+    assert {one.code for one in (negative, text, yaml, as_json)} == {1}
+    assert json.loads(as_json.out)["successful"] is False
+
+
+async def test_delete_undeclares_what_may_go(dds: World, tool: Tool) -> None:
+    node = drive(dds)
+    node.declare_parameter("label", "x", ParameterDescriptor(dynamic_typing=True))
+    gone, kept = await asyncio.gather(
+        tool("param", "delete", "/drive", "label"), tool("param", "delete", "/drive", "speed")
+    )
+    assert (gone.out, node.has_parameter("label")) == ("Deleted parameter successfully\n", False)
+    assert (kept.code, kept.err[:35]) == (1, "error: Deleting parameter failed: S")
+
+
+async def test_describe_shows_limits(dds: World, tool: Tool) -> None:
+    drive(dds)
+    ended, as_json = await asyncio.gather(
+        tool("param", "describe", "/drive", "speed", "on"), tool("param", "describe", "/drive", "speed", "--json")
+    )
+    assert ended.out == (
+        "Parameter name: speed\n  Type: double\n  Description: in m/s\n  Constraints:\n    Min value: 0.0\n"
+        "    Max value: 3.0\n    Step: 0.5\nParameter name: on\n  Type: boolean\n  Constraints:\n"
+    )
+    assert json.loads(as_json.out)[0]["floating_point_range"] == {"from_value": 0.0, "to_value": 3.0, "step": 0.5}
+
+
+async def test_what_is_dumped_can_be_loaded(dds: World, tool: Tool, tmp_path: Path) -> None:
+    node, file = drive(dds), tmp_path / "drive.yaml"
+    printed, written, as_json = await asyncio.gather(
+        tool("param", "dump", "/drive"),
+        tool("param", "dump", "/drive", "-o", str(file)),
+        tool("param", "dump", "/drive", "--json"),
+    )
+    assert (written.out, file.read_text()) == ("", printed.out)
+    assert json.loads(as_json.out)["/drive"]["arm.names"] == ["a", "b"]
+    node.set_parameters({"speed": 3.0, "arm.names": ["z"]})
+    file.write_text("\n".join(line for line in printed.out.splitlines() if "start_type" not in line))
+    loaded = await tool("param", "load", "/drive", str(file))
+    assert (loaded.code, node.get_parameters(["speed", "arm.names"])) == (0, [1.5, ("a", "b")])
+    assert "Set parameter speed successful" in loaded.out
+
+
+async def test_a_file_that_sets_what_it_must_not_fails(dds: World, tool: Tool, tmp_path: Path) -> None:
+    drive(dds)
+    other, wrong = tmp_path / "other.yaml", tmp_path / "wrong.yaml"
+    other.write_text("/other:\n  ros__parameters: {speed: 1.0}\n")
+    wrong.write_text("/drive:\n  ros__parameters: {speed: 0.5, on: 3}\n")
+    nothing, partly = await asyncio.gather(
+        tool("param", "load", "/drive", str(other)), tool("param", "load", "/drive", str(wrong))
+    )
+    assert "nothing for /drive; the file has parameters of /other" in nothing.err
+    assert (partly.code, partly.out) == (1, "Set parameter speed successful\n")
+    assert partly.err.startswith("error: Set parameter on failed: ")
+
+
+async def test_list_asks_all_nodes_and_one_that_never_answers_holds_up_no_other(dds: World, tool: Tool) -> None:
+    drive(dds)
+    silent = dds.node("silent", start_services=False)
+    servers = [silent.create_service(ListParameters, "/silent/list_parameters")]
+    every, one, typed = await asyncio.gather(
+        tool("param", "list", "--timeout", "1", "--spin-time", "1", "--filter", "(?!start_type)"),
+        tool("param", "list", "/drive", "--param-prefixes", "arm"),
+        tool("param", "list", "--param-type", "--json", "--timeout", "1", "--spin-time", "1"),
+    )
+    assert every.out == "/drive:\n  arm.names\n  on\n  speed\n  use_sim_time\n"
+    assert every.err == (
+        "/silent: no response from /silent/list_parameters (rcl_interfaces/srv/ListParameters) in 1.0 s\n"
+    )
+    assert (every.code, one.out) == (0, "  arm.names\n")
+    assert {"name": "speed", "type": "double"} in json.loads(typed.out)["/drive"]
+    assert servers
+
+
+async def test_a_filter_that_is_no_regular_expression_is_refused(tool: Tool) -> None:
+    ended = await tool("param", "list", "--filter", "*x")
+    assert (ended.code, ended.err.partition(":")[0]) == (1, "error")
+    assert "nothing to repeat" in ended.err

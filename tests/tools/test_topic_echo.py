@@ -1,0 +1,169 @@
+"""``rosidl-py topic echo`` beside a node of the test."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from worlds import until
+
+from rosidl_py_gen import compile_text
+from rosidl_py_gen.runtime import QoSProfile
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from worlds import World
+
+    from rosidl_py_gen.runtime import Node
+
+LATCHED = QoSProfile().transient_local()
+STRING = "std_msgs/msg/String"
+
+
+@pytest.fixture
+def node(dds: World) -> Node:
+    return dds.node("talker", enable_rosout=False, parameter_events=False)
+
+
+def test_messages_look_as_ros2_shows_them(topic_peer: tuple[str, str], run_here: Any) -> None:
+    """The publishers are transient local, so that echo sees their messages only if it asks for what they offer."""
+
+    def once(*words: str) -> str:
+        return str(run_here("topic", "echo", "--once", *words, *topic_peer)[1])
+
+    long = once("/demo/scan")
+    assert (long.count("\n- "), long.endswith("\n- 127.0\n- '...'\nintensities: []\n---\n")) == (129, True)
+    assert once("/demo/scan", "-l", "2") == (
+        "header:\n  stamp:\n    sec: 0\n    nanosec: 0\n  frame_id: la...\nangle_min: 0.0\nangle_max: 0.0\n"
+        "angle_increment: 0.0\ntime_increment: 0.0\nscan_time: 0.0\nrange_min: 0.0\nrange_max: .nan\nranges:\n- 0.0\n"
+        "- 1.0\n- '...'\nintensities: []\n---\n"
+    )
+    csv = "0,0,<string length: 5>,0.0,0.0,0.0,0.0,0.0,0.0,nan,0.0,1.0,2.0,...\n"
+    assert once("/demo/scan", "--csv", "-l", "3", "--no-str") == csv
+    assert once("/demo/scan", "--field", "header") == "stamp:\n  sec: 0\n  nanosec: 0\nframe_id: laser\n---\n"
+    assert once("/demo/scan", "--field", "ranges[5]") == "5.0\n---\n"
+    assert once("/demo/pose", "--flow-style", "--field", "pose.position") == "{x: 1.5, y: 0.0, z: 0.0}\n---\n"
+    data = once("/demo/scan", "--json")
+    scan = json.loads(data)
+    assert (len(scan["ranges"]), scan["range_max"], data.count("\n")) == (200, "NaN", 1)
+    raw = once("/demo/pose", "--raw")
+    assert (raw.startswith("b'\\x00\\x01\\x00\\x00"), raw.endswith("'\n---\n")) == (True, True)
+    bare = once("/demo/_imu", "--no-arr", "--no-str")
+    assert "orientation_covariance: '<array type: float64[9]>'\n" in bare
+    assert "frame_id: '<string length: 0>'\n" in bare
+
+
+def test_messages_the_filter_has_no_value_for_are_noted_once(topic_peer: tuple[str, str], run_here: Any) -> None:
+    words = ("--once", "--filter", "m.ranges[0] > 1", "--field", "ranges")
+    code, out, err = run_here("topic", "echo", "/demo/_scans", *words, *topic_peer)
+    assert (code, out, err) == (0, "- 4.0\n---\n", "left out a message: there is no element 0 among 0\n")
+
+
+async def test_only_what_the_filter_lets_through_is_shown(node: Node, tool: Any) -> None:
+    publisher = node.create_publisher(STRING, "/words", LATCHED)
+    for word in ("a", "needle 1", "b", "needle 2", "\x1b[31mneedle\t3\nnext line"):
+        publisher.publish({"data": word})
+    process = await tool.start("topic", "echo", "/words", "--field", "data", "--filter", "'needle' in m.data")
+    for expected in (
+        b"needle 1\n",
+        b"---\n",
+        b"needle 2\n",
+        b"---\n",
+        "\ufffd[31mneedle\t3\n".encode(),
+        b"next line\n",
+    ):
+        assert await asyncio.wait_for(process.stdout.readline(), 10) == expected
+    process.send_signal(signal.SIGINT)
+    assert (await tool.end(process)).code == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (
+            ["/words", STRING, "--filter", "__import__('os').system('touch pwned')"],
+            "is not allowed; there are abs, all",
+        ),
+        (["/words", STRING, "--filter", "m.dta"], 'has no field "dta"; did you mean "data"?'),
+        (["/words", STRING, "--field", "data.x"], "m.data is string, which has no fields"),
+        (["/words", "std_msgs/msg/Strin"], 'did you mean "std_msgs/msg/String"?'),
+        (["/words", "--timeout", "0.2"], "no topic /words was found"),
+        (["/words", STRING, "--once", "--timeout", "0.2"], "no message on /words in 0.2 s; it has 0 publishers"),
+        (["/wo rds", STRING], "/wo rds"),
+    ],
+)
+def test_echo_says_what_is_wrong(
+    words: list[str], reason: str, run_here: Any, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run_here("topic", "echo", *words)
+    assert (code, os.listdir()) == (1, [])
+    assert reason in err
+
+
+async def test_publishers_that_offer_less_are_heard_too_when_they_come_later(node: Node, tool: Any) -> None:
+    durable = node.create_publisher(STRING, "/words", LATCHED)
+    durable.publish({"data": "latched"})
+    process = await tool.start("topic", "echo", "/words", "--field", "data")
+    assert await asyncio.wait_for(process.stdout.readline(), 10) == b"latched\n"
+    careless = node.create_publisher(STRING, "/words", QoSProfile().best_effort())
+    assert await careless.wait_for_subscribers(10)
+    careless.publish({"data": "careless"})
+    await process.stdout.readline()
+    assert await asyncio.wait_for(process.stdout.readline(), 10) == b"careless\n"
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert ended.code == 0
+    assert "some, but not all, publishers are reliable" in ended.err
+    assert "some, but not all, publishers are transient local" in ended.err
+
+
+async def test_quality_of_service_can_be_given(node: Node, tool: Any) -> None:
+    process = await tool.start(
+        *("topic", "echo", "/words", STRING, "--qos-profile", "parameters", "--qos-reliability", "best_effort"),
+        *("--qos-depth", "3", "--qos-liveliness-lease-duration-seconds", "2.5"),
+    )
+    await until(lambda: len(node.get_subscriptions_info_by_topic("/words")) == 1, 10)
+    (info,) = node.get_subscriptions_info_by_topic("/words")
+    qos = info.qos_profile
+    assert (qos.reliability.name, qos.durability.name, qos.liveliness_lease_ns) == ("BEST_EFFORT", "VOLATILE", 2.5e9)
+    process.send_signal(signal.SIGTERM)
+    assert (await tool.end(process)).code == 0
+
+
+async def test_a_topic_that_comes_later_is_waited_for(node: Node, tool: Any) -> None:
+    process = await tool.start("topic", "echo", "/late", "--once", "--timeout", "20")
+    assert await asyncio.wait_for(process.stderr.readline(), 10) == (
+        b"topic /late does not appear to be published yet; waiting for it\n"
+    )
+    node.create_publisher(STRING, "/late", LATCHED).publish({"data": "here"})
+    assert (await tool.end(process)).out == "data: here\n---\n"
+
+
+async def test_a_type_that_only_the_publisher_has_is_shown(node: Node, tool: Any, tmp_path: Path) -> None:
+    cls = compile_text("far_msgs/msg/Secret", "int32 number 42\nstring[] names")
+    node.create_publisher(cls, "/secret", LATCHED).publish(cls(names=["x"]))
+    shown = await tool("topic", "echo", "/secret", "--once", HOME=str(tmp_path), XDG_CACHE_HOME=str(tmp_path))
+    assert (shown.out, shown.err) == ("number: 42\nnames:\n- x\n---\n", "")
+
+
+async def test_whoever_has_enough_of_the_output_may_go(node: Node) -> None:
+    publisher = node.create_publisher(STRING, "/words")
+    reading, writing = os.pipe()
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "rosidl_py_gen.tools", "topic", "echo", "/words"),
+        stdout=writing,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    os.close(writing)
+    assert await publisher.wait_for_subscribers(20)
+    os.close(reading)
+    publisher.publish({"data": "x"})
+    _, err = await asyncio.wait_for(process.communicate(), 10)
+    assert (process.returncode, err) == (1, b"")  # as click ends it
