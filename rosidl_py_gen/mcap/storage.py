@@ -9,10 +9,11 @@ import contextlib
 import heapq
 import sqlite3
 from dataclasses import replace
+from functools import cached_property
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Protocol
 
-from mcap.exceptions import EndOfFile
+from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
@@ -30,8 +31,14 @@ _MOST_INT = (1 << 63) - 1
 class Storage(Protocol):
     """One file."""
 
+    is_whole: bool
+    """False when the file has no index, as after a crash."""
+
     def topics(self) -> list[BagTopic]:
         """What it holds, with counts where it has an index."""
+
+    def span(self) -> tuple[int, int] | None:
+        """Log times of the first and the last message; None when there is none."""
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
         """Raw messages with ``start <= log_time < end``, by log time; None means all topics."""
@@ -74,25 +81,39 @@ class McapFile:
 
     def topics(self) -> list[BagTopic]:
         with _told(self._path):
-            if self.is_whole and self._summary is not None:
-                told, counts = self._summary, getattr(self._summary.statistics, "channel_message_counts", None)
-                rows = (
-                    _topic(channel, told.schemas.get(channel.schema_id), None if counts is None else counts.get(id, 0))
-                    for id, channel in told.channels.items()
-                )
-            else:
-                schemas: dict[int, Schema] = {}
-                channels: dict[int, Channel] = {}
-                counted: dict[int, int] = {}
-                for record in self._records():
-                    if isinstance(record, Schema):
-                        schemas[record.id] = record
-                    elif isinstance(record, Channel):
-                        channels[record.id] = record
-                    elif isinstance(record, Message):
-                        counted[record.channel_id] = counted.get(record.channel_id, 0) + 1
-                rows = (_topic(one, schemas.get(one.schema_id), counted.get(id, 0)) for id, one in channels.items())
-            return _joined(rows)
+            if self._summary is None or not self.is_whole:
+                return _joined(self._scanned[0])
+            told, counts = self._summary, getattr(self._summary.statistics, "channel_message_counts", None)
+            return _joined(
+                _topic(channel, told.schemas.get(channel.schema_id), None if counts is None else counts.get(id, 0))
+                for id, channel in told.channels.items()
+            )
+
+    def span(self) -> tuple[int, int] | None:
+        with _told(self._path):
+            statistics = None if self._summary is None or not self.is_whole else self._summary.statistics
+            if statistics is None:
+                return self._scanned[1]
+            times = statistics.message_start_time, statistics.message_end_time
+            return times if statistics.message_count else None
+
+    @cached_property
+    def _scanned(self) -> tuple[list[BagTopic], tuple[int, int] | None]:
+        """Topics and span of a file without index, which has to be read for it."""
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        counted: dict[int, int] = {}
+        first, last = _MOST_INT, -1
+        for record in self._records():
+            if isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel):
+                channels[record.id] = record
+            elif isinstance(record, Message):
+                counted[record.channel_id] = counted.get(record.channel_id, 0) + 1
+                first, last = min(first, record.log_time), max(last, record.log_time)
+        rows = [_topic(one, schemas.get(one.schema_id), counted.get(id, 0)) for id, one in channels.items()]
+        return rows, (first, last) if counted else None
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
         with _told(self._path):
@@ -117,7 +138,7 @@ class McapFile:
         """Everything up to the end, or to where the file breaks off."""
         self._stream.seek(0)
         reader = StreamReader(self._stream, validate_crcs=True, record_size_limit=self._size)
-        with contextlib.suppress(EndOfFile):
+        with contextlib.suppress(EndOfFile, RecordLengthLimitExceeded):  # the limit is the size of the file
             yield from reader.records
 
     def close(self) -> None:
@@ -151,6 +172,8 @@ def _joined(rows: Any) -> list[BagTopic]:
 class SqliteFile:
     """A ``.db3`` file of rosbag2."""
 
+    is_whole = True
+
     def __init__(self, path: Path) -> None:
         self._path = path
         if not path.is_file():
@@ -172,6 +195,15 @@ class SqliteFile:
                 BagTopic(name, kind, *texts.get(kind, ("", "")), how, hash_, qos, counts.get(key, 0))
                 for key, name, kind, how, qos, hash_ in ((row[0], *map(str, row[1:])) for row in rows)
             )
+
+    def span(self) -> tuple[int, int] | None:
+        with _told(self._path):
+            first, last = self._base.execute("select min(timestamp), max(timestamp) from messages").fetchone()
+            if first is None:
+                return None
+            if not isinstance(first, int) or not isinstance(last, int):
+                raise BagError(f"{self._path}: a message has no time")
+            return first, last
 
     def _definitions(self) -> dict[Any, tuple[str, str]]:
         tables = {row[0] for row in self._base.execute("select name from sqlite_master")}
