@@ -128,7 +128,7 @@ async def test_a_type_nobody_installed_is_recorded_with_the_definition_of_its_no
     cls = compile_text("nobody_has/msg/Odd", ODD)
     sample = cls(name="odd")
     node.create_publisher(cls, "odd", LATCHED).publish(sample)
-    process = await tool.start("bag", "record", "/odd", "-o", str(tmp_path / "bag"), XDG_CACHE_HOME=str(tmp_path))
+    process = await tool.start("bag", "record", "/odd", "-o", str(tmp_path / "bag"), ROSIDL_PY_GEN_CACHE=str(tmp_path))
     await said(process, "recording /odd [nobody_has/msg/Odd]")
     await asyncio.sleep(0.3)
     process.send_signal(signal.SIGINT)
