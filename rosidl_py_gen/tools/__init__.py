@@ -4,7 +4,8 @@ This file knows the groups of commands, with a sentence each, and how a run ends
 that declares its commands with click and imports nothing else, so that help is quick; what a command does is in a
 module beside this one, loaded when it runs.
 
-Exit codes: 0 done, 1 it could not be done (the reason is on standard error), 2 a wrong command line, 130 interrupted.
+Exit codes: 0 done, 1 it could not be done (the reason is on standard error), 2 a wrong command line, 130 interrupted,
+141 nobody reads the output any more.
 Commands that go on until they are interrupted end with 0 then.
 """
 
@@ -38,6 +39,8 @@ _GROUPS = {
 }
 
 
+_BROKEN_PIPE = 141
+"""What a shell says of a program that SIGPIPE ended."""
 _EXTRA = {"cyclonedds": "node", "rich": "node", "yaml": "node", "mcap": "mcap"}
 """Modules that extras bring. Definitions can be shown without them."""
 
@@ -110,7 +113,12 @@ def root() -> click.Group:
 
 def run_command(module: str, **arguments: Any) -> None:
     """Load ``tools/<module>.py`` and call its `run`, whose answer is the exit code; called by what click declares."""
-    code = import_module(f"{__name__}.{module}").run(**arguments)
+    try:
+        code = import_module(f"{__name__}.{module}").run(**arguments)
+        sys.stdout.flush()
+    except BrokenPipeError:  # whoever read our output has enough; click would end with 1
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = _BROKEN_PIPE
     if code:
         raise CommandEnd(code)
 
@@ -131,9 +139,11 @@ def run_async(main: Coroutine[Any, Any, int], *, endless: bool = False) -> int:
 
 def main(arguments: list[str] | None = None) -> None:
     """The console script; see the head of this file for exit codes."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # closed; a socket would get its number
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
     try:
         code = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
-        sys.stdout.flush()
         if isinstance(code, int) and code:
             sys.exit(code)
     except CommandEnd as end:
@@ -145,9 +155,6 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(wrong.exit_code)
     except (click.Abort, KeyboardInterrupt):
         sys.exit(130)
-    except BrokenPipeError:  # whoever read our output has enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(141)
     except RosidlError as error:
         report(str(error))
         sys.exit(1)

@@ -101,10 +101,10 @@ class _Printer:
     def __init__(self, as_json: bool) -> None:
         self._as_json = as_json
 
-    def say(self, text: str) -> None:
+    def say(self, text: str, style: str = "") -> None:
         """Only for people."""
         if not self._as_json:
-            printing.line(text)
+            printing.line(text, style)
 
     def message(self, heading: str, message: Message) -> None:
         """Only for people."""
@@ -121,7 +121,7 @@ class _Printer:
     def result(self, goal_id: bytes, status: GoalStatus, result: Message) -> None:
         """The end."""
         self.message("Result", result)
-        self.say(f"Goal finished with status: {status.name}")
+        self.say(f"Goal finished with status: {status.name}", "green" if status is GoalStatus.SUCCEEDED else "red")
         if self._as_json:
             found = {"goal_id": goal_id.hex(), "status": status.name, "result": to_dict(result)}
             printing.json_line(found)

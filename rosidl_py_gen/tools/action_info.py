@@ -26,7 +26,7 @@ async def _info(
         node = session.node
         name = await find_action(session, action)
         if not only_type:
-            await session.settle()
+            await session.settle_names()
         types = dict(actions(node.get_topic_names_and_types())).get(name, [])
         clients = _users(node, name, node.get_subscriber_names_and_types_by_node)
         servers = _users(node, name, node.get_publisher_names_and_types_by_node)

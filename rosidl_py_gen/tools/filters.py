@@ -71,7 +71,10 @@ def compile_path(text: str, cls: type[Message]) -> Callable[[Message], Any]:
     for node in ast.walk(tree.body):
         if not isinstance(node, _IN_PATHS):
             raise FilterError(f'"{text}" is not the path of a field; expected names with . and [index] between them')
-    value = _compiled(tree, cls)
+    try:
+        value = _compiled(tree, cls)
+    except FilterError as error:
+        raise FilterError(f'"{text}": {str(error).partition(": ")[2] or error}') from None
     return lambda message: _evaluated(value, message)
 
 

@@ -43,9 +43,9 @@ async def _info(network: Network, node: str, hidden: bool, as_json: bool) -> int
     if as_json:
         printing.document({"name": full_name, **found})
     else:
-        printing.line(full_name)
+        printing.line(full_name, "bold cyan")
         for kind, heading in _HEADINGS.items():
-            printing.line(f"  {heading}:")
+            printing.line(f"  {heading}:", "bold")
             for name, types in found[kind].items():
                 printing.line(f"    {name}: {', '.join(types)}")
             if not found[kind]:

@@ -15,7 +15,7 @@ def run(network: Network, **shown: Any) -> int:
 
 async def _list(network: Network, hidden: bool, count: bool, as_json: bool) -> int:
     async with Session(network) as session:
-        await session.settle()
+        await session.settle_names()
         nodes = session.node.get_nodes()
     found = [
         {"name": node.fully_qualified_name, "enclave": node.enclave}

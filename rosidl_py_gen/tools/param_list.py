@@ -98,6 +98,6 @@ def _show(found: dict[str, dict[str, str]], as_json: bool, *, headings: bool) ->
         return
     for node, names in found.items():
         if headings and names:
-            printing.line(f"{node}:")
+            printing.line(f"{node}:", "bold cyan")
         for name, kind in names.items():
             printing.line(f"  {name} (type: {kind})" if kind else f"  {name}")

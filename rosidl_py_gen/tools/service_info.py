@@ -12,6 +12,8 @@ from rosidl_py_gen.tools.session import Network, Session
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, TopicEndpointInfo
 
+_PATIENCE_S = 1.0
+
 
 def run(network: Network, **shown: Any) -> int:
     """Returns the exit code."""
@@ -23,7 +25,9 @@ async def _info(network: Network, service: str, as_json: bool, only_type: bool =
         node = session.node
         name = await find_service(session, service)
         if not only_type:
-            await session.settle()
+            await (session.settle_names() if verbose else session.settle())
+            # A service is known by one of its two topics; both ends are counted by the other.
+            await session.wait_for(lambda: node.count_services(name) or node.count_clients(name), _PATIENCE_S)
         types = dict(node.get_service_names_and_types()).get(name, [])
         found: dict[str, Any] = {
             "name": name,

@@ -25,7 +25,7 @@ async def _info(
 ) -> int:
     async with Session(network) as session:
         name = await found(session, topic, timeout_s)
-        await session.settle()
+        await (session.settle_names() if verbose else session.settle())
         node = session.node
         types = dict(node.get_topic_names_and_types()).get(name, [])
         publishers = node.get_publishers_info_by_topic(name)

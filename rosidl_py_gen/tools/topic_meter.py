@@ -7,7 +7,9 @@ where a filter, or a header that is not their first field, needs it. What is com
 from __future__ import annotations
 
 import asyncio
+import shutil
 import struct
+import sys
 from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +26,7 @@ from rosidl_py_gen.tools.topic_wait import found
 
 _EVERY_S = 1.0
 _DEPTH = 1000
+_TABLE_COLUMNS = 72
 _HEADER = "std_msgs/msg/Header"
 _KINDS: dict[str, type[Figures]] = {"hz": Rate, "bw": Bandwidth, "delay": Delay}
 _Value = Callable[[Any], "int | None"]
@@ -102,14 +105,20 @@ async def _report(meters: Sequence[_Meter], times: int | None, as_json: bool) ->
         if as_json:
             for meter, report in reports:
                 printing.document({"topic": meter.topic, **report}, in_stream=True)
-        elif len(meters) == 1:
+        elif len(meters) == 1 or _is_narrow():
             for meter, report in reports:
-                printing.line(meter.figures.text(report))
+                name = "" if len(meters) == 1 else f"{meter.topic}\n"
+                printing.line(name + meter.figures.text(report))
         elif reports:
             rows = [[meter.topic, *meter.figures.row(report)] for meter, report in reports]
             printing.table(rows, "topic", *meters[0].figures.HEADINGS)
         if times is not None and reports:
             times -= 1
+
+
+def _is_narrow() -> bool:
+    """Whether a table would break its numbers."""
+    return sys.stdout.isatty() and shutil.get_terminal_size().columns < _TABLE_COLUMNS
 
 
 # ----------------------------------------------------------------------------------------------- what is taken of each

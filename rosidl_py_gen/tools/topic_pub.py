@@ -58,7 +58,8 @@ async def _publish(network: Network, type_name: str | None, text: str, wanted: _
         ready = None if text == _STDIN else messages.message_and_stamps(cls, text)  # before anybody is waited for
         qos = topic_qos.given(wanted.qos, presets.DEFAULT) or presets.DEFAULT
         publisher: Publisher[Any] = session.node.create_publisher(cls, topic, qos)
-        await _subscribed(publisher, wanted)
+        ends = wanted.times is not None or ready is None
+        await _subscribed(publisher, int(ends) if wanted.wait is None else wanted.wait, wanted.timeout_s)
         if not wanted.as_json:
             printing.line("publisher: beginning loop")
         made = _again_and_again(*ready) if ready else _from_stdin(cls)
@@ -70,14 +71,13 @@ async def _publish(network: Network, type_name: str | None, text: str, wanted: _
     return 0
 
 
-async def _subscribed(publisher: Publisher[Any], wanted: _Wanted) -> None:
-    """Wait for as many subscriptions as the user said: one, when the messages are counted."""
-    count = wanted.wait if wanted.wait is not None else int(wanted.times is not None)
+async def _subscribed(publisher: Publisher[Any], count: int, limit_s: float | None) -> None:
+    """Wait for so many subscriptions, and say so."""
     loop = asyncio.get_running_loop()
     began = loop.time()
     patience_s = 0.1  # most are there at once, and need no note
     while not await publisher.wait_for_subscribers(patience_s, count=count):
-        waited_s, limit_s = loop.time() - began, wanted.timeout_s
+        waited_s = loop.time() - began
         if limit_s is not None and waited_s >= limit_s:
             there = publisher.subscription_count
             raise ToolError(f"{there} subscriptions on {publisher.topic} in {limit_s:g} s, expected at least {count}")

@@ -2,7 +2,8 @@
 
 A block with a title is a file. Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
 background, so that a server of one block answers the client of the next. Shell blocks run what they say to
-``rosidl-py-gen``, and to Python and pytest about files of the page. A text block says what the block before it prints.
+``rosidl-py-gen`` and ``rosidl-py``, and to Python and pytest about files of the page. A text block says what the block
+before it prints.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import rosidl_py_gen.runtime as runtime
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
+_COMMANDS = {"rosidl-py-gen": ("-m", "rosidl_py_gen.cli"), "rosidl-py": ("-m", "rosidl_py_gen.tools")}
 PATIENCE_S = float(os.environ.get("PAGE_PATIENCE_S", "30"))
 
 
@@ -114,9 +116,8 @@ class Page:
                 raise PageError(f"{word} does not exist")
         if not words:
             return
-        ours = words[0] == "rosidl-py-gen" or (words[0] == "python" and Path(words[1]).is_file())
-        if ours:
-            program = [sys.executable, "-m", "rosidl_py_gen.cli"] if words[0] == "rosidl-py-gen" else [sys.executable]
+        if words[0] in _COMMANDS or (words[0] == "python" and Path(words[1]).is_file()):
+            program = [sys.executable, *_COMMANDS.get(words[0], ())]
             await self.command([*program, *words[1:]], ends_with=int(line.endswith("# ends with 1")))
 
     async def command(self, command: list[str], ends_with: int = 0) -> None:

@@ -17,11 +17,9 @@ if TYPE_CHECKING:
     from conftest import Tool
     from worlds import World
 
-QUIET = {"overrides": {"start_type_description_service": False}}
-
 
 def drive(world: World) -> Node:
-    node = world.node("drive", **QUIET)
+    node = world.node("drive")
     limits = ParameterDescriptor(description="in m/s", floating_point_range=FloatRange(0.0, 3.0, 0.5))
     node.declare_parameter("speed", 1.5, limits)
     node.declare_parameter("arm.names", ["a", "b"])

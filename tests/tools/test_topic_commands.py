@@ -93,7 +93,7 @@ async def test_pub_sends_what_the_command_line_says_to_whoever_listens(node: Nod
 async def test_pub_takes_documents_from_standard_input_as_echo_prints_them(node: Node, tool: Any) -> None:
     words = node.create_subscription(STRING, "/words")
     text = 'data: one\n---\n\n{"data": "two"}\n{"data": "three"}\ndata: |\n  four\n  lines\n---\n'
-    done = await tool("topic", "pub", "/words", "-", "-w", "1", stdin=text)
+    done = await tool("topic", "pub", "/words", "-", stdin=text)
     assert (done.code, done.err) == (0, "")
     assert [(await take(words))["data"] for _ in range(4)] == ["one", "two", "three", "four\nlines\n"]
 
@@ -102,7 +102,7 @@ async def test_pub_goes_on_until_it_is_interrupted(node: Node, tool: Any) -> Non
     words = node.create_subscription(STRING, "/words")
     endless = await tool.start("topic", "pub", "/words", "data: again", "-r", "100", "-p", "0")
     waiting = await tool.start("topic", "pub", "/other", STRING, "--once")
-    reading = await tool.start("topic", "pub", "/words", "-", "-w", "1")
+    reading = await tool.start("topic", "pub", "/words", "-")
     await until(lambda: len(node.get_publishers_info_by_topic("/words")) == 2, 25)
     assert [(await take(words))["data"] for _ in range(3)] == ["again"] * 3
     assert await waiting.stderr.readline() == b"Waiting for at least 1 matching subscription(s) on /other...\n"
@@ -122,11 +122,11 @@ async def test_pub_goes_on_until_it_is_interrupted(node: Node, tool: Any) -> Non
         (["/words", "no_pkg/msg/Nothing", "{}"], "", "no_pkg/msg/Nothing"),
         (["/words", STRING, "data:", "hello"], "", "expected values in one word"),
         (
-            ["/words", STRING, "-"],
+            ["/words", STRING, "-", "-w", "0"],
             "{data: a}\n{dta: b}\n",
             "document 2 of standard input: std_msgs/msg/String: unknown",
         ),
-        (["/words", STRING, "-"], "\udcff", "standard input is not UTF-8"),
+        (["/words", STRING, "-", "-w", "0"], "\udcff", "standard input is not UTF-8"),
         (
             ["/words", STRING, "--once", "--timeout", "0.2"],
             "",

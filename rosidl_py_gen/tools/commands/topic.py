@@ -215,7 +215,7 @@ def _types_of_topic(ctx: click.Context, param: click.Parameter, incomplete: str)
     "wait",
     type=click.IntRange(0),
     metavar="N",
-    help="Wait for so many subscriptions first.  [default: 1 with --once or --times, else 0]",
+    help="Wait for so many subscriptions first.  [default: 1 with --once, --times or -, else 0]",
 )
 @click.option(
     "--timeout",

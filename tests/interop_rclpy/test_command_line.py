@@ -1,0 +1,261 @@
+"""``rosidl-py`` in front of rclpy nodes on Fast DDS, whose types it has nowhere but from them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from rclpy_peer import Peer
+from rclpy_worlds import fresh
+from worlds import ROOT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+STRINGS, BASIC, FIBONACCI = "test_msgs/msg/Strings", "test_msgs/srv/BasicTypes", "test_msgs/action/Fibonacci"
+WITHIN_S = 40
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+class Tool:
+    """Runs ``rosidl-py``, in processes because a class that a test has compiled is there for all of them."""
+
+    def __init__(self, cache: Path) -> None:
+        self._environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(cache)}
+        self._environment.pop("AMENT_PREFIX_PATH", None)
+
+    async def start(self, *words: str) -> asyncio.subprocess.Process:
+        """The test ends it."""
+        command = (sys.executable, "-m", "rosidl_py_gen.tools", *words)
+        pipe = asyncio.subprocess.PIPE
+        return await asyncio.create_subprocess_exec(*command, env=self._environment, stdout=pipe, stderr=pipe)
+
+    async def end(self, process: asyncio.subprocess.Process) -> Ended:
+        """What it said until its end."""
+        try:
+            out, err = await asyncio.wait_for(process.communicate(), WITHIN_S)
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+        assert process.returncode is not None
+        return Ended(process.returncode, out.decode(), err.decode())
+
+    async def __call__(self, *words: str) -> str:
+        """What a command prints that succeeds."""
+        ended = await self.end(await self.start(*words))
+        assert (ended.code, ended.err) == (0, ""), ended
+        return ended.out
+
+
+@pytest.fixture
+def tool(tmp_path: Path) -> Tool:
+    """See `Tool`."""
+    return Tool(tmp_path / "cache")
+
+
+@pytest.fixture
+def share(shared_peer: Peer) -> str:
+    """Where the peer's definitions are: rclpy tells none of services and actions unless it is asked by hash."""
+    return str(shared_peer.share)
+
+
+async def test_everything_is_listed(shared_peer: Peer, tool: Tool) -> None:
+    topic, service, action, node, managed = map(fresh, ("words", "answers", "counts", "holder", "managed"))
+    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
+    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
+    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
+    await shared_peer.ask("add_node", name=node.strip("/"))
+    await shared_peer.ask("lifecycle_node", name=managed.strip("/"))
+    expected = {
+        "topic list -t": f"{topic} [{STRINGS}]",
+        "service list -t": f"{service} [{BASIC}]",
+        "action list -t": f"{action} [{FIBONACCI}]",
+        "node list": node,
+        "lifecycle nodes": managed,
+        "param list": f"{node}:",
+        "lifecycle get": f"{managed}: unconfigured [1]",
+    }
+    listed = await asyncio.gather(*(tool(*words.split(), "--spin-time", "4") for words in expected))
+    for found, one in zip(listed, expected.values(), strict=True):
+        assert one in found.splitlines()
+    await shared_peer.ask("unpublish", topic=topic)
+    await shared_peer.ask("unserve", name=service)
+    await shared_peer.ask("remove_node", name=node.strip("/"))
+    await shared_peer.ask("remove_node", name=managed.strip("/"))
+
+
+async def test_everything_has_information(shared_peer: Peer, tool: Tool) -> None:
+    topic, service, action = map(fresh, ("words", "answers", "counts"))
+    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
+    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
+    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
+    of_topic, of_service, of_action, of_node = await asyncio.gather(
+        tool("topic", "info", topic),
+        tool("service", "info", service),
+        tool("action", "info", action, "--spin-time", "4"),
+        tool("node", "info", f"/{shared_peer.name}", "--json", "--spin-time", "4"),
+    )
+    assert of_topic.startswith(f"Type: {STRINGS}\n")
+    assert of_service == f"Type: {BASIC}\nClients count: 0\nServices count: 1\n"
+    assert of_action == f"Action: {action}\nAction clients: 0\nAction servers: 1\n    /{shared_peer.name}\n"
+    found = json.loads(of_node)
+    assert (found["publishers"][topic], found["service_servers"][service]) == ([STRINGS], [BASIC])
+    assert found["action_servers"][action] == [FIBONACCI]
+    await shared_peer.ask("unpublish", topic=topic)
+    await shared_peer.ask("unserve", name=service)
+
+
+async def test_the_graph_shows_them_and_the_doctor_tells_their_make(shared_peer: Peer, tool: Tool) -> None:
+    topic, service, action = map(fresh, ("words", "answers", "counts"))
+    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
+    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
+    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed")
+    graph, doctor = await asyncio.gather(
+        tool("graph", "--json", "--node", shared_peer.name, "--spin-time", "4"),
+        tool("doctor", "--json", "--spin-time", "4"),
+    )
+    (node,) = json.loads(graph)["nodes"]
+    shown = {(row["kind"], row["name"], *row["types"]) for role in ("publishes", "serves") for row in node[role]}
+    assert {("topic", topic, STRINGS), ("service", service, BASIC), ("action", action, FIBONACCI)} <= shown
+    assert not any("parameter" in name for _, name, *_ in shown)
+    texts = [row["text"] for row in json.loads(doctor)["peers"]]
+    (peers,) = [text for text in texts if text.startswith("Fast DDS, ROS Iron or later: ")]
+    assert f"/{shared_peer.name}" in peers
+    assert any("a message went there and back" in text for text in texts)
+    await shared_peer.ask("unpublish", topic=topic)
+    await shared_peer.ask("unserve", name=service)
+
+
+async def test_a_service_is_called(shared_peer: Peer, tool: Tool, share: str) -> None:
+    name = fresh("answers")
+    await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
+    values = "{int32_value: -5, string_value: grüße}"
+    answer = json.loads(await tool("service", "call", name, values, "--json", "--path", share))
+    assert (answer["int32_value"], answer["string_value"]) == (-5, "grüße")
+    shown = await tool("service", "call", name, BASIC, "{bool_value: true}", "--path", share)
+    assert "response:\ntest_msgs.srv.BasicTypes_Response(bool_value=True, byte_value=0," in shown
+    await shared_peer.ask("unserve", name=name)
+
+
+async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, tool: Tool) -> None:
+    name = fresh("answers")
+    await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
+    await shared_peer.ask("introspect", kind="service", name=name, state="CONTENTS")
+    await shared_peer.ask("client", name=name, type=BASIC)
+    process = await tool.start("service", "echo", name, "--once", "--json")  # its hash is announced with its events
+    while process.returncode is None:
+        await asyncio.sleep(0.2)
+        await shared_peer.ask("call", name=name, requests_=[{"int32_value": 7}])
+    event = json.loads((await tool.end(process)).out)
+    assert (event["info"]["event_type"], event["request"][0]["int32_value"]) == ("REQUEST_RECEIVED", 7)
+    await shared_peer.ask("unclient", name=name)
+    await shared_peer.ask("unserve", name=name)
+
+
+async def test_parameters_are_read_and_set(shared_peer: Peer, tool: Tool) -> None:
+    name = fresh("holder").strip("/")
+    await shared_peer.ask("add_node", name=name)
+    await shared_peer.ask("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
+    listed, got, done, described, wrong = await asyncio.gather(
+        tool("param", "list", f"/{name}", "--param-type"),
+        tool("param", "get", f"/{name}", "arm.names"),
+        tool("param", "set", f"/{name}", "speed", "2.5"),
+        tool("param", "describe", f"/{name}", "count"),
+        tool.end(await tool.start("param", "set", f"/{name}", "speed", "fast")),
+    )
+    assert "  arm.names (type: string array)\n" in listed
+    assert (got, done) == ("String values are: ['a', 'ü']\n", "Set parameter successful\n")
+    assert (wrong.code, "  Type: integer\n" in described) == (1, True)
+    assert wrong.err.startswith("error: Setting parameter failed: ")
+    assert await shared_peer.ask("parameters", node=name, names=["speed"]) == [2.5]
+    await shared_peer.ask("remove_node", name=name)
+
+
+async def test_parameters_are_dumped_and_loaded(shared_peer: Peer, tool: Tool, tmp_path: Path) -> None:
+    name = fresh("holder").strip("/")
+    await shared_peer.ask("add_node", name=name)
+    await shared_peer.ask("declare", node=name, parameters={"speed": 1.5, "arm.names": ["a", "ü"], "count": 3})
+    dumped = yaml.safe_load(await tool("param", "dump", f"/{name}"))[f"/{name}"]["ros__parameters"]
+    assert (dumped["speed"], dumped["arm"], dumped["count"]) == (1.5, {"names": ["a", "ü"]}, 3)
+    file = tmp_path / "holder.yaml"
+    file.write_text(f"/{name}:\n  ros__parameters: {{count: 4}}\n")
+    assert await tool("param", "load", f"/{name}", str(file)) == "Set parameter count successful\n"
+    assert await shared_peer.ask("parameters", node=name, names=["count"]) == [4]
+    await shared_peer.ask("remove_node", name=name)
+
+
+async def test_a_goal_is_sent_and_followed(shared_peer: Peer, tool: Tool, share: str) -> None:
+    name, steps = fresh("fibonacci"), [{"sequence": [0]}, {"sequence": [0, 1]}]
+    done = {"sequence": [0, 1, 1]}
+    await shared_peer.ask("action_server", name=name, type=FIBONACCI, how="succeed", feedback=steps, result=done)
+    out = await tool("action", "send_goal", name, "{order: 2}", "--feedback", "--json", "--path", share)
+    *feedback, end = map(json.loads, out.splitlines())
+    assert [one["feedback"] for one in feedback] == steps
+    assert (end["status"], end["result"]) == ("SUCCEEDED", done)
+
+
+async def test_ctrl_c_cancels_a_goal_of_theirs(shared_peer: Peer, tool: Tool, share: str) -> None:
+    name = fresh("fibonacci")
+    await shared_peer.ask("action_server", name=name, type=FIBONACCI, how="cancel", result={"sequence": [9]})
+    process = await tool.start("action", "send_goal", name, "{order: 2}", "--path", share)
+    assert process.stdout is not None
+    while b"accepted" not in await asyncio.wait_for(process.stdout.readline(), WITHIN_S):
+        pass
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out.splitlines()[-1]) == (130, "Goal finished with status: CANCELED")
+
+
+async def test_a_lifecycle_node_is_led_through_its_states(shared_peer: Peer, tool: Tool) -> None:
+    name = fresh("managed")
+    await shared_peer.ask("lifecycle_node", name=name.strip("/"))
+    assert await tool("lifecycle", "set", name, "configure") == "Transitioning successful\n"
+    state, possible = await asyncio.gather(tool("lifecycle", "get", name), tool("lifecycle", "list", name))
+    assert (state, "- activate [3]\n" in possible) == ("inactive [2]\n", True)
+    await shared_peer.ask("remove_node", name=name.strip("/"))
+
+
+async def test_a_topic_of_an_unknown_type_is_echoed(shared_peer: Peer, tool: Tool) -> None:
+    topic = fresh("words")
+    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
+    process = await tool.start("topic", "echo", topic, "--once", "--json")
+    message: dict[str, Any] = {"string_value": "grüße"}
+    while process.returncode is None:
+        await shared_peer.ask("publish", topic=topic, messages_=[message])
+        await asyncio.sleep(0.2)
+    ended = await tool.end(process)
+    assert json.loads(ended.out)["string_value"] == "grüße"
+    await shared_peer.ask("unpublish", topic=topic)
+
+
+async def test_what_is_published_arrives_and_what_they_publish_is_measured(shared_peer: Peer, tool: Tool) -> None:
+    heard, said = fresh("heard"), fresh("said")
+    await shared_peer.ask("subscribe", topic=heard, type=STRINGS)
+    await shared_peer.ask("publisher", topic=said, type=STRINGS)
+    await tool("topic", "pub", heard, "string_value: grüße", "--times", "2", "--rate", "20")
+    taken = await shared_peer.ask("take", topic=heard, count=2)
+    assert [one["string_value"] for one in taken] == ["grüße", "grüße"]
+    process = await tool.start("topic", "hz", said, "--times", "1", "--json")
+    while process.returncode is None:
+        await shared_peer.ask("publish", topic=said, messages_=[{}])
+        await asyncio.sleep(0.05)
+    report = json.loads((await tool.end(process)).out)
+    assert (report["topic"], report["window"] > 1) == (said, True)
+    await shared_peer.ask("unsubscribe", topic=heard)
+    await shared_peer.ask("unpublish", topic=said)
