@@ -137,7 +137,7 @@ def write(folder: Path) -> None:
 
 def record(folder: Path) -> None:
     os.environ.update(ROS_DOMAIN_ID=DOMAIN, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
-    for compression in ("none", "lz4"):
+    for compression in ("none", "zstd", "lz4"):
         bag = folder / f"recorded_{compression}"
         command = (*(sys.executable, "-m", "rosidl_py_gen.tools", "bag", "record", "/image"), "-o", str(bag))
         recorder = subprocess.Popen([*command, "--compression", compression], stderr=subprocess.PIPE, text=True)

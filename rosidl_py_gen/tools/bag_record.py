@@ -64,6 +64,7 @@ def run(
     split_s: float | None,
     regex: str | None,
     exclude: Sequence[str],
+    duration_s: float | None,
     **wanted: Any,
 ) -> int:
     """Returns the exit code."""
@@ -72,7 +73,7 @@ def run(
     path = output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}"
     inside = "" if compression == "none" else compression
     bag = BagWriter(path, compression=inside, split_bytes=split_bytes, split_s=split_s)
-    return run_async(_record(network, bag, asked), endless=True)
+    return run_async(_record(network, bag, asked, duration_s), endless=True)
 
 
 def _pattern(text: str) -> re.Pattern[str]:
@@ -82,7 +83,7 @@ def _pattern(text: str) -> re.Pattern[str]:
         raise ToolError(f'"{text}" is no regular expression: {error}') from None
 
 
-async def _record(network: Network, bag: BagWriter, wanted: _Wanted) -> int:
+async def _record(network: Network, bag: BagWriter, wanted: _Wanted, duration_s: float | None) -> int:
     loop = asyncio.get_running_loop()
     failed = asyncio.Event()
     writer = WriterThread(bag, partial(loop.call_soon_threadsafe, failed.set))
@@ -91,7 +92,8 @@ async def _record(network: Network, bag: BagWriter, wanted: _Wanted) -> int:
         async with Session(network) as session:
             recorder = _Recorder(session, writer, wanted)
             with progress() as show:
-                await _until(failed, recorder.follow(), recorder.report(show))
+                end = () if duration_s is None else (asyncio.sleep(duration_s),)
+                await _until(failed, recorder.follow(), recorder.report(show), *end)
     finally:
         writer.end()
         _say_end(bag.path, writer, recorder, as_json=wanted.as_json)
@@ -99,7 +101,7 @@ async def _record(network: Network, bag: BagWriter, wanted: _Wanted) -> int:
 
 
 async def _until(failed: asyncio.Event, *coroutines: Any) -> None:
-    """Run all until one fails, or the event comes."""
+    """Run all until one ends or fails, or the event comes."""
     tasks = [asyncio.ensure_future(one) for one in (failed.wait(), *coroutines)]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

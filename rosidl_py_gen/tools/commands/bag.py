@@ -86,6 +86,13 @@ def info(**arguments: Any) -> None:
 @click.option("-o", "--output", type=click.Path(), help="A folder, or a file that ends with .mcap.")
 @_compression
 @_split_options
+@click.option(
+    "--duration",
+    "duration_s",
+    type=click.FloatRange(0, min_open=True),
+    metavar="SECONDS",
+    help="End after so long, discovery included, instead of on Ctrl-C.",
+)
 @click.option("--no-discovery", is_flag=True, help="Only the topics that are there at the beginning.")
 @options.paths
 @options.as_json
