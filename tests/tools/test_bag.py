@@ -107,7 +107,7 @@ async def test_a_killed_recorder_leaves_a_file_that_info_and_convert_read(
     path = tmp_path / "a.mcap"
     process = await tool.start("bag", "record", "/words", "-o", str(path), "--compression", "lz4")
     await said(process, "nobody publishes /words yet")
-    words = node.create_publisher(String, "words")
+    words = node.create_publisher(String, "words", QoSProfile(depth=100))
     assert await words.wait_for_subscribers(20)
     for number in range(30):
         words.publish(String(data=f"w{number}"))
