@@ -31,7 +31,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "numpy": ("base", "support", "dynamic", "top"),
     "tf": ("base", "support", "dynamic", "top", "numpy", "runtime"),
     "mcap": ("base", "support", "dynamic", "top", "runtime"),
-    "tools": ("base", "support", "spec", "compiler", "dynamic", "runtime", "msgs", "top", "cli"),
+    "tools": ("base", "support", "spec", "compiler", "dynamic", "runtime", "msgs", "top", "cli", "mcap"),
     "top": ("base", "support", "dynamic"),
 }
 # Which part a module belongs to: the longest prefix counts.

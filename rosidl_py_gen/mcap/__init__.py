@@ -8,4 +8,5 @@ from rosidl_py_gen.mcap.common import BagMessage as BagMessage
 from rosidl_py_gen.mcap.common import BagTopic as BagTopic
 from rosidl_py_gen.mcap.decoder import DecoderFactory as DecoderFactory
 from rosidl_py_gen.mcap.reader import BagReader as BagReader
+from rosidl_py_gen.mcap.sqlite import SqliteWriter as SqliteWriter
 from rosidl_py_gen.mcap.writer import BagWriter as BagWriter

@@ -42,10 +42,19 @@ class BagReader:
         self._files: list[Storage] = []
         self._classes: dict[str, type[Any]] = {}
         try:
-            for file in self._paths():
+            self.files = self._paths()
+            """The files it consists of."""
+            for file in self.files:
                 self._files.append(_open(file))
             self.topics: dict[str, BagTopic] = self._all_topics()
             """What was recorded, by name of the topic."""
+            spans = [span for file in self._files if (span := file.span()) is not None]
+            self.start_ns = min((first for first, _ in spans), default=0)
+            """Log time of the first message, nanoseconds since 1970; 0 when there is none."""
+            self.end_ns = max((last for _, last in spans), default=0)
+            """Log time of the last message."""
+            self.has_index = all(file.is_whole for file in self._files)
+            """False after a crash of the recorder: all of the files is read then to find something."""
         except BaseException:
             self.close()
             raise

@@ -28,6 +28,12 @@ _CHUNK = 4 << 20
 """Bytes of messages that are written, and found again, together."""
 
 
+def topic_of(topic: str, msg_type: type[Message], qos: Sequence[QoSProfile] = ()) -> BagTopic:
+    """What a bag keeps of a topic; raises `TypeNotFoundError` when `msg_type` is no message class."""
+    text = definition_text(msg_type)
+    return BagTopic(topic, type_name(msg_type), text, type_hash=type_hash(msg_type), offered_qos=qos_text(qos))
+
+
 class BagWriter:
     """Writes messages with their definitions. Use it with ``with``; without `close` there is no index.
 
@@ -92,11 +98,7 @@ class BagWriter:
         Raises:
             BagError: the topic has another type already. TypeNotFoundError: not a message class.
         """
-        if isinstance(msg_type, BagTopic):
-            known = msg_type
-        else:
-            text = definition_text(msg_type)
-            known = BagTopic(topic, type_name(msg_type), text, type_hash=type_hash(msg_type), offered_qos=qos_text(qos))
+        known = msg_type if isinstance(msg_type, BagTopic) else topic_of(topic, msg_type, qos)
         before = self._topics.get(topic)
         if before is not None and (before.type_name, before.type_hash) != (known.type_name, known.type_hash):
             raise BagError(f"{topic} has the type {before.type_name} {before.type_hash}, not {known.type_name}")
@@ -137,6 +139,15 @@ class BagWriter:
         published = log_time if publish_time_ns is None else publish_time_ns
         self._writer.add_message(channel, log_time, data, published)
 
+    def flush(self) -> None:
+        """Hand what is held back to the operating system, so that it outlives this process; costs some compression.
+
+        Raises:
+            OSError: the disk is full.
+        """
+        if not self._closed:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+
     def _register(self, topic: BagTopic) -> int:
         key = topic.type_name, topic.definition
         if key not in self._schemas:
@@ -154,6 +165,7 @@ class BagWriter:
         self._stream = file.open("xb", buffering=1 << 16)
         self._writer = Writer(self._stream, chunk_size=_CHUNK, compression=self._compression)
         self._writer.start("ros2", f"rosidl-py-gen {__version__}")
+        self._stream.flush()  # an empty bag from now on
         self._files.append(FileStatistics(name))
         self._channels, self._schemas, self._written = {}, {}, 0
 

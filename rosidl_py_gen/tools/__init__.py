@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _GROUPS = {
     "action": "Actions: list, info, send goals.",
+    "bag": "Recordings: record, play, info, convert.",
     "completion": "Print the completion script of a shell.",
     "doctor": "Check this installation, the network, and what answers on it.",
     "graph": "Nodes and topics as text, Mermaid or SVG.",
@@ -40,8 +41,8 @@ _GROUPS = {
 
 _BROKEN_PIPE = 141
 """What a shell says of a program that SIGPIPE ended."""
-_EXTRA = ("cyclonedds", "rich", "yaml")
-"""Modules that the extra `node` brings. Definitions can be shown without it."""
+_EXTRA = {"cyclonedds": "node", "rich": "node", "yaml": "node", "mcap": "mcap"}
+"""Modules that extras bring. Definitions can be shown without them."""
 
 
 class ToolError(RosidlError):
@@ -160,7 +161,9 @@ def main(arguments: list[str] | None = None) -> None:
     except ModuleNotFoundError as missing:
         if missing.name not in _EXTRA:
             raise
-        report(f"this needs {missing.name}, which is not installed: pip install 'rosidl-py-gen[node]'")
+        report(
+            f"this needs {missing.name}, which is not installed: pip install 'rosidl-py-gen[{_EXTRA[missing.name]}]'"
+        )
         sys.exit(1)
     except OSError as error:
         report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))

@@ -259,3 +259,30 @@ async def test_what_is_published_arrives_and_what_they_publish_is_measured(share
     assert (report["topic"], report["window"] > 1) == (said, True)
     await shared_peer.ask("unsubscribe", topic=heard)
     await shared_peer.ask("unpublish", topic=said)
+
+
+async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
+    shared_peer: Peer, tool: Tool, tmp_path: Path
+) -> None:
+    said, heard, bag = fresh("said"), fresh("heard"), str(tmp_path / "bag")
+    await shared_peer.ask("publisher", topic=said, type=STRINGS)
+    process = await tool.start("bag", "record", said, "-o", bag)
+    assert process.stderr is not None
+    while (
+        line := await asyncio.wait_for(process.stderr.readline(), WITHIN_S)
+    ) != f"recording {said} [{STRINGS}]\n".encode():
+        assert line.startswith(b"nobody publishes")  # yet, as far as this process has heard
+    for number in range(5):
+        await shared_peer.ask("publish", topic=said, messages_=[{"string_value": f"grüße {number}"}])
+    await asyncio.sleep(0.5)
+    process.send_signal(signal.SIGTERM)
+    assert (await tool.end(process)).code == 0
+    (topic,) = json.loads(await tool("bag", "info", bag, "--json"))["topics"]
+    assert (topic["type"], topic["count"], topic["has_definition"]) == (STRINGS, 5, True)
+    await shared_peer.ask("subscribe", topic=heard, type=STRINGS)
+    played = await tool.end(await tool.start("bag", "play", bag, "--remap", f"{said}:={heard}"))
+    assert (played.code, played.err) == (0, "published 5 messages of 1 topics\n")
+    taken = await shared_peer.ask("take", topic=heard, count=5)
+    assert [one["string_value"] for one in taken] == [f"grüße {number}" for number in range(5)]
+    await shared_peer.ask("unsubscribe", topic=heard)
+    await shared_peer.ask("unpublish", topic=said)

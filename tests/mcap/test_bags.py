@@ -84,6 +84,22 @@ def test_mcap_and_its_ros2_support_read_it(tmp_path: Path, compression: str) -> 
             assert decoded.linear_acceleration.x == record.log_time // S / 2
 
 
+def test_messages_come_by_log_time_though_chunks_overlap(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with BagWriter(path) as writer:
+        for times in ([5, 1, 30], [4, 2, 40], [3, 20, 10], [50, 60]):
+            for number in times:
+                writer.write("/a" if number % 20 else "/b", String(data=str(number)), number)
+            writer.flush()
+    with BagReader(path) as reader:
+        assert [item.log_time for item in reader] == [1, 2, 3, 4, 5, 10, 20, 30, 40, 50, 60]
+        assert [item.log_time for item in reader.messages("/b")] == [20, 40, 60]
+        assert [item.log_time for item in reader.messages(start_ns=4, end_ns=40)] == [4, 5, 10, 20, 30]
+        one, two = reader.messages(), reader.messages("/b")
+        assert [next(one).log_time, next(two).log_time, next(one).log_time] == [1, 20, 2]
+        assert (reader.start_ns, reader.end_ns) == (1, 60)
+
+
 def test_rosbags_reads_the_folder(tmp_path: Path) -> None:
     write_some(tmp_path / "bag", split_bytes=2000)
     store = get_typestore(Stores.ROS2_JAZZY)

@@ -1,0 +1,76 @@
+"""Which part of a bag a command is about, and how bags are spoken of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
+from typing import TYPE_CHECKING, NamedTuple
+
+from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.tools import ToolError, printing
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.mcap import BagReader
+
+_S = 1_000_000_000
+
+
+class Part(NamedTuple):
+    """Topics and times of a bag: ``start_ns <= log_time < end_ns``."""
+
+    topics: list[str]
+    start_ns: int
+    end_ns: int
+
+
+def part_of(reader: BagReader, topics: Sequence[str], offset_s: float, duration_s: float | None) -> Part:
+    """Raises `ToolError`: no such topic, or the bag ends before."""
+    for name in topics:
+        if name not in reader.topics:
+            raise ToolError(f"{reader.path} has no topic {name}{did_you_mean(name, reader.topics)}")
+    start = reader.start_ns + round(offset_s * _S)
+    if start > reader.end_ns:
+        raise ToolError(
+            f"{reader.path} is {duration_text(reader.end_ns - reader.start_ns)} long; nothing is left of it"
+        )
+    end = reader.end_ns + 1 if duration_s is None else min(start + round(duration_s * _S), reader.end_ns + 1)
+    return Part([*(topics or reader.topics)], start, end)
+
+
+def duration_text(nanoseconds: int) -> str:
+    """Seconds with milliseconds."""
+    return f"{nanoseconds / _S:.3f} s"
+
+
+def time_text(nanoseconds: int) -> str:
+    """Local date and time, and seconds since 1970; only those when the date is beyond the calendar."""
+    seconds, rest = divmod(nanoseconds, _S)
+    try:
+        date = datetime.fromtimestamp(seconds).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+    except (OverflowError, ValueError, OSError):
+        return f"{seconds}.{rest:09d}"
+    return f"{date}.{rest // 1_000_000:03d} ({seconds}.{rest:09d})"
+
+
+def size_text(count: float) -> str:
+    """Bytes in binary units, as rosbag2 shows them."""
+    for unit in ("B", "KiB", "MiB", "GiB"):
+        if count < 1024:
+            return f"{count:.0f} B" if unit == "B" else f"{count:.1f} {unit}"
+        count /= 1024
+    return f"{count:.1f} TiB"
+
+
+@contextmanager
+def progress() -> Iterator[Callable[[str], None]]:
+    """A line at the bottom of the terminal that says how far it is; nothing elsewhere."""
+    if not printing.is_terminal():
+        yield lambda text: None
+        return
+    from rich.console import Console
+    from rich.live import Live
+    from rich.text import Text
+
+    with Live(Text(), console=Console(stderr=True), auto_refresh=False, transient=True) as live:
+        yield lambda text: live.update(Text(text, overflow="ellipsis", no_wrap=True), refresh=True)

@@ -1,0 +1,163 @@
+"""``rosidl-py bag``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+from rosidl_py_gen.tools import options, run_command
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_path = click.argument("path", type=click.Path())
+_compression = click.option(
+    "--compression",
+    type=click.Choice(["zstd", "lz4", "none"]),
+    default="zstd",
+    show_default=True,
+    help="Of chunks inside the file.",
+)
+_splits = (
+    click.option(
+        "--max-bag-size", "split_bytes", type=click.IntRange(1), metavar="BYTES", help="Begin a new file after so many."
+    ),
+    click.option(
+        "--max-bag-duration",
+        "split_s",
+        type=click.FloatRange(0, min_open=True),
+        metavar="SECONDS",
+        help="Begin a new file after so long.",
+    ),
+)
+
+
+def _part_options(command: F) -> F:
+    """Which part of a bag is meant."""
+    for option in (
+        click.option("--duration", "duration_s", type=click.FloatRange(0), metavar="SECONDS", help="Only so long."),
+        click.option(
+            "--start-offset",
+            "offset_s",
+            type=click.FloatRange(0),
+            default=0.0,
+            metavar="SECONDS",
+            help="Leave out the beginning.",
+        ),
+        click.option(
+            "--topics", "topics", multiple=True, metavar="TOPIC", help="Only this one; may be given several times."
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def _split_options(command: F) -> F:
+    for option in reversed(_splits):
+        command = option(command)
+    return command
+
+
+@click.group(no_args_is_help=True)
+def bag() -> None:
+    """Recordings: record, play, info, convert. Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files."""
+
+
+@bag.command()
+@_path
+@options.as_json
+def info(**arguments: Any) -> None:
+    """Print what a bag holds. One whose recorder was killed is read to the end for it.
+
+    \b
+    rosidl-py bag info my_bag
+    rosidl-py bag info my_bag --json | jq '.topics[].name'
+    """
+    run_command("bag_info", **arguments)
+
+
+@bag.command()
+@click.argument("topics", nargs=-1, shell_complete=options.completion("topics"))
+@click.option("-a", "--all", "everything", is_flag=True, help="Every topic that is published.")
+@click.option("-e", "--regex", metavar="REGEX", help="Topics whose name has a match.")
+@click.option("-x", "--exclude", multiple=True, metavar="REGEX", help="Leave these out; may be given several times.")
+@click.option("--include-hidden-topics", "hidden", is_flag=True, help="Also those that begin with _.")
+@click.option("-o", "--output", type=click.Path(), help="A folder, or a file that ends with .mcap.")
+@_compression
+@_split_options
+@click.option(
+    "--duration",
+    "duration_s",
+    type=click.FloatRange(0, min_open=True),
+    metavar="SECONDS",
+    help="End after so long, discovery included, instead of on Ctrl-C.",
+)
+@click.option("--no-discovery", is_flag=True, help="Only the topics that are there at the beginning.")
+@options.paths
+@options.as_json
+@options.node_options
+def record(**arguments: Any) -> None:
+    """Record topics until Ctrl-C or SIGTERM. Messages stay as they are; types need not be installed.
+
+    \b
+    rosidl-py bag record -a -o my_bag
+    rosidl-py bag record /imu /scan -o short.mcap --compression lz4
+    rosidl-py bag record --regex '^/camera' --exclude depth --max-bag-size 1000000000
+    """
+    if not (arguments["topics"] or arguments["everything"] or arguments["regex"]):
+        raise click.UsageError("say what to record: topics, --regex, or --all")
+    run_command("bag_record", **arguments)
+
+
+@bag.command()
+@_path
+@click.option(
+    "-r", "--rate", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, help="2 is twice as fast."
+)
+@click.option("-l", "--loop", is_flag=True, help="Begin again at the end.")
+@_part_options
+@click.option(
+    "-m", "--remap", "remaps", multiple=True, metavar="FROM:=TO", help="Another name; may be given several times."
+)
+@click.option(
+    "--clock",
+    "clock_hz",
+    type=click.FloatRange(0, 10_000, min_open=True),
+    metavar="HZ",
+    help="Publish the time of the bag on /clock, for nodes with use_sim_time.",
+)
+@click.option(
+    "-d", "--delay", "delay_s", type=click.FloatRange(0), default=0.0, metavar="SECONDS", help="Wait before the first."
+)
+@options.node_options
+def play(**arguments: Any) -> None:
+    """Publish what a bag holds, as far apart as it was recorded, with the quality of service of then.
+
+    \b
+    rosidl-py bag play my_bag --rate 2 --clock 100
+    rosidl-py bag play my_bag --topics /scan --remap /scan:=/old_scan --loop
+    """
+    run_command("bag_play", **arguments)
+
+
+@bag.command()
+@_path
+@click.argument("output", type=click.Path())
+@click.option(
+    "-s", "--storage", type=click.Choice(["mcap", "sqlite3"]), default="mcap", show_default=True, help="Of the output."
+)
+@_part_options
+@_compression
+@_split_options
+@options.as_json
+def convert(**arguments: Any) -> None:
+    """Write a bag again: SQLite as MCAP or the reverse, a part of it, a whole one of one whose recorder was killed.
+
+    OUTPUT is a folder, or a file that ends with .mcap.
+
+    \b
+    rosidl-py bag convert old_bag new_bag
+    rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
+    """
+    run_command("bag_convert", **arguments)

@@ -1,0 +1,256 @@
+"""``rosidl-py bag`` beside a node of the test: recording from it, playing to it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import resource
+import signal
+import sys
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from rosbags.rosbag2 import Reader as RosbagsReader
+from rosbags.typesys import Stores, get_typestore
+from worlds import until
+
+from rosidl_py_gen import compile_text, get_message
+from rosidl_py_gen.mcap import BagReader, BagWriter
+from rosidl_py_gen.mcap.metadata import qos_profiles
+from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from worlds import World
+
+    from rosidl_py_gen.runtime import Node
+
+S = 1_000_000_000
+LATCHED = QoSProfile().transient_local()
+String: Any = get_message("std_msgs/msg/String")
+Clock: Any = get_message("rosgraph_msgs/msg/Clock")
+ODD = "string name\nother/Inner inner\n" + "=" * 80 + "\nMSG: other/Inner\nint32[] numbers\n"
+
+
+@pytest.fixture
+def node(dds: World) -> Node:
+    return dds.node("robot", enable_rosout=False, parameter_events=False)
+
+
+async def said(process: asyncio.subprocess.Process, text: str) -> None:
+    """Read standard error until a line has `text`."""
+    assert process.stderr is not None
+    line = ""
+    while text not in line:
+        line = (await asyncio.wait_for(process.stderr.readline(), 25)).decode()
+        assert line, f"ended before it said {text!r}"
+
+
+def filled(path: Path, count: int = 20, step_ns: int = S // 20, **options: Any) -> Path:
+    """A bag of strings on /words, and one latched on /map."""
+    with BagWriter(path, **options) as bag:
+        bag.add_topic("/map", String, qos=[LATCHED])
+        bag.add_topic("/words", String, qos=[QoSProfile().best_effort()])
+        bag.write("/map", String(data="map"), 1000 * S)
+        for number in range(count):
+            bag.write("/words", String(data=f"w{number}"), 1000 * S + number * step_ns)
+    return path
+
+
+def count_of(path: Path) -> int:
+    with BagReader(path) as reader:
+        return sum(topic.count or 0 for topic in reader.topics.values())
+
+
+# ------------------------------------------------------------------------------------------------------------- record
+
+
+async def test_what_a_node_publishes_is_recorded_with_what_it_offers(node: Node, tool: Any, tmp_path: Path) -> None:
+    words = node.create_publisher(String, "words", QoSProfile().best_effort())
+    node.create_publisher(String, "map", LATCHED).publish(String(data="map"))
+    node.create_publisher(String, "_hidden", LATCHED).publish(String(data="no"))
+    node.create_publisher(String, "left_out", LATCHED).publish(String(data="no"))
+    process = await tool.start("bag", "record", "-a", "-x", "left", "-o", str(tmp_path / "bag"))
+    assert await words.wait_for_subscribers(20)
+    before = time.time_ns()
+    for number in range(50):
+        words.publish(String(data=f"w{number}"))
+        await asyncio.sleep(0.002)
+    late = node.create_publisher(String, "late")
+    assert await late.wait_for_subscribers(20)
+    late.publish(String(data="late"))
+    await asyncio.sleep(0.3)
+    process.send_signal(signal.SIGTERM)
+    ended = await tool.end(process)
+    assert ended.code == 0, ended.err
+    assert f"recorded 52 messages of 3 topics, 628 B, in {tmp_path / 'bag'}\n" in ended.err
+    with BagReader(tmp_path / "bag") as reader:
+        assert {name: topic.count for name, topic in reader.topics.items()} == {"/late": 1, "/map": 1, "/words": 50}
+        (offered,) = qos_profiles(reader.topics["/map"].offered_qos)
+        assert (offered.durability, offered.reliability) == (Durability.TRANSIENT_LOCAL, Reliability.RELIABLE)
+        assert reader.has_index
+        items = list(reader.messages("/words"))
+    assert [item.message.data for item in items] == [f"w{number}" for number in range(50)]
+    assert all(before <= item.publish_time <= item.log_time <= time.time_ns() for item in items)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsReader(tmp_path / "bag") as theirs:
+        decoded = [store.deserialize_cdr(data, one.msgtype) for one, _, data in theirs.messages()]
+    assert sorted(one.data for one in decoded)[0] == "late"  # type: ignore[attr-defined]
+
+
+async def test_a_killed_recorder_leaves_a_file_that_info_and_convert_read(
+    node: Node, tool: Any, tmp_path: Path, run_here: Any
+) -> None:
+    path = tmp_path / "a.mcap"
+    process = await tool.start("bag", "record", "/words", "-o", str(path), "--compression", "lz4")
+    await said(process, "nobody publishes /words yet")
+    words = node.create_publisher(String, "words", QoSProfile(depth=100))
+    assert await words.wait_for_subscribers(20)
+    for number in range(30):
+        words.publish(String(data=f"w{number}"))
+    await until(lambda: count_of(path) == 30, 20)  # flushed once a second
+    process.kill()
+    await tool.end(process)
+    code, out, _ = await asyncio.to_thread(run_here, "bag", "info", str(path))
+    assert code == 0 and "Index:      missing" in out and "/words\tstd_msgs/msg/String\t30\treliable, volatile" in out
+    code, out, _ = await asyncio.to_thread(run_here, "bag", "convert", str(path), str(tmp_path / "whole"), "--json")
+    assert code == 0 and json.loads(out)["messages"] == 30
+    with BagReader(tmp_path / "whole") as reader:
+        assert reader.has_index and [item.message.data for item in reader][-1] == "w29"
+
+
+async def test_a_type_nobody_installed_is_recorded_with_the_definition_of_its_node(
+    node: Node, tool: Any, tmp_path: Path
+) -> None:
+    cls = compile_text("nobody_has/msg/Odd", ODD)
+    sample = cls(name="odd")
+    node.create_publisher(cls, "odd", LATCHED).publish(sample)
+    process = await tool.start("bag", "record", "/odd", "-o", str(tmp_path / "bag"), ROSIDL_PY_GEN_CACHE=str(tmp_path))
+    await said(process, "recording /odd [nobody_has/msg/Odd]")
+    await asyncio.sleep(0.3)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert ended.code == 0 and "recorded 1 messages of 1 topics" in ended.err
+    script = (
+        "import sys\nfrom rosidl_py_gen.mcap import BagReader\n"
+        "for item in BagReader(sys.argv[1]): print(item.topic, item.message.name, item.message.inner.numbers.dtype)\n"
+    )
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", script, str(tmp_path / "bag")), stdout=asyncio.subprocess.PIPE
+    )
+    out, _ = await process.communicate()
+    assert out == b"/odd odd int32\n"
+
+
+async def test_a_full_disk_ends_recording_with_a_file_that_can_be_read(node: Node, tool: Any, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    process = await tool.start("bag", "record", "/words", "-o", str(path), "--compression", "none")
+    await said(process, "nobody publishes /words yet")
+    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (12_000_000, 12_000_000))
+    words = node.create_publisher(String, "words")
+    assert await words.wait_for_subscribers(20)
+    while process.returncode is None:
+        words.publish(String(data="x" * 100_000))
+        await asyncio.sleep(0.005)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out) == (1, "")
+    assert f"error: {path}: File too large; what was recorded before can be read" in ended.err
+    with BagReader(path) as reader:
+        assert sum(1 for _ in reader) > 10
+
+
+def test_wrong_words_for_recording_are_told(run_here: Any, tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    for words, code, text in (
+        ([], 2, "say what to record: topics, --regex, or --all"),
+        (["-e", "("], 1, '"(" is no regular expression'),
+        (["-a", "-o", str(tmp_path / "there")], 1, "there exists already"),
+        (["/x", "--no-discovery", "--discovery", "off", "-o", str(tmp_path / "b")], 1, "nobody publishes /x"),
+    ):
+        found, _, err = run_here("bag", "record", *words)
+        assert (found, text in err) == (code, True), err
+
+
+# --------------------------------------------------------------------------------------------------------------- play
+
+
+async def test_a_bag_is_played_at_its_rate_with_the_quality_of_then(node: Node, tool: Any, tmp_path: Path) -> None:
+    path = filled(tmp_path / "bag")
+    words = node.create_subscription(String, "heard", qos=QoSProfile(depth=100).best_effort())
+    latched = node.create_subscription(String, "map", qos=LATCHED)
+    clock = node.create_subscription(Clock, "clock", qos=QoSProfile(depth=100))
+    process = await tool.start(
+        *("bag", "play", str(path), "--remap", "/words:=/heard", "--rate", "2", "--clock", "50", "--delay", "0.2")
+    )
+    times = []
+    for number in range(20):
+        message, info = await words.receive_with_info(20)
+        assert message.data == f"w{number}"
+        times.append(info.source_timestamp_ns)
+    assert 0.8 * 19 / 40 < (times[-1] - times[0]) / S < 3 * 19 / 40
+    assert (await latched.receive(10)).data == "map"
+    stamps = [(await clock.receive(10)).clock.sec for _ in range(5)]
+    assert set(stamps) == {1000}
+    ended = await tool.end(process)
+    assert (ended.code, ended.err) == (0, "published 21 messages of 2 topics\n")
+
+
+async def test_a_part_is_played_again_and_again(node: Node, tool: Any, tmp_path: Path) -> None:
+    path = filled(tmp_path / "a.mcap")
+    words = node.create_subscription(String, "words", qos=QoSProfile(depth=100).best_effort())
+    options = ("--topics", "/words", "--start-offset", "0.5", "--duration", "0.1", "--loop")
+    process = await tool.start("bag", "play", str(path), *options)
+    heard = [(await words.receive(20)).data for _ in range(7)]
+    assert heard[-6:] in (["w10", "w11"] * 3, ["w11", "w10"] * 3)
+    process.send_signal(signal.SIGINT)
+    assert (await tool.end(process)).code == 0
+
+
+# ---------------------------------------------------------------------------------------------------- info and convert
+
+
+def test_info_tells_what_a_bag_holds(run_here: Any, tmp_path: Path) -> None:
+    path = filled(tmp_path / "bag")
+    code, out, _ = run_here("bag", "info", str(path), "--json")
+    told = json.loads(out)
+    assert (code, told["messages"], told["duration_ns"], told["storage"]) == (0, 21, 19 * S // 20, "mcap")
+    assert told["topics"][1]["offered_qos"][0]["reliability"] == "best_effort"
+    out = run_here("bag", "info", str(path))[1]
+    assert "Duration:   0.950 s\n" in out and "/map\tstd_msgs/msg/String\t1\treliable, transient local\n" in out
+    (tmp_path / "no.mcap").write_bytes(b"no bag")
+    for name, text in (("no.mcap", "damaged"), ("nowhere", "neither .mcap nor .db3"), ("nowhere.mcap", "No such file")):
+        code, _, err = run_here("bag", "info", str(tmp_path / name))
+        assert (code, text in err, "Traceback" in err) == (1, True, False), err
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_a_part_is_written_again_as_the_other_kind(run_here: Any, tmp_path: Path, storage: str) -> None:
+    path, part, back = filled(tmp_path / "bag"), tmp_path / "part", tmp_path / "back.mcap"
+    options = ("--topics", "/words", "--start-offset", "0.5")
+    code, out, err = run_here("bag", "convert", str(path), str(part), "-s", storage, *options)
+    assert (code, out) == (0, f"10 messages of 1 topics in {part}\n"), err
+    with RosbagsReader(part) as theirs:
+        assert theirs.message_count == 10 and next(theirs.messages())[1] == 1000 * S + S // 2
+    assert run_here("bag", "convert", str(part), str(back), "--compression", "none")[0] == 0
+    with BagReader(path) as one, BagReader(back) as two:
+        assert two.topics["/words"] == replace(one.topics["/words"], count=10)
+        assert [item.message.data for item in two] == [f"w{number}" for number in range(10, 20)]
+
+
+def test_wrong_words_for_bags_are_told(run_here: Any, tmp_path: Path) -> None:
+    path = str(filled(tmp_path / "a.mcap"))
+    out = str(tmp_path / "out")
+    for words, text in (
+        (["play", path, "--topics", "/word"], "has no topic /word; did you mean"),
+        (["play", path, "--remap", "x"], '"x" is no remapping'),
+        (["play", path, "--remap", "/x:=/y", "--discovery", "off"], "/x is not played; there are /map, /words"),
+        (["play", path, "--start-offset", "9"], "a.mcap is 0.950 s long"),
+        (["convert", path, path], "exists already"),
+        (["convert", path, out, "-s", "sqlite3", "--max-bag-size", "9"], "only MCAP bags are split"),
+        (["convert", path, out + ".db3", "-s", "sqlite3"], "is a folder; give a name without .db3"),
+    ):
+        code, _, err = run_here("bag", *words)
+        assert (code, text in err) == (1, True), err
