@@ -88,7 +88,12 @@ class Discovery:
     def remove_node(self, number: int) -> None:
         """Withdraw a node."""
         with self._lock:
-            if self._nodes.pop(number, None) is not None:
+            if self._nodes.pop(number, None) is None:
+                return
+            if self._bridge.in_loop_thread():
+                self.graph.set_nodes(self._participant.guid, self._nodes.values())
+                self._publish_soon()
+            else:
                 self.publish()
 
     def endpoints_of(self, number: int) -> frozenset[bytes]:
@@ -119,7 +124,8 @@ class Discovery:
             loop.call_soon(self._publish_if_dirty)
 
     def _publish_if_dirty(self) -> None:
-        if self._dirty:
+        # A participant that leaves says all there is to say: DDS would hold up the end until this were acknowledged.
+        if self._dirty and not self._closed:
             self.publish()
 
     def publish(self) -> None:
@@ -157,7 +163,8 @@ class Discovery:
 
     def _expect_message(self, writer: bytes) -> None:
         loop = self._bridge.loop
-        if loop is not None and self._bridge.in_loop_thread() and writer not in self._told:
+        is_own = writer[:12] == self._participant.guid[:12]
+        if loop is not None and self._bridge.in_loop_thread() and not is_own and writer not in self._told:
             if not self._silent:
                 loop.call_later(_SILENCES_S[0], self._ask_again, 1)
             self._silent.add(writer)

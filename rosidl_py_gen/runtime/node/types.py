@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.cdr import Action, Message, Service
-from rosidl_py_gen.runtime.actions.types import ActionNames
 from rosidl_py_gen.runtime.graph.announced import action_subject, service_subject, topic_subject
 from rosidl_py_gen.runtime.names.validation import resolve_node_name
 from rosidl_py_gen.runtime.node.resolving import Request, resolve
@@ -96,6 +95,8 @@ class NodeTypes:
     ) -> type[Action[Any, Any, Any]]:
         """The class of an action; see `resolve_service_type`, whose limits it shares."""
         self._require_open()
+        from rosidl_py_gen.runtime.actions.types import ActionNames
+
         names = ActionNames.resolve(self._names, action)
         subject = action_subject(names.action, names.send_goal, names.get_result, names.feedback)
         request = Request(subject, Action, type_name, type_hash, path)
