@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from mcap.decoder import DecoderFactory as McapDecoderFactory
@@ -22,9 +23,13 @@ class DecoderFactory(McapDecoderFactory):
 
     Takes the place of ``mcap_ros2.decoder.DecoderFactory``: results have the same attributes, and are messages of the
     generated class where one with this definition is importable. Schemas may be ``ros2msg`` or ``ros2idl``.
+
+    Args:
+        arrays: sequences of fixed-size messages become structured arrays, as in `decode`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, arrays: bool = False) -> None:
+        self._arrays = arrays
         self._known: dict[tuple[str, bytes], Callable[[bytes], Any]] = {}
 
     def decoder_for(self, message_encoding: str, schema: Schema | None) -> Callable[[bytes], Any] | None:
@@ -37,8 +42,13 @@ class DecoderFactory(McapDecoderFactory):
             return None
         key = schema.name, schema.data
         if key not in self._known:
-            self._known[key] = message_class(schema.name, schema.data).decode
+            self._known[key] = decoder_of(message_class(schema.name, schema.data), self._arrays)
         return self._known[key]
+
+
+def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes], Any]:
+    """The `decode` of a class; the function itself, as a wrapper costs as much as a small message."""
+    return partial(cls.decode, arrays=True) if arrays else cls.decode
 
 
 def message_class(name: str, definition: bytes) -> type[Any]:

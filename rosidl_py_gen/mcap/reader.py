@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import compile_text, get_message
 from rosidl_py_gen.errors import DecodeError, RosidlError
 from rosidl_py_gen.mcap.common import BagError, BagMessage, BagTopic
-from rosidl_py_gen.mcap.decoder import ENCODINGS
+from rosidl_py_gen.mcap.decoder import ENCODINGS, decoder_of
 from rosidl_py_gen.mcap.metadata import FILE, read_metadata
 from rosidl_py_gen.mcap.storage import McapFile, SqliteFile, Storage, merged
 from rosidl_py_gen.mcap.table import table
@@ -108,6 +108,7 @@ class BagReader:
         start_ns: int | None = None,
         end_ns: int | None = None,
         raw: bool = False,
+        arrays: bool = False,
     ) -> Iterator[BagMessage]:
         """Messages by log time.
 
@@ -115,6 +116,7 @@ class BagReader:
             topics: only these; None means all whose type is known, and all when `raw`.
             start_ns, end_ns: ``start_ns <= log_time < end_ns``.
             raw: messages stay bytes of CDR, and cost no decoding.
+            arrays: sequences of fixed-size messages become structured arrays, as in `decode`.
 
         Raises:
             BagError: damaged, or no such topic. DecodeError: a message is damaged; names the topic and the time.
@@ -123,14 +125,14 @@ class BagReader:
         for name in names or ():
             self._topic(name)
         found = merged(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
-        return found if raw else self._decoded(found)
+        return found if raw else self._decoded(found, arrays)
 
-    def _decoded(self, found: Iterable[BagMessage]) -> Iterator[BagMessage]:
+    def _decoded(self, found: Iterable[BagMessage], arrays: bool) -> Iterator[BagMessage]:
         decoders: dict[str, Callable[[bytes], Any]] = {}
         for topic, data, log_time, publish_time in found:
             decode = decoders.get(topic)
             if decode is None:
-                decode = decoders[topic] = self.message_class(topic).decode
+                decode = decoders[topic] = decoder_of(self.message_class(topic), arrays)
             try:
                 message = decode(data)
             except DecodeError as error:

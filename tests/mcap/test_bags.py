@@ -196,6 +196,21 @@ def test_a_topic_without_definition_is_found_by_name(tmp_path: Path) -> None:
         assert len(list(reader.messages(raw=True))) == 2
 
 
+def test_sequences_of_poses_come_as_arrays_when_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "poses.mcap"
+    poses = PoseArray()
+    poses.poses = [get_message("geometry_msgs/msg/Pose")() for _ in range(3)]
+    poses.poses[2].position.x = 2.0
+    with BagWriter(path) as writer:
+        writer.write("/poses", poses, 1)
+    with BagReader(path) as reader, path.open("rb") as stream:
+        (one,) = reader.messages(arrays=True)
+        factory = DecoderFactory(arrays=True)
+        ((_, _, _, other),) = make_reader(stream, decoder_factories=[factory]).iter_decoded_messages()
+        for found in (one.message, other):
+            assert found.poses["position"]["x"].tolist() == [0, 0, 2] and found == poses
+
+
 # ------------------------------------------------------------------------------------------------------------- tables
 
 

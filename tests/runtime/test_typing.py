@@ -72,6 +72,9 @@ async def main(node: Node) -> None:
     assert_type(node.create_subscription(String, "a", raw=True), Subscription[bytes])
     assert_type(node.create_subscription("std_msgs/msg/String", "a"), Subscription[dict[str, Any]])
     assert_type(node.create_subscription(String, "a", arrays=True), Subscription[String])
+    assert_type(
+        node.create_client(AddTwoInts, "b", arrays=True), Client[AddTwoInts.Request, AddTwoInts.Response]
+    )
     node.create_subscription(String, "a", lambda message: print(message.data.upper()))
     client = node.create_client(AddTwoInts, "b")
     assert_type(client, Client[AddTwoInts.Request, AddTwoInts.Response])

@@ -90,12 +90,14 @@ class ActionType:
             raise
 
 
-def action_type(source: object) -> ActionType:
-    """Raises `TypeNotFoundError` for a text that names no known type, `TypeError` for anything else."""
+def action_type(source: object, *, arrays: bool = False) -> ActionType:
+    """Raises as `message_type`, whose `arrays` it has."""
     cls: Any = source
     if isinstance(source, str):
         from rosidl_py_gen import get_action
 
+        if arrays:
+            raise TypeError("arrays=True needs a class: types given as text make dicts of lists")
         cls = get_action(source)
     elif not (isinstance(source, type) and issubclass(source, Action) and source is not Action):
         raise TypeError(
@@ -108,9 +110,9 @@ def action_type(source: object) -> ActionType:
         part(cls.Goal),
         part(cls.Result),
         part(cls.Feedback),
-        service_type(cls.SendGoal),
-        service_type(cls.GetResult),
-        message_type(cls.FeedbackMessage),
+        service_type(cls.SendGoal, arrays=arrays),
+        service_type(cls.GetResult, arrays=arrays),
+        message_type(cls.FeedbackMessage, arrays=arrays),
         service_type(CancelGoal),
         message_type(GoalStatusArray),
     )

@@ -59,32 +59,38 @@ class ServiceType(Generic[RequestT, ResponseT]):
 def message_type(source: type[Message] | str, *, arrays: bool = False) -> MessageType[Any]:
     """Raises `TypeNotFoundError` for a text that names no known type, `TypeError` for anything else.
 
-    `arrays`: messages of a class are decoded with structured arrays.
+    `arrays`: messages of a class are decoded with structured arrays; `TypeError` for a text.
     """
     if isinstance(source, str):
         from rosidl_py_gen import get_message
 
+        _refuse_arrays(arrays)
         return _untyped(get_message(source))
     if not (isinstance(source, type) and issubclass(source, Message) and source is not Message):
         raise TypeError(f"expected a generated message class or a text like 'std_msgs/msg/String', got {source!r}")
-    known = _typed(source)
-    return replace(known, decode=lambda data: source._decode(data, False, True)) if arrays else known
+    return _with_arrays(source) if arrays else _typed(source)
 
 
-def service_type(source: type[Service[Any, Any]] | str) -> ServiceType[Any, Any]:
-    """Raises `TypeNotFoundError` for a text that names no known type, `TypeError` for anything else."""
+def service_type(source: type[Service[Any, Any]] | str, *, arrays: bool = False) -> ServiceType[Any, Any]:
+    """Raises as `message_type`, whose `arrays` it has."""
     cls: Any = source
     if isinstance(source, str):
         from rosidl_py_gen import get_service
 
+        _refuse_arrays(arrays)
         cls = get_service(source)
     elif not (isinstance(source, type) and issubclass(source, Service) and source is not Service):
         raise TypeError(
             f"expected a generated service class or a text like 'example_interfaces/srv/AddTwoInts', got {source!r}"
         )
     _remember(cls)
-    make = _untyped if isinstance(source, str) else _typed
+    make = _untyped if isinstance(source, str) else _with_arrays if arrays else _typed
     return ServiceType(cls._TYPE.name, cls._TYPE.hash, make(cls.Request), make(cls.Response))
+
+
+def _refuse_arrays(arrays: bool) -> None:
+    if arrays:
+        raise TypeError("arrays=True needs a class: types given as text make dicts of lists")
 
 
 def class_of(ros_name: str, type_hash: str) -> type[Any] | None:
@@ -115,6 +121,10 @@ def _typed(cls: type[MessageT]) -> MessageType[MessageT]:
         raise TypeError(f"expected a {cls.__name__} ({cls._TYPE.name}), got {type(value).__name__}: {value!r:.100}")
 
     return MessageType(cls._TYPE.name, cls._TYPE.hash, encode, cls._decode)
+
+
+def _with_arrays(cls: type[MessageT]) -> MessageType[MessageT]:
+    return replace(_typed(cls), decode=lambda data: cls._decode(data, False, True))
 
 
 def _untyped(cls: type[Message]) -> MessageType[Untyped]:

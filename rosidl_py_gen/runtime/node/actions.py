@@ -47,6 +47,7 @@ class NodeActions:
         on_cancel: Callable[[ServerGoal[ActionT]], object] | bool = True,
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
+        arrays: bool = False,
     ) -> ActionServer[ActionT]: ...
     @overload
     def create_action_server(
@@ -71,6 +72,7 @@ class NodeActions:
         on_cancel: Callable[[ServerGoal[Any]], object] | bool = True,
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
+        arrays: bool = False,
     ) -> ActionServer[Any]:
         """Serve an action; callbacks may be plain or async. Without `execute`, iterate over the goal requests.
 
@@ -87,6 +89,7 @@ class NodeActions:
             policy: ``"parallel"`` runs any number of goals at once. One at a time: ``"reject"`` refuses others
                 meanwhile, ``"queue"`` lets them wait their turn, ``"preempt"`` cancels the running one for the newest.
                 Deferred goals take their place in the queue when `execute` is called; `goal.started()` waits for it.
+            arrays: sequences of fixed-size messages in goals are structured arrays, as in `decode`.
 
         Goals that have not started (queued, or deferred) end as CANCELED when a cancel is accepted.
 
@@ -101,7 +104,7 @@ class NodeActions:
         server: ActionServer[Any] = ActionServer(
             self.scope,
             self.clock,
-            action_type(action),
+            action_type(action, arrays=arrays),
             ActionNames.resolve(self._names, name),
             execute,
             accept=accept,
@@ -114,7 +117,13 @@ class NodeActions:
 
     @overload
     def create_action_client(
-        self, action: type[ActionT], name: str, *, feedback_depth: int = 100, server_lost_after_s: float = 5.0
+        self,
+        action: type[ActionT],
+        name: str,
+        *,
+        feedback_depth: int = 100,
+        server_lost_after_s: float = 5.0,
+        arrays: bool = False,
     ) -> ActionClient[ActionT]: ...
     @overload
     def create_action_client(
@@ -127,6 +136,7 @@ class NodeActions:
         *,
         feedback_depth: int = 100,
         server_lost_after_s: float = 5.0,
+        arrays: bool = False,
     ) -> ActionClient[Any]:
         """Send goals to an action. A type given as text makes goals, results and feedback dicts.
 
@@ -135,6 +145,7 @@ class NodeActions:
                 dropped, and counted in `goal.feedback_dropped`.
             server_lost_after_s: how long a server may be away before goals end with `ActionServerLostError`; `math.inf`
                 for ever.
+            arrays: sequences of fixed-size messages in results and feedback are structured arrays, as in `decode`.
 
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError. TypeError, ActionArgumentError: an argument is of no use.
@@ -145,7 +156,7 @@ class NodeActions:
         self.scope.require_open(False, "the node")
         return ActionClient(
             self.scope,
-            action_type(action),
+            action_type(action, arrays=arrays),
             ActionNames.resolve(self._names, name),
             feedback_depth=feedback_depth,
             server_lost_after_s=server_lost_after_s,

@@ -231,8 +231,8 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
-        if arrays and (raw or isinstance(msg_type, str)):
-            raise TypeError("arrays=True needs a message class, and messages that are decoded")
+        if arrays and raw:
+            raise TypeError("arrays=True needs messages that are decoded, raw=True leaves bytes")
         known = message_type(msg_type, arrays=arrays)
         subscription: Subscription[Any] = Subscription(
             self.scope,
@@ -254,6 +254,8 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         name: str,
         handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None = None,
         qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        arrays: bool = False,
     ) -> ServiceServer[RequestT, ResponseT]: ...
     @overload
     def create_service(
@@ -269,34 +271,50 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         name: str,
         handler: Callable[[Any], Any] | None = None,
         qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        arrays: bool = False,
     ) -> ServiceServer[Any, Any]:
         """Serve `name`: with a handler ``(request) -> response``, plain or async; without, iterate over the requests.
+
+        `arrays`: sequences of fixed-size messages in requests are structured arrays, as in `decode`; not with text.
 
         Raises:
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
-        known = service_type(srv_type)
+        known = service_type(srv_type, arrays=arrays)
         server = ServiceServer(self.scope, known, self._names.resolve_service(name), handler, as_profile(qos))
         self.scope.has_callbacks |= handler is not None
         return server
 
     @overload
     def create_client(
-        self, srv_type: type[Service[RequestT, ResponseT]], name: str, qos: QoSLike = _DEFAULT_DEPTH
+        self,
+        srv_type: type[Service[RequestT, ResponseT]],
+        name: str,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        arrays: bool = False,
     ) -> Client[RequestT, ResponseT]: ...
     @overload
     def create_client(self, srv_type: str, name: str, qos: QoSLike = _DEFAULT_DEPTH) -> Client[Untyped, Untyped]: ...
     def create_client(
-        self, srv_type: type[Service[Any, Any]] | str, name: str, qos: QoSLike = _DEFAULT_DEPTH
+        self,
+        srv_type: type[Service[Any, Any]] | str,
+        name: str,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        arrays: bool = False,
     ) -> Client[Any, Any]:
         """Call the service `name`.
+
+        `arrays`: sequences of fixed-size messages in responses are structured arrays, as in `decode`; not with text.
 
         Raises:
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
-        known = service_type(srv_type)
+        known = service_type(srv_type, arrays=arrays)
         return Client(self.scope, known, self._names.resolve_service(name), as_profile(qos))
 
     # ----------------------------------------------------------------------------------------------------- lifetime
