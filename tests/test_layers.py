@@ -79,6 +79,19 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "": (*_LOW, "parameters", "actions", "node", "lifecycle"),
 }
 MOST_MODULES = 16
+# What each folder of the command line may import of the others; all may import what lies beside the folders.
+TOOLS: dict[str, tuple[str, ...]] = {
+    "commands": (),
+    "topic": (),
+    "doctor": (),
+    "graph": (),
+    "service": ("topic",),
+    "bag": ("topic",),
+    "action": ("service",),
+    "node": ("topic", "action"),
+    "param": ("node",),
+    "lifecycle": ("node",),
+}
 # Names with an underscore that other modules may use: what generated classes have for the code that calls them, and
 # what is public in every named tuple.
 SHARED = {"_replace", "_TYPE", "_decode", "_encode", "_encode_into", "_FIELDS"}
@@ -276,6 +289,22 @@ def test_every_folder_of_the_runtime_is_a_room_that_can_be_surveyed() -> None:
     assert {parts[0] if parts else "" for parts in folders} == set(ROOMS)
     for parts in folders:
         assert len(list(PACKAGE.joinpath("runtime", *parts).glob("*.py"))) <= MOST_MODULES, parts
+
+
+def test_the_folders_of_the_command_line_import_those_below_them() -> None:
+    tools = PACKAGE / "tools"
+    assert {path.parent.name for path in tools.rglob("*.py")} == {"tools", *TOOLS}
+    wrong = []
+    for path in tools.rglob("*.py"):
+        own = path.parent.name
+        for one in IMPORTS[path]:
+            target = (ours(one) or "").split(".")
+            other = target[1] if len(target) > 1 and target[0] == "tools" else own
+            if other in TOOLS and other not in (own, *TOOLS.get(own, ())):
+                wrong.append(where(path, one))
+    assert wrong == []
+    for folder in (tools, *(tools / name for name in TOOLS)):
+        assert len(list(folder.glob("*.py"))) <= MOST_MODULES, folder
 
 
 def _private_uses(tree: ast.AST) -> Iterator[ast.Attribute]:

@@ -214,3 +214,23 @@ def _without_stamps(cls: type[Message], value: Any, here: _Path, paths: list[_Pa
 def _example(cls: type[Message]) -> str:
     names: Sequence[str] = [field.ros_name for field in cls._TYPE.fields]
     return ", ".join(f"{name}: ..." for name in names[:3])
+
+
+def shown(value: Any, truncate: int | None) -> str:
+    """A message as rclpy shows it: ``std_msgs.msg.ColorRGBA(r=1.0, g=0.0, b=0.0, a=1.0)``, arrays as lists.
+
+    Args:
+        truncate: after so many elements or characters comes ``...``; None shows all.
+    """
+    if isinstance(value, Message):
+        fields = (f"{field.ros_name}={shown(getattr(value, field.py_name), truncate)}" for field in value._TYPE.fields)
+        return f"{value._TYPE.name.replace('/', '.')}({', '.join(fields)})"
+    if isinstance(value, bytes | bytearray | memoryview):
+        value = np.frombuffer(value, np.uint8)
+    if isinstance(value, np.ndarray | list | tuple):
+        kept = value if truncate is None else value[:truncate]
+        items = [shown(item, truncate) for item in (kept.tolist() if isinstance(kept, np.ndarray) else kept)]
+        return f"[{', '.join([*items, '...'] if len(kept) < len(value) else items)}]"
+    if isinstance(value, str) and truncate is not None and len(value) > truncate:
+        return f"{value[:truncate]!r}..."
+    return repr(value.item() if isinstance(value, np.generic) else value)

@@ -19,10 +19,11 @@ from worlds import until
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.graph.state import ParticipantInfo
 from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSettings
-from rosidl_py_gen.tools import doctor_machine, doctor_network
-from rosidl_py_gen.tools.doctor_findings import BROKEN, NOTE, OK, WARNING, Finding, careful, for_strangers
-from rosidl_py_gen.tools.doctor_network import Interface
-from rosidl_py_gen.tools.doctor_peers import make
+from rosidl_py_gen.tools.doctor import machine as doctor_machine
+from rosidl_py_gen.tools.doctor import network as doctor_network
+from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding, careful, for_strangers
+from rosidl_py_gen.tools.doctor.network import Interface
+from rosidl_py_gen.tools.doctor.peers import make
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

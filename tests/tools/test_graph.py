@@ -15,8 +15,9 @@ from std_srvs.srv import SetBool
 from worlds import until
 
 from rosidl_py_gen import get_action
-from rosidl_py_gen.tools import graph_svg, graph_text
-from rosidl_py_gen.tools.graph_picture import Edge, Picture
+from rosidl_py_gen.tools.graph import svg as graph_svg
+from rosidl_py_gen.tools.graph import text as graph_text
+from rosidl_py_gen.tools.graph.picture import Edge, Picture
 
 if TYPE_CHECKING:
     from conftest import Tool

@@ -17,7 +17,7 @@ from worlds import until
 from rosidl_py_gen import tools
 from rosidl_py_gen.runtime import IntrospectionState
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
-from rosidl_py_gen.tools.service_call import shown
+from rosidl_py_gen.tools.messages import shown
 
 if TYPE_CHECKING:
     from conftest import Tool

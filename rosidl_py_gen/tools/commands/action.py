@@ -26,7 +26,7 @@ def list_(**arguments: Any) -> None:
     \b
     rosidl-py action list -t
     """
-    run_command("action_list", **arguments)
+    run_command("action.list", **arguments)
 
 
 @action.command()
@@ -40,7 +40,7 @@ def find(**arguments: Any) -> None:
     \b
     rosidl-py action find example_interfaces/action/Fibonacci
     """
-    run_command("action_list", **arguments)
+    run_command("action.list", **arguments)
 
 
 @action.command("type")
@@ -53,7 +53,7 @@ def type_(**arguments: Any) -> None:
     \b
     rosidl-py action type /fibonacci
     """
-    run_command("action_info", only_type=True, **arguments)
+    run_command("action.info", only_type=True, **arguments)
 
 
 @action.command()
@@ -68,7 +68,7 @@ def info(**arguments: Any) -> None:
     \b
     rosidl-py action info /fibonacci -t
     """
-    run_command("action_info", **arguments)
+    run_command("action.info", **arguments)
 
 
 @action.command("send_goal")
@@ -90,4 +90,4 @@ def send_goal(**arguments: Any) -> None:
     rosidl-py action send_goal /fibonacci '{order: 5}' --feedback
     rosidl-py action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --json
     """
-    run_command("action_goal", **arguments)
+    run_command("action.goal", **arguments)

@@ -74,7 +74,7 @@ def info(**arguments: Any) -> None:
     rosidl-py bag info my_bag
     rosidl-py bag info my_bag --json | jq '.topics[].name'
     """
-    run_command("bag_info", **arguments)
+    run_command("bag.info", **arguments)
 
 
 @bag.command()
@@ -107,7 +107,7 @@ def record(**arguments: Any) -> None:
     """
     if not (arguments["topics"] or arguments["everything"] or arguments["regex"]):
         raise click.UsageError("say what to record: topics, --regex, or --all")
-    run_command("bag_record", **arguments)
+    run_command("bag.record", **arguments)
 
 
 @bag.command()
@@ -138,7 +138,7 @@ def play(**arguments: Any) -> None:
     rosidl-py bag play my_bag --rate 2 --clock 100
     rosidl-py bag play my_bag --topics /scan --remap /scan:=/old_scan --loop
     """
-    run_command("bag_play", **arguments)
+    run_command("bag.play", **arguments)
 
 
 @bag.command()
@@ -160,4 +160,4 @@ def convert(**arguments: Any) -> None:
     rosidl-py bag convert old_bag new_bag
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
-    run_command("bag_convert", **arguments)
+    run_command("bag.convert", **arguments)

@@ -22,4 +22,4 @@ def doctor(**arguments: Any) -> None:
     rosidl-py doctor --domain 42 --discovery localhost
     rosidl-py doctor --report > report.txt
     """
-    run_command("doctor", **arguments)
+    run_command("doctor.check", **arguments)

@@ -45,4 +45,4 @@ def graph(**arguments: Any) -> None:
     rosidl-py graph -o graph.svg
     rosidl-py graph --node '/camera*' --format mermaid
     """
-    run_command("graph", **arguments)
+    run_command("graph.show", **arguments)

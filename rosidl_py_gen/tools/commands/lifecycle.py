@@ -26,7 +26,7 @@ def nodes(**arguments: Any) -> None:
     \b
     rosidl-py lifecycle nodes
     """
-    run_command("lifecycle_nodes", **arguments)
+    run_command("lifecycle.nodes", **arguments)
 
 
 @lifecycle.command()
@@ -42,7 +42,7 @@ def get(**arguments: Any) -> None:
     rosidl-py lifecycle get
     rosidl-py lifecycle get /camera
     """
-    run_command("lifecycle_get", **arguments)
+    run_command("lifecycle.get", **arguments)
 
 
 @lifecycle.command("set")
@@ -58,7 +58,7 @@ def set_(**arguments: Any) -> None:
     rosidl-py lifecycle set /camera configure
     rosidl-py lifecycle set /camera 3
     """
-    run_command("lifecycle_set", **arguments)
+    run_command("lifecycle.set", **arguments)
 
 
 @lifecycle.command("list")
@@ -73,4 +73,4 @@ def list_(**arguments: Any) -> None:
     \b
     rosidl-py lifecycle list /camera
     """
-    run_command("lifecycle_list", **arguments)
+    run_command("lifecycle.list", **arguments)

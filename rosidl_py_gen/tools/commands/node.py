@@ -24,7 +24,7 @@ def list_(**arguments: Any) -> None:
     rosidl-py node list
     rosidl-py node list --json | jq -r '.[].name'
     """
-    run_command("node_list", **arguments)
+    run_command("node.list", **arguments)
 
 
 @node.command()
@@ -38,4 +38,4 @@ def info(**arguments: Any) -> None:
     \b
     rosidl-py node info /talker
     """
-    run_command("node_info", **arguments)
+    run_command("node.info", **arguments)

@@ -39,7 +39,7 @@ def list_(**arguments: Any) -> None:
     rosidl-py param list /talker --param-type
     rosidl-py param list --filter '.*rate'
     """
-    run_command("param_list", **arguments)
+    run_command("param.list", **arguments)
 
 
 @param.command()
@@ -56,7 +56,7 @@ def get(**arguments: Any) -> None:
     rosidl-py param get /talker use_sim_time
     rosidl-py param get /talker rate --hide-type
     """
-    run_command("param_get", **arguments)
+    run_command("param.get", **arguments)
 
 
 @param.command("set", context_settings={"ignore_unknown_options": True})
@@ -73,7 +73,7 @@ def set_(**arguments: Any) -> None:
     rosidl-py param set /talker rate 2.5
     rosidl-py param set /talker names '[left, right]'
     """
-    run_command("param_set", **arguments)
+    run_command("param.set", **arguments)
 
 
 @param.command()
@@ -88,7 +88,7 @@ def delete(**arguments: Any) -> None:
     \b
     rosidl-py param delete /talker label
     """
-    run_command("param_set", value=None, **arguments)
+    run_command("param.set", value=None, **arguments)
 
 
 @param.command()
@@ -103,7 +103,7 @@ def describe(**arguments: Any) -> None:
     \b
     rosidl-py param describe /talker rate use_sim_time
     """
-    run_command("param_describe", **arguments)
+    run_command("param.describe", **arguments)
 
 
 @param.command()
@@ -118,7 +118,7 @@ def dump(**arguments: Any) -> None:
     \b
     rosidl-py param dump /talker -o talker.yaml
     """
-    run_command("param_dump", **arguments)
+    run_command("param.dump", **arguments)
 
 
 @param.command()
@@ -133,4 +133,4 @@ def load(**arguments: Any) -> None:
     \b
     rosidl-py param load /talker talker.yaml
     """
-    run_command("param_load", **arguments)
+    run_command("param.load", **arguments)

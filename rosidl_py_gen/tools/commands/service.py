@@ -35,7 +35,7 @@ def list_(**arguments: Any) -> None:
     rosidl-py service list -t
     rosidl-py service list --json | jq '.[].name'
     """
-    run_command("service_list", **arguments)
+    run_command("service.list", **arguments)
 
 
 @service.command()
@@ -50,7 +50,7 @@ def find(**arguments: Any) -> None:
     \b
     rosidl-py service find std_srvs/srv/Trigger
     """
-    run_command("service_list", **arguments)
+    run_command("service.list", **arguments)
 
 
 @service.command("type")
@@ -63,7 +63,7 @@ def type_(**arguments: Any) -> None:
     \b
     rosidl-py service type /add_two_ints
     """
-    run_command("service_info", only_type=True, **arguments)
+    run_command("service.info", only_type=True, **arguments)
 
 
 @service.command()
@@ -77,7 +77,7 @@ def info(**arguments: Any) -> None:
     \b
     rosidl-py service info /add_two_ints -v
     """
-    run_command("service_info", **arguments)
+    run_command("service.info", **arguments)
 
 
 @service.command()
@@ -102,7 +102,7 @@ def call(**arguments: Any) -> None:
     rosidl-py service call /add_two_ints example_interfaces/srv/AddTwoInts '{a: 1, b: 2}'
     rosidl-py service call /status std_srvs/srv/Trigger --rate 2 --json
     """
-    run_command("service_call", **arguments)
+    run_command("service.call", **arguments)
 
 
 @service.command()
@@ -120,4 +120,4 @@ def echo(**arguments: Any) -> None:
     \b
     rosidl-py service echo /add_two_ints
     """
-    run_command("service_echo", **arguments)
+    run_command("service.echo", **arguments)

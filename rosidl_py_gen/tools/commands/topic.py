@@ -48,7 +48,7 @@ def list_(**arguments: Any) -> None:
     rosidl-py topic list -t
     rosidl-py topic list --json | jq '.[].name'
     """
-    run_command("topic_list", **arguments)
+    run_command("topic.list", **arguments)
 
 
 @topic.command()
@@ -63,7 +63,7 @@ def find(**arguments: Any) -> None:
     \b
     rosidl-py topic find sensor_msgs/msg/LaserScan
     """
-    run_command("topic_list", show_types=False, verbose=False, **arguments)
+    run_command("topic.list", show_types=False, verbose=False, **arguments)
 
 
 @topic.command()
@@ -78,7 +78,7 @@ def info(**arguments: Any) -> None:
     \b
     rosidl-py topic info /scan -v
     """
-    run_command("topic_info", **arguments)
+    run_command("topic.info", **arguments)
 
 
 @topic.command("type")
@@ -92,7 +92,7 @@ def type_(**arguments: Any) -> None:
     \b
     rosidl-py interface show $(rosidl-py topic type /scan)
     """
-    run_command("topic_info", only_type=True, **arguments)
+    run_command("topic.info", only_type=True, **arguments)
 
 
 # ----------------------------------------------------------------------------------------------------- echo and pub
@@ -193,7 +193,7 @@ def echo(style: str | None, **arguments: Any) -> None:
     or not in, abs all any bool float int isfinite isinf isnan len max min round sqrt sum, and
     any(x < 1 for x in m.ranges).
     """
-    run_command("topic_echo", style=style or "yaml", **arguments)
+    run_command("topic.echo", style=style or "yaml", **arguments)
 
 
 def _types_of_topic(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
@@ -258,7 +258,7 @@ def pub(**arguments: Any) -> None:
     VALUES is YAML or JSON; what it leaves out has its default. "header: auto" and "stamp: now" are set for each
     message. With - each document of standard input is published once. TYPE may be left out for a topic that is there.
     """
-    run_command("topic_pub", **arguments)
+    run_command("topic.pub", **arguments)
 
 
 # ------------------------------------------------------------------------------------------------------------- figures
@@ -303,7 +303,7 @@ def hz(**arguments: Any) -> None:
     rosidl-py topic hz /scan
     rosidl-py topic hz /scan /odom --json
     """
-    run_command("topic_meter", kind="hz", **arguments)
+    run_command("topic.meter", kind="hz", **arguments)
 
 
 @topic.command()
@@ -314,7 +314,7 @@ def bw(**arguments: Any) -> None:
     \b
     rosidl-py topic bw /camera/image_raw
     """
-    run_command("topic_meter", kind="bw", **arguments)
+    run_command("topic.meter", kind="bw", **arguments)
 
 
 @topic.command()
@@ -325,4 +325,4 @@ def delay(**arguments: Any) -> None:
     \b
     rosidl-py topic delay /scan
     """
-    run_command("topic_meter", kind="delay", **arguments)
+    run_command("topic.meter", kind="delay", **arguments)

@@ -1,0 +1,1 @@
+"""What ``rosidl-py action`` does: a module for each command."""

@@ -1,0 +1,127 @@
+"""``action send_goal``.
+
+Decides what Ctrl-C does at each moment: before the goal is sent it ends the command; afterwards it cancels the goal,
+which may mean to hear first whether it was accepted at all.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import to_dict
+from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError, GoalStatus
+from rosidl_py_gen.tools import ToolError, messages, printing, run_async, types
+from rosidl_py_gen.tools.action.list import find_action
+from rosidl_py_gen.tools.session import Network, Session
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.runtime import ActionClient, ClientGoal
+
+
+def run(network: Network, **arguments: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_send_goal(network, **arguments))
+
+
+async def _send_goal(
+    network: Network,
+    action: str,
+    words: tuple[str, ...],
+    stdin: bool,
+    show_feedback: bool,
+    timeout_s: float,
+    paths: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    type_name, text = messages.type_and_values(words, stdin=stdin)
+    show = _Printer(as_json)
+    async with Session(network) as session:
+        show.say("Waiting for an action server to become available...")
+        name = await find_action(session, action, timeout_s)
+        cls: Any = await types.action_class(session, name, type_name, paths)
+        goal = messages.message_from(cls.Goal, text)
+        client = session.node.create_action_client(cls, name)
+        if not await client.wait_for_server(timeout_s):
+            raise ToolError(f"no server of action {name} appeared in {timeout_s:g} s")
+        show.message("Sending goal", goal)
+        return await _follow(client, goal, show, show_feedback, timeout_s)
+
+
+async def _follow(
+    client: ActionClient[Any], goal: Message, show: _Printer, show_feedback: bool, timeout_s: float
+) -> int:
+    """From sending the goal to its end; returns the exit code."""
+    sending = asyncio.ensure_future(client.send_goal(goal, timeout_s))
+    try:
+        handle = await asyncio.shield(sending)
+        show.say(f"Goal accepted with ID: {handle.goal_id.hex()}\n")
+        if show_feedback:
+            async for feedback in handle.feedback():
+                show.feedback(feedback)
+        status = await _end(handle, show)
+    except GoalRejectedError:
+        raise ToolError("Goal was rejected.") from None
+    except asyncio.CancelledError:
+        await _cancel(sending, show, timeout_s)
+        return 130
+    return 0 if status is GoalStatus.SUCCEEDED else 1
+
+
+async def _end(handle: ClientGoal[Any], show: _Printer, timeout_s: float | None = None) -> GoalStatus:
+    status, result = await handle.result(timeout_s)
+    show.result(handle.goal_id, status, result)
+    return status
+
+
+async def _cancel(sending: asyncio.Task[ClientGoal[Any]], show: _Printer, timeout_s: float) -> None:
+    """Cancel the goal, if it is accepted, and wait for its end.
+
+    Raises:
+        ToolError: it may still be running; says why.
+    """
+    printing.note("Canceling goal...")
+    with suppress(GoalRejectedError):
+        try:
+            handle = await sending
+            try:
+                await handle.cancel(timeout_s)
+            except CancelError as error:
+                printing.note(str(error))
+            await _end(handle, show, timeout_s)
+        except ActionTimeoutError as error:
+            raise ToolError(f"the goal may still be running: {error}") from None
+
+
+class _Printer:
+    """What happens to a goal, as ``ros2 action send_goal`` prints it, or lines of JSON: each feedback, and the end."""
+
+    def __init__(self, as_json: bool) -> None:
+        self._as_json = as_json
+
+    def say(self, text: str, style: str = "") -> None:
+        """Only for people."""
+        if not self._as_json:
+            printing.line(text, style)
+
+    def message(self, heading: str, message: Message) -> None:
+        """Only for people."""
+        if not self._as_json:
+            shown = messages.to_yaml(messages.plain(message)).rstrip("\n").replace("\n", "\n    ")
+            printing.line(f"{heading}:\n    {shown}\n")
+
+    def feedback(self, feedback: Message) -> None:
+        """One of many."""
+        self.message("Feedback", feedback)
+        if self._as_json:
+            printing.json_line({"feedback": to_dict(feedback)})
+
+    def result(self, goal_id: bytes, status: GoalStatus, result: Message) -> None:
+        """The end."""
+        self.message("Result", result)
+        self.say(f"Goal finished with status: {status.name}", "green" if status is GoalStatus.SUCCEEDED else "red")
+        if self._as_json:
+            found = {"goal_id": goal_id.hex(), "status": status.name, "result": to_dict(result)}
+            printing.json_line(found)

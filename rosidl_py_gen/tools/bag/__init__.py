@@ -1,0 +1,1 @@
+"""What ``rosidl-py bag`` does: recordings, with `rosidl_py_gen.mcap`."""

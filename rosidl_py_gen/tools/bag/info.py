@@ -1,0 +1,98 @@
+"""``bag info``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.mcap import BagReader
+from rosidl_py_gen.mcap.metadata import qos_profiles
+from rosidl_py_gen.tools import printing
+from rosidl_py_gen.tools.bag.part import duration_text, size_text, time_text
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.mcap import BagTopic
+    from rosidl_py_gen.runtime import QoSProfile
+
+
+def run(path: str, as_json: bool) -> int:
+    """Returns the exit code."""
+    with BagReader(path) as reader:
+        if as_json:
+            printing.document(_told(reader))
+        else:
+            _show(reader)
+    return 0
+
+
+def _messages(reader: BagReader) -> int:
+    return sum(topic.count or 0 for topic in reader.topics.values())
+
+
+def _size(reader: BagReader) -> int:
+    return sum(file.stat().st_size for file in reader.files)
+
+
+def _told(reader: BagReader) -> dict[str, Any]:
+    return {
+        "path": str(reader.path),
+        "files": [file.name for file in reader.files],
+        "size": _size(reader),
+        "storage": _storage(reader),
+        "has_index": reader.has_index,
+        "start_ns": reader.start_ns,
+        "end_ns": reader.end_ns,
+        "duration_ns": reader.end_ns - reader.start_ns,
+        "messages": _messages(reader),
+        "topics": [
+            {
+                "name": topic.name,
+                "type": topic.type_name,
+                "count": topic.count,
+                "serialization_format": topic.message_encoding,
+                "type_hash": topic.type_hash,
+                "has_definition": bool(topic.definition),
+                "offered_qos": [_qos(profile) for profile in qos_profiles(topic.offered_qos)],
+            }
+            for topic in reader.topics.values()
+        ],
+    }
+
+
+def _storage(reader: BagReader) -> str:
+    return "sqlite3" if reader.files and reader.files[0].suffix == ".db3" else "mcap"
+
+
+def _qos(profile: QoSProfile) -> dict[str, Any]:
+    policies = (profile.history, profile.reliability, profile.durability, profile.liveliness)
+    names = ("history", "reliability", "durability", "liveliness")
+    return {name: policy.name.lower() for name, policy in zip(names, policies, strict=True)} | {"depth": profile.depth}
+
+
+def _show(reader: BagReader) -> None:
+    rows = [
+        ("Files", ", ".join(file.name for file in reader.files)),
+        ("Bag size", size_text(_size(reader))),
+        ("Storage id", _storage(reader)),
+        ("Duration", duration_text(reader.end_ns - reader.start_ns)),
+        ("Start", time_text(reader.start_ns)),
+        ("End", time_text(reader.end_ns)),
+        ("Messages", str(_messages(reader))),
+    ]
+    if not reader.has_index:
+        rows.append(("Index", "missing: the recorder did not end; `rosidl-py bag convert` makes a whole bag of this"))
+    for name, text in rows:
+        printing.line(f"{name + ':':<12}{text}")
+    printing.line()
+    printing.table(
+        ([one.name, one.type_name, str(one.count), _qos_text(one)] for one in reader.topics.values()),
+        *("topic", "type", "count", "QoS"),
+    )
+
+
+def _qos_text(topic: BagTopic) -> str:
+    """What all its publishers offered, in a few words."""
+    shown = {
+        f"{profile.reliability.name}, {profile.durability.name}".lower().replace("_", " ")
+        for profile in qos_profiles(topic.offered_qos)
+    }
+    return " / ".join(sorted(shown)) or ("" if topic.definition else "no definition")

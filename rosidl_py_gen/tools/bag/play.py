@@ -1,0 +1,197 @@
+"""``bag play``.
+
+Decides the quality of service of what is published: the strongest that was offered when it was recorded, which every
+subscription connects to that did then.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.cdr import Message, TypeInfo
+from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
+from rosidl_py_gen.mcap import BagReader
+from rosidl_py_gen.mcap.metadata import qos_profiles
+from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
+from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress
+from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools.topic.wait import full_name
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.mcap import BagTopic
+    from rosidl_py_gen.runtime import Publisher
+
+_ACKNOWLEDGED_S = 1.0
+_PROGRESS_S = 0.5
+_LEAST_DEPTH = 10
+_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """What the command line says, in the end."""
+
+    rate: float
+    loop: bool
+    topics: Sequence[str]
+    offset_s: float
+    duration_s: float | None
+    remaps: Sequence[str]
+    clock_hz: float | None
+    delay_s: float
+
+
+def run(network: Network, path: str, **wanted: Any) -> int:
+    """Returns the exit code."""
+    asked = _Wanted(**wanted)
+    with BagReader(path) as reader:
+        part = part_of(reader, asked.topics, asked.offset_s, asked.duration_s)
+        return run_async(_play(network, reader, part, asked), endless=asked.loop)
+
+
+async def _play(network: Network, reader: BagReader, part: Part, wanted: _Wanted) -> int:
+    overrides = {"start_type_description_service": True}  # others may not have the types
+    async with Session(network, overrides=overrides) as session:
+        player = _Player(session, reader, part, wanted)
+        await session.settle()
+        await asyncio.sleep(wanted.delay_s)
+        with progress() as show:
+            helpers = [asyncio.ensure_future(one) for one in (player.publish_clock(), player.report(show))]
+            try:
+                await player.play()
+                while wanted.loop:
+                    await player.play()
+            finally:
+                for helper in helpers:
+                    helper.cancel()
+        await player.acknowledged()
+        printing.note(f"published {player.count} messages of {len(part.topics)} topics")
+    return 0
+
+
+class _Player:
+    def __init__(self, session: Session, reader: BagReader, part: Part, wanted: _Wanted) -> None:
+        self._reader = reader
+        self._part = part
+        self._wanted = wanted
+        self._began: tuple[float, int] | None = None
+        self._node = session.node
+        self._noted: set[str] = set()
+        names = _remapped(session, part.topics, wanted.remaps)
+        self._publishers = {topic: self._publisher(reader.topics[topic], names[topic]) for topic in part.topics}
+        self._send = {topic: self._sender(topic) for topic in part.topics}
+        self.count = 0
+        """Messages published."""
+
+    def _publisher(self, topic: BagTopic, name: str) -> Publisher[Any]:
+        try:
+            cls = self._reader.message_class(topic.name)
+        except RosidlError:
+            cls = _opaque(topic)
+        return self._node.create_publisher(cls, name, _offered(topic))
+
+    def _sender(self, topic: str) -> Callable[[bytes], None]:
+        publisher = self._publishers[topic]
+
+        def send(data: bytes) -> None:
+            try:
+                publisher.publish_raw(data)
+            except EncodeError as reason:  # big endian, as other systems may record it
+                try:
+                    publisher.publish(self._reader.message_class(topic).decode(data))
+                except (DecodeError, RosidlError):
+                    self._note(f"{topic}: left out a message: {reason}")
+
+        return send
+
+    def _note(self, text: str) -> None:
+        if text not in self._noted and len(self._noted) < 10:
+            self._noted.add(text)
+            printing.note(text)
+
+    async def play(self) -> None:
+        """Publish everything once."""
+        names, start, end = self._part
+        self._began = None
+        async for item in self._reader.play(names, rate=self._wanted.rate, start_ns=start, end_ns=end, raw=True):
+            if self._began is None:
+                self._began = monotonic(), item.log_time
+            self._send[item.topic](item.message)
+            self.count += 1
+
+    def _now(self) -> int | None:
+        """The time of the bag, nanoseconds; None before the first message."""
+        if self._began is None:
+            return None
+        since, log_time = self._began
+        return log_time + round((monotonic() - since) * self._wanted.rate * _S)
+
+    async def publish_clock(self) -> None:
+        """Publish ``/clock`` for ever, if that is wanted."""
+        if self._wanted.clock_hz is None:
+            return
+        clock: Any = get_message("rosgraph_msgs/msg/Clock")
+        publisher = self._node.create_publisher(clock, "/clock", QoSProfile(depth=1))
+        rate = self._node.create_rate(self._wanted.clock_hz)
+        while True:
+            if (now := self._now()) is not None:
+                message = clock()
+                message.clock.sec, message.clock.nanosec = divmod(now, _S)
+                publisher.publish(message)
+            await rate.sleep()
+
+    async def report(self, show: Callable[[str], None]) -> None:
+        """Say how far it is, for ever."""
+        length = duration_text(self._part.end_ns - self._part.start_ns)
+        while True:
+            if (now := self._now()) is not None:
+                show(f"{duration_text(now - self._part.start_ns)} of {length}, {self.count} messages; Ctrl-C ends it")
+            await asyncio.sleep(_PROGRESS_S)
+
+    async def acknowledged(self) -> None:
+        """Wait until what was published has arrived, for a second at most."""
+        with suppress(asyncio.TimeoutError):
+            every = (one.wait_for_acknowledged(_ACKNOWLEDGED_S) for one in self._publishers.values())
+            await asyncio.gather(*every)
+
+
+def _remapped(session: Session, topics: Sequence[str], remaps: Sequence[str]) -> dict[str, str]:
+    """Topic of the bag -> what it is called now. Raises `ToolError`."""
+    names = {topic: topic for topic in topics}
+    for remap in remaps:
+        before, arrow, after = remap.partition(":=")
+        if not (before and arrow and after):
+            raise ToolError(f'"{remap}" is no remapping; expected FROM:=TO')
+        known = full_name(session, before)
+        if known not in names:
+            raise ToolError(f"--remap {remap}: {known} is not played; there are {', '.join(topics)[:300]}")
+        names[known] = full_name(session, after)
+    return names
+
+
+def _offered(topic: BagTopic) -> QoSProfile:
+    """Depths are often not known to recorders: at least ROS's default of ten."""
+    offered = qos_profiles(topic.offered_qos)
+    profile = QoSProfile(depth=max(_LEAST_DEPTH, *(one.depth for one in offered)) if offered else _LEAST_DEPTH)
+    if offered and all(one.reliability is Reliability.BEST_EFFORT for one in offered):
+        profile = profile.best_effort()
+    if any(one.durability is Durability.TRANSIENT_LOCAL for one in offered):
+        profile = profile.transient_local()
+    return profile
+
+
+def _opaque(topic: BagTopic) -> type[Message]:
+    """A class with the name and hash of a topic's messages, for publishing their bytes."""
+
+    class Opaque(Message):
+        __slots__ = ()
+        _TYPE = TypeInfo(topic.type_name, topic.type_hash, ())
+
+    return Opaque

@@ -1,0 +1,154 @@
+"""``doctor``: what is installed, how the network is, what is set, and who answers.
+
+Decides the order of the checks, how their findings are printed, and that a check that fails ends nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.node.environment import read_environment
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.doctor import machine as doctor_machine
+from rosidl_py_gen.tools.doctor import network as doctor_network
+from rosidl_py_gen.tools.doctor import peers as doctor_peers
+from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding, careful, for_strangers
+from rosidl_py_gen.tools.session import Network, Session
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rosidl_py_gen.runtime.transport.interface import DomainSettings
+
+_STYLES = {OK: "", NOTE: "cyan", WARNING: "yellow", BROKEN: "bold red"}
+_INDENT = 11
+Sections = dict[str, list[Finding]]
+
+
+def run(network: Network, report: bool, paths: tuple[str, ...], as_json: bool) -> int:
+    """Returns the exit code."""
+    return run_async(_run(network, report, paths, as_json))
+
+
+async def _run(network: Network, report: bool, paths: tuple[str, ...], as_json: bool) -> int:
+    sections: Sections = {}
+
+    def done(name: str, findings: list[Finding]) -> None:
+        sections[name] = [for_strangers(one) for one in findings] if report else findings
+        if not as_json:
+            _print(name, sections[name], as_report=report)
+
+    done("installation", _installation(paths))
+    done("settings", _settings(network))
+    done("network", _network(_domain_settings(network)))
+    done("peers", await _answers(network))
+    broken = any(one.level == BROKEN for findings in sections.values() for one in findings)
+    if as_json:
+        printing.document({"broken": broken, **{name: list(map(_row, found)) for name, found in sections.items()}})
+    return int(broken)
+
+
+# -------------------------------------------------------------------------------------------------------------- checks
+
+
+def _installation(paths: tuple[str, ...]) -> list[Finding]:
+    return [
+        *careful("Python", doctor_machine.python),
+        *careful("what is installed", doctor_machine.libraries),
+        *careful("interface packages", lambda: doctor_machine.interfaces(paths)),
+    ]
+
+
+def _settings(network: Network) -> list[Finding]:
+    wanted = (network.get("domain_id"), network.get("discovery"))
+    return careful("the environment", lambda: doctor_machine.settings(os.environ, *wanted))
+
+
+def _network(settings: DomainSettings | None) -> list[Finding]:
+    return [
+        *careful("network interfaces", lambda: doctor_network.check_interfaces(doctor_network.interfaces(), settings)),
+        *careful("socket buffers", doctor_machine.socket_buffers),
+        *careful("other domains", lambda: doctor_network.other_domains(settings.domain_id if settings else -1)),
+    ]
+
+
+def _domain_settings(network: Network) -> DomainSettings | None:
+    """None when they are wrong, which is a finding already."""
+    try:
+        return read_environment(os.environ, domain_id=network.get("domain_id"), discovery=network.get("discovery"))
+    except RosidlError:
+        return None
+
+
+async def _answers(network: Network) -> list[Finding]:
+    try:
+        session = Session(network)
+    except Exception as error:  # whatever keeps DDS from starting is what the doctor is here for
+        name = "" if isinstance(error, RosidlError) else f"{type(error).__name__}: "
+        reason = str(error).partition(" The configuration was ")[0]
+        return [Finding(BROKEN, f"DDS does not start: {name}{reason}")]
+    async with session:
+        fast_dds = careful("services of Fast DDS nodes", lambda: _fast_dds(session))
+        if session.context.settings.discovery.name == "OFF":
+            return [*fast_dds, Finding(NOTE, "discovery is off: nobody is looked for, and nobody finds this process")]
+        return [*fast_dds, *await _found(session)]
+
+
+def _fast_dds(session: Session) -> Iterator[Finding]:
+    refusal = session.context.participant.fast_dds_refusal
+    if refusal is None:
+        yield Finding(OK, "topics and services work with nodes on Cyclone DDS and Fast DDS")
+    else:
+        advice = "services with Fast DDS need the wheel of cyclonedds 11.0.1 on Linux x86-64"
+        yield Finding(
+            WARNING, f"topics work with all nodes, services with those on Cyclone DDS only: {refusal}", advice
+        )
+
+
+async def _found(session: Session) -> list[Finding]:
+    test = None
+    try:
+        test = doctor_peers.SelfTest(session)
+        results = [await test.result()]
+        await session.settle_names()
+        node, other = session.node, test.participant
+        results += careful("the peers", lambda: doctor_peers.peers(session, other))
+        results += careful("names of nodes", lambda: doctor_peers.twins(node))
+        results += careful("quality of service", lambda: doctor_peers.mismatches(node))
+        return results
+    except OSError as error:
+        return [Finding(NOTE, f"the second process of the self-test does not start: {error}")]
+    finally:
+        if test is not None:
+            test.close()
+
+
+# ------------------------------------------------------------------------------------------------------------ printing
+
+
+def _row(finding: Finding) -> dict[str, Any]:
+    row: dict[str, Any] = {"level": finding.level, "text": finding.text}
+    if finding.advice:
+        row["advice"] = finding.advice
+    return {**row, **({"data": finding.data} if finding.data else {})}
+
+
+def _print(name: str, findings: list[Finding], *, as_report: bool) -> None:
+    printing.line(name.capitalize(), "" if as_report else "bold")
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 100 if as_report else 10_000
+    for finding in findings:
+        printing.line(_wrapped(f"  {finding.level:<8} ", finding.text, width), _STYLES[finding.level])
+        if finding.advice:
+            printing.line(_wrapped(" " * _INDENT + "-> ", finding.advice, width))
+
+
+def _wrapped(head: str, text: str, width: int) -> str:
+    flat = " ".join(text.split())
+    return textwrap.fill(
+        flat, max(width, 30), initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False
+    )

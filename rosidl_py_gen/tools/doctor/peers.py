@@ -1,0 +1,203 @@
+"""Checks of what answers: a second process of our own, the members of the domain, and whether they fit together.
+
+Decides what is said about the make of others. A GUID begins with the number of the vendor; ROS participants say that
+they are; type hashes came with Iron. Nothing else is known of a peer, so nothing else is said.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections import Counter, defaultdict
+from itertools import islice
+from time import monotonic
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
+from rosidl_py_gen.runtime.transport.matching import Compatibility, check_compatible
+from rosidl_py_gen.tools.doctor.echo import topics
+from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rosidl_py_gen.runtime import Node, TopicEndpointInfo
+    from rosidl_py_gen.runtime.graph.state import ParticipantInfo
+    from rosidl_py_gen.tools.session import Session
+
+_VENDORS = {
+    1: "RTI Connext",
+    2: "OpenSplice",
+    3: "OpenDDS",
+    5: "InterCOM DDS",
+    6: "CoreDX",
+    10: "RTI Connext Micro",
+    15: "Fast DDS",
+    16: "Cyclone DDS",
+    17: "GurumDDS",
+    18: "RustDDS",
+}
+"""Numbers of the OMG (dds-foundation.org, "DDS-RTPS vendor and product ids"); the first byte is 1."""
+_ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
+_FOUND_S, _ANSWER_S, _END_S = 5.0, 2.0, 2.0
+_MOST_NAMES, _MOST_MISMATCHES = 20, 20
+
+
+# ----------------------------------------------------------------------------------------------------------- self-test
+
+
+class SelfTest:
+    """A second process that joins the same domain in the same way, and sends a message back."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._mark = f"p{os.getpid()}"
+        settings = session.context.settings
+        arguments = (str(settings.domain_id), settings.discovery.value, self._mark)
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "rosidl_py_gen.tools.doctor.echo", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        self.participant = b""
+        """The first 12 bytes of its GUIDs, once it was found."""
+
+    async def result(self) -> Finding:
+        """Wait for it."""
+        there, back = topics(self._mark)
+        node = self._session.node
+        out, answers = node.create_publisher(Time, there), node.create_subscription(Time, back)
+        began = monotonic()
+        if not (await out.wait_for_subscribers(_FOUND_S) and await answers.wait_for_publishers(_FOUND_S)):
+            return self._failed(f"two processes of this machine did not find each other within {_FOUND_S:.0f} s")
+        found_s = monotonic() - began
+        self.participant = node.get_publishers_info_by_topic(back)[0].endpoint_gid[:12]
+        try:
+            for number in range(2):  # the first may wait until the other side has found us, too
+                began = monotonic()
+                out.publish(Time(sec=number))
+                await answers.receive(_ANSWER_S)
+        except RosidlError:
+            return self._failed("two processes of this machine found each other, but a message did not get through")
+        trip_ms = (monotonic() - began) * 1e3
+        text = f"two processes of this machine found each other ({found_s:.1f} s), a message went there and back"
+        return Finding(OK, f"{text} ({trip_ms:.1f} ms)", data={"found_s": found_s, "round_trip_ms": trip_ms})
+
+    def _failed(self, text: str) -> Finding:
+        if self._process.poll() not in (None, 0):
+            return Finding(NOTE, f"the second process of the self-test ended with {self._process.returncode}")
+        advice = (
+            "a firewall on this machine? UDP has to pass on all its interfaces, multicast included; "
+            "try `rosidl-py doctor --discovery localhost`, and unset CYCLONEDDS_URI"
+        )
+        return Finding(BROKEN, text, advice)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.terminate()
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+# --------------------------------------------------------------------------------------------------------------- peers
+
+
+def peers(session: Session, without: bytes) -> Iterator[Finding]:
+    """Who is in the domain, by make; `without` is the participant of the self-test."""
+    own = session.context.participant.guid[:12]
+    found = [one for one in session.node.scope.graph.participants() if one.guid[:12] not in (own, without)]
+    if not found:
+        yield _nobody(session)
+        return
+    groups: defaultdict[str, list[ParticipantInfo]] = defaultdict(list)
+    for one in found:
+        groups[make(one)].append(one)
+    for name, members in sorted(groups.items()):
+        yield _group(name, members)
+
+
+def make(one: ParticipantInfo) -> str:
+    """The middleware, and what is known of the distribution."""
+    vendor = _VENDORS.get(one.guid[1]) if one.guid[0] == 1 else None
+    name = vendor or f"DDS of vendor {one.guid[:2].hex('.')}"
+    if not one.is_ros:
+        return f"{name}, no ROS"
+    return f"{name}, {_ROS[one.announces_hashes]}"
+
+
+def _group(name: str, members: list[ParticipantInfo]) -> Finding:
+    nodes = sorted(node.fully_qualified_name for one in members for node in one.nodes)
+    shown = ", ".join(nodes[:_MOST_NAMES]) + (", ..." if len(nodes) > _MOST_NAMES else "")
+    public = f"{name}: {_counted(len(members), 'participant')}, {_counted(len(nodes), 'node')}"
+    most = max(len(one.nodes) for one in members)
+    if most > 1:
+        public += f", up to {most} in one participant"
+    data = {"make": name, "participants": len(members), "nodes": nodes}
+    return Finding(OK, f"{public}{f': {shown}' if nodes else ''}", public=public, data=data)
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def _nobody(session: Session) -> Finding:
+    settings = session.context.settings
+    first = 7400 + 250 * settings.domain_id
+    advice = (
+        f"do the others have ROS_DOMAIN_ID={settings.domain_id}, and a ROS_AUTOMATIC_DISCOVERY_RANGE that fits "
+        f"{settings.discovery.name}?"
+    )
+    if settings.discovery.name != "LOCALHOST":
+        advice += (
+            f" Between machines UDP ports {first} to {first + 249} and multicast to 239.255.0.1 have to pass "
+            "firewalls; else name the machines in ROS_STATIC_PEERS"
+        )
+    return Finding(NOTE, f"nobody else answers in domain {settings.domain_id}", advice)
+
+
+# ------------------------------------------------------------------------------------------------------- fit together
+
+
+def twins(node: Node) -> Iterator[Finding]:
+    """Nodes of one name, whose services and parameters get mixed up."""
+    for name, count in Counter(node.get_node_names()).items():
+        if count > 1:
+            public = f"{count} nodes have the same name"
+            advice = "give one another name: --ros-args -r __node:=name"
+            yield Finding(WARNING, f"{public}: {name}", advice, public=public)
+
+
+def mismatches(node: Node) -> Iterator[Finding]:
+    """Publishers and subscriptions that do not connect, at most 20."""
+    found = (
+        finding
+        for topic, _ in node.get_topic_names_and_types()
+        for writer in node.get_publishers_info_by_topic(topic)
+        for reader in node.get_subscriptions_info_by_topic(topic)
+        for finding in _mismatch(topic, writer, reader)
+    )
+    yield from islice(found, _MOST_MISMATCHES)
+
+
+def _mismatch(topic: str, writer: TopicEndpointInfo, reader: TopicEndpointInfo) -> Iterator[Finding]:
+    nodes = [f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in (writer, reader)]
+    said = f"no messages on {topic} from {nodes[0]} to {nodes[1]}"
+    hashes = {writer.topic_type_hash, reader.topic_type_hash} - {""}
+    if writer.topic_type != reader.topic_type:
+        text = f"types differ, {writer.topic_type} and {reader.topic_type}"
+        yield Finding(WARNING, f"{said}: {text}", public="types differ on a topic")
+    elif len(hashes) > 1:
+        text = f"both have a {writer.topic_type}, but by different definitions; what arrives may be misread"
+        yield Finding(WARNING, f"{topic}: {nodes[0]} and {nodes[1]} {text}", public="definitions differ on a topic")
+    else:
+        result = check_compatible(writer.qos_profile, reader.qos_profile)
+        if result.compatibility is Compatibility.ERROR:
+            advice = "give both the same reliability and durability, or the publisher the stronger ones"
+            public = f"quality of service differs on a topic: {result.reason}"
+            yield Finding(WARNING, f"{said}: {result.reason}", advice, public=public)

@@ -1,0 +1,1 @@
+"""What ``rosidl-py graph`` shows: who is connected with whom, in four forms."""

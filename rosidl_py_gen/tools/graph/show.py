@@ -1,0 +1,169 @@
+"""``graph``: which nodes are connected through which topics, services and actions.
+
+Decides what belongs into the picture: an action is one thing, not two topics and three services; what every node has
+is left out. How it is drawn is in `graph/text.py` and `graph/svg.py`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
+from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools.graph.picture import Edge, Picture
+from rosidl_py_gen.tools.session import Network, Session
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from rosidl_py_gen.runtime import Node
+    from rosidl_py_gen.runtime.graph.state import NamesAndTypes
+
+_ENDINGS = {".svg": "svg", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
+_ACTION, _GOAL = "/_action/", "/_action/send_goal"
+_EVERY_TOPIC = ("/rosout", "/parameter_events")
+_EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
+_STRANGERS = {BARE_DDS_NODE: "(DDS program without node)", UNKNOWN_NODE: "(unknown node)"}
+
+
+def run(network: Network, kind: str | None, as_json: bool, output: str | None, **chosen: Any) -> int:
+    """Returns the exit code."""
+    if as_json:
+        kind = "json"
+    if output is not None and kind is None:
+        ending = Path(output).suffix.lower()
+        if ending not in _ENDINGS:
+            known = ", ".join(_ENDINGS)
+            raise ToolError(f"{output}: the ending says how to draw; expected one of {known}, or --format")
+        kind = _ENDINGS[ending]
+    return run_async(_show(network, kind or "text", output, **chosen))
+
+
+async def _show(
+    network: Network, kind: str, output: str | None, nodes: tuple[str, ...], topics: tuple[str, ...], everything: bool
+) -> int:
+    async with Session(network) as session:
+        await session.settle_names()
+        picture = _filtered(_picture(session, everything), nodes, topics)
+    if output is None and kind == "text":
+        from rosidl_py_gen.tools.graph.text import print_text
+
+        print_text(picture)
+        return 0
+    text = _drawn(picture, kind)
+    if output is None:
+        printing.line(text.rstrip("\n"))
+    else:
+        await asyncio.to_thread(Path(output).write_text, text, encoding="utf-8")
+        printing.note(f"wrote {output}: {len(picture.nodes)} nodes")
+    return 0
+
+
+def _drawn(picture: Picture, kind: str) -> str:
+    from rosidl_py_gen.tools.graph import svg as graph_svg
+    from rosidl_py_gen.tools.graph import text as graph_text
+
+    draw: dict[str, Callable[[Picture], str]] = {
+        "svg": graph_svg.svg,
+        "mermaid": graph_text.mermaid,
+        "markdown": lambda picture: f"```mermaid\n{graph_text.mermaid(picture)}```\n",
+        "json": graph_text.as_json,
+        "text": lambda picture: "".join(f"{line}\n" for line, _ in graph_text.lines(picture)),
+    }
+    return draw[kind](picture)
+
+
+# ---------------------------------------------------------------------------------------------------------- collecting
+
+
+def _picture(session: Session, everything: bool) -> Picture:
+    node = session.node
+    found: set[Edge] = set()
+    names = []
+    for info in node.get_nodes():
+        full = info.fully_qualified_name
+        if full != node.fully_qualified_name and (everything or not info.name.startswith("_")):
+            names.append(full)
+            found.update(_edges_of(node, info.name, info.namespace, full, everything))
+    found.update(_edges_of_strangers(node, everything))
+    strangers = {edge.node for edge in found} - set(names)
+    return Picture(session.context.domain_id, sorted({*names, *strangers}), sorted(found))
+
+
+def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool) -> Iterator[Edge]:
+    topics: dict[str, Callable[[str, str], NamesAndTypes]] = {
+        "publishes": node.get_publisher_names_and_types_by_node,
+        "subscribes": node.get_subscriber_names_and_types_by_node,
+    }
+    services: dict[str, Callable[[str, str], NamesAndTypes]] = {
+        "serves": node.get_service_names_and_types_by_node,
+        "calls": node.get_client_names_and_types_by_node,
+    }
+    for role, ask in topics.items():
+        for topic, types in ask(name, namespace):
+            if _is_topic(topic, everything):
+                yield Edge(full, role, "topic", topic, tuple(types))
+    for role, ask in services.items():
+        for service, types in ask(name, namespace):
+            if service.endswith(_GOAL):
+                actions = tuple(one.removesuffix("_SendGoal") for one in types)
+                yield Edge(full, role, "action", service.removesuffix(_GOAL), actions)
+            elif _ACTION not in service and (everything or _is_own(service, types)):
+                yield Edge(full, role, "service", service, tuple(types))
+
+
+def _edges_of_strangers(node: Node, everything: bool) -> Iterator[Edge]:
+    """Endpoints that belong to no node, or to one whose name did not arrive."""
+    for topic, _ in node.get_topic_names_and_types():
+        if _is_topic(topic, everything):
+            for role, infos in (
+                ("publishes", node.get_publishers_info_by_topic(topic)),
+                ("subscribes", node.get_subscriptions_info_by_topic(topic)),
+            ):
+                for info in infos:
+                    stranger = _STRANGERS.get((info.node_namespace, info.node_name))
+                    if stranger is not None:
+                        yield Edge(stranger, role, "topic", topic, (info.topic_type,))
+
+
+def _is_topic(topic: str, everything: bool) -> bool:
+    return _ACTION not in topic and (everything or not (topic in _EVERY_TOPIC or "/_" in topic))
+
+
+def _is_own(service: str, types: Iterable[str]) -> bool:
+    """Whether the node has it for a purpose of its own."""
+    return "/_" not in service and not any(one.startswith(_EVERY_PACKAGE) for one in types)
+
+
+# ----------------------------------------------------------------------------------------------------------- filtering
+
+
+def _filtered(picture: Picture, nodes: tuple[str, ...], topics: tuple[str, ...]) -> Picture:
+    if not nodes and not topics:
+        return picture
+    chosen_nodes = _matching(nodes, picture.nodes, "node")
+    chosen_names = _matching(topics, sorted({edge.name for edge in picture.edges}), "topic, service or action")
+    names = {
+        (edge.kind, edge.name)
+        for edge in picture.edges
+        if (not nodes or edge.node in chosen_nodes) and (not topics or edge.name in chosen_names)
+    }
+    edges = [edge for edge in picture.edges if (edge.kind, edge.name) in names]
+    shown = chosen_nodes if nodes else {edge.node for edge in edges}
+    return Picture(picture.domain_id, sorted(shown), edges)
+
+
+def _matching(patterns: tuple[str, ...], known: list[str], what: str) -> set[str]:
+    found: set[str] = set()
+    for text in patterns:
+        pattern = text if text.startswith(("/", "*", "(")) else f"/{text}"
+        matches = [name for name in known if fnmatchcase(name, pattern)]
+        if not matches:
+            hint = did_you_mean(pattern, known) or f"; there are {len(known)}"
+            raise ToolError(f"no {what} {pattern}{hint}")
+        found.update(matches)
+    return found

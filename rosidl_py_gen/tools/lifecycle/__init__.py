@@ -1,0 +1,1 @@
+"""What ``rosidl-py lifecycle`` does: a module for each command."""

@@ -1,0 +1,60 @@
+"""``lifecycle get``.
+
+Decides, as `param list`, that all nodes are asked at once, and that one that never answers holds up no other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.runtime import RosidlError
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.lifecycle.remote import RemoteLifecycle, lifecycle_nodes, lifecycle_of
+from rosidl_py_gen.tools.session import Network, Session
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.msgs.lifecycle_msgs.msg import State
+
+
+def run(network: Network, node: str | None, hidden: bool, timeout_s: float, as_json: bool) -> int:
+    """Returns the exit code."""
+    if node:
+        return run_async(_of_one(network, node, timeout_s, as_json))
+    return run_async(_of_all(network, hidden, timeout_s, as_json))
+
+
+async def _of_one(network: Network, node: str, timeout_s: float, as_json: bool) -> int:
+    async with lifecycle_of(network, node, timeout_s) as remote:
+        state = await remote.state()
+    if as_json:
+        printing.document(_plain(state))
+    else:
+        printing.line(f"{state.label} [{state.id}]")
+    return 0
+
+
+async def _of_all(network: Network, hidden: bool, timeout_s: float, as_json: bool) -> int:
+    async with Session(network) as session:
+        await session.settle()
+        names = lifecycle_nodes(session.node, hidden=hidden)
+        asked = (RemoteLifecycle(session.node, name, timeout_s).state() for name in names)
+        answers = await asyncio.gather(*asked, return_exceptions=True)
+    states: dict[str, State] = {}
+    for name, answer in zip(names, answers, strict=True):
+        if isinstance(answer, RosidlError):
+            printing.note(f"{name}: {answer}")
+        elif isinstance(answer, BaseException):
+            raise answer
+        else:
+            states[name] = answer
+    if as_json:
+        printing.document({name: _plain(state) for name, state in states.items()})
+    else:
+        for name, state in states.items():
+            printing.line(f"{name}: {state.label} [{state.id}]")
+    return 1 if names and not states else 0
+
+
+def _plain(state: State) -> dict[str, Any]:
+    return {"id": state.id, "label": state.label}

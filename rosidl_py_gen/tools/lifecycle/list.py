@@ -1,0 +1,29 @@
+"""``lifecycle list``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosidl_py_gen import to_dict
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
+from rosidl_py_gen.tools.session import Network
+
+
+def run(network: Network, **arguments: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_list(network, **arguments))
+
+
+async def _list(network: Network, node: str, show_all: bool, timeout_s: float, as_json: bool) -> int:
+    async with lifecycle_of(network, node, timeout_s) as remote:
+        found = await remote.transitions(every=show_all)
+    if as_json:
+        printing.document([to_dict(one) for one in found])
+    else:
+        for one in found:
+            printing.line(
+                f"- {one.transition.label} [{one.transition.id}]\n    Start: {one.start_state.label}\n"
+                f"    Goal: {one.goal_state.label}"
+            )
+    return 0

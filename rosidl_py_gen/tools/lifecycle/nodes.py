@@ -1,0 +1,27 @@
+"""``lifecycle nodes``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.lifecycle.remote import lifecycle_nodes
+from rosidl_py_gen.tools.session import Network, Session
+
+
+def run(network: Network, **shown: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_list(network, **shown))
+
+
+async def _list(network: Network, hidden: bool, count: bool, as_json: bool) -> int:
+    async with Session(network) as session:
+        await session.settle()
+        found = lifecycle_nodes(session.node, hidden=hidden)
+    if as_json:
+        printing.document(found)
+    elif count:
+        printing.line(str(len(found)))
+    elif found:
+        printing.line("\n".join(found))
+    return 0

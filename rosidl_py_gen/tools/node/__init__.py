@@ -1,0 +1,1 @@
+"""What ``rosidl-py node`` does: a module for each command."""

@@ -1,0 +1,1 @@
+"""What ``rosidl-py param`` does: a module for each command."""

@@ -1,0 +1,46 @@
+"""``param describe``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
+from rosidl_py_gen.tools.session import Network
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime import ParameterDescriptor
+
+
+def run(network: Network, **arguments: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_describe(network, **arguments))
+
+
+async def _describe(network: Network, node: str, names: tuple[str, ...], timeout_s: float, as_json: bool) -> int:
+    async with parameters_of(network, node, timeout_s) as client:
+        found = await client.describe(names, timeout_s)
+    if as_json:
+        printing.document([{**asdict(one), "type": type_in_words(one.type)} for one in found])
+    else:
+        for one in found:
+            printing.line(_text(one))
+    return 0
+
+
+def _text(one: ParameterDescriptor) -> str:
+    lines = [f"Parameter name: {one.name}", f"  Type: {type_in_words(one.type)}"]
+    if one.description:
+        lines.append(f"  Description: {one.description}")
+    lines.append("  Constraints:")
+    if one.read_only:
+        lines.append("    Read only: true")
+    limits = one.floating_point_range or one.integer_range
+    if limits is not None:
+        lines += [f"    Min value: {limits.from_value}", f"    Max value: {limits.to_value}"]
+        if limits.step:
+            lines.append(f"    Step: {limits.step}")
+    if one.additional_constraints:
+        lines.append(f"    Additional constraints: {one.additional_constraints}")
+    return "\n".join(lines)

@@ -1,0 +1,103 @@
+"""``param list``.
+
+Decides that all nodes are asked at once, so that one that never answers holds up no other; it is named on standard
+error, and the command ends with 1 only when nobody answered.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime import RosidlError
+from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools.node.list import is_hidden_node
+from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
+from rosidl_py_gen.tools.session import Network, Session
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.parameters.client import ParameterClient
+
+_MARK = "/list_parameters"
+
+
+@dataclass(frozen=True)
+class _Wish:
+    """What to list: of which names, and whether with types."""
+
+    pattern: re.Pattern[str]
+    prefixes: tuple[str, ...]
+    show_types: bool
+    timeout_s: float
+
+    async def of(self, client: ParameterClient) -> dict[str, str]:
+        """Type by name, sorted; the type is empty when it was not asked for."""
+        listing = await client.list(self.prefixes, timeout_s=self.timeout_s)
+        names = [name for name in sorted(listing.names) if self.pattern.match(name)]
+        if not self.show_types or not names:
+            return dict.fromkeys(names, "")
+        described = await client.describe(names, self.timeout_s)
+        return {name: type_in_words(one.type) for name, one in zip(names, described, strict=True)}
+
+
+def run(
+    network: Network,
+    node: str | None,
+    pattern: str | None,
+    prefixes: tuple[str, ...],
+    show_types: bool,
+    hidden: bool,
+    timeout_s: float,
+    as_json: bool,
+) -> int:
+    """Returns the exit code."""
+    try:
+        compiled = re.compile(pattern or "")
+    except re.error as error:
+        raise ToolError(f"--filter {pattern!r} is no regular expression: {error}") from None
+    wish = _Wish(compiled, prefixes, show_types, timeout_s)
+    return run_async(_of_one(network, node, wish, as_json) if node else _of_all(network, hidden, wish, as_json))
+
+
+async def _of_one(network: Network, node: str, wish: _Wish, as_json: bool) -> int:
+    async with parameters_of(network, node, wish.timeout_s) as client:
+        _show({client.node: await wish.of(client)}, as_json, headings=False)
+    return 0
+
+
+async def _of_all(network: Network, hidden: bool, wish: _Wish, as_json: bool) -> int:
+    async with Session(network) as session:
+        await session.settle()
+        services = [name for name, _ in session.node.get_service_names_and_types() if name.endswith(_MARK)]
+        nodes = [name.removesuffix(_MARK) for name in services]
+        nodes = [name for name in nodes if hidden or not is_hidden_node(name)]
+        clients = [session.node.create_parameter_client(name) for name in nodes]
+        answers = await asyncio.gather(*(wish.of(client) for client in clients), return_exceptions=True)
+    found: dict[str, dict[str, str]] = {}
+    for name, answer in zip(nodes, answers, strict=True):
+        if isinstance(answer, dict):
+            found[name] = answer
+        elif isinstance(answer, RosidlError):
+            printing.note(f"{name}: {answer}")
+        else:
+            raise answer
+    _show(found, as_json, headings=True)
+    return 1 if nodes and not found else 0
+
+
+def _show(found: dict[str, dict[str, str]], as_json: bool, *, headings: bool) -> None:
+    if as_json:
+        printing.document(
+            {
+                node: [{"name": name, **({"type": kind} if kind else {})} for name, kind in names.items()]
+                for node, names in found.items()
+            }
+        )
+        return
+    for node, names in found.items():
+        if headings and names:
+            printing.line(f"{node}:", "bold cyan")
+        for name, kind in names.items():
+            printing.line(f"  {name} (type: {kind})" if kind else f"  {name}")

@@ -1,0 +1,29 @@
+"""``param load``."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from rosidl_py_gen.tools import printing, report, run_async
+from rosidl_py_gen.tools.param.remote import parameters_of
+from rosidl_py_gen.tools.session import Network
+
+
+def run(network: Network, **arguments: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_load(network, **arguments))
+
+
+async def _load(network: Network, node: str, file: str, timeout_s: float, as_json: bool) -> int:
+    async with parameters_of(network, node, timeout_s) as client:
+        results = await client.load_yaml(file, timeout_s)
+    if as_json:
+        printing.document({name: asdict(result) for name, result in results.items()})
+    for name, result in () if as_json else results.items():
+        reason = f": {result.reason}" if result.reason else ""
+        if result.successful:
+            printing.line(f"Set parameter {name} successful{reason}")
+        else:
+            report(f"Set parameter {name} failed{reason}")
+    return 0 if all(result.successful for result in results.values()) else 1

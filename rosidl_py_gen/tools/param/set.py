@@ -1,0 +1,30 @@
+"""``param set`` and ``param delete``, which sets no value."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rosidl_py_gen.runtime import Parameter, ParameterValue
+from rosidl_py_gen.runtime.parameters.files import parse_parameter_value
+from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools.param.remote import parameters_of
+from rosidl_py_gen.tools.session import Network
+
+
+def run(network: Network, value: str | None, **arguments: Any) -> int:
+    """Returns the exit code."""
+    wanted = ParameterValue() if value is None else parse_parameter_value(value)
+    return run_async(_set(network, value=wanted, **arguments))
+
+
+async def _set(network: Network, node: str, name: str, value: ParameterValue, timeout_s: float, as_json: bool) -> int:
+    async with parameters_of(network, node, timeout_s) as client:
+        (result,) = await client.set([Parameter(name, value)], timeout_s)
+    reason = f": {result.reason}" if result.reason else ""
+    if as_json:
+        printing.document({"successful": result.successful, "reason": result.reason})
+    elif not result.successful:
+        raise ToolError(f"{'Setting' if value.is_set else 'Deleting'} parameter failed{reason}")
+    else:
+        printing.line(f"{'Set parameter successful' if value.is_set else 'Deleted parameter successfully'}{reason}")
+    return 0 if result.successful else 1

@@ -1,0 +1,1 @@
+"""What ``rosidl-py service`` does: a module for each command."""

@@ -1,0 +1,111 @@
+"""``topic info`` and ``topic type``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.runtime import History
+from rosidl_py_gen.runtime.transport.qos import INFINITE_NS
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools.topic.wait import found
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime import QoSProfile, TopicEndpointInfo
+
+
+def run(network: Network, **arguments: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_info(network, **arguments))
+
+
+async def _info(
+    network: Network, topic: str, timeout_s: float | None, as_json: bool, verbose: bool = False, only_type: bool = False
+) -> int:
+    async with Session(network) as session:
+        name = await found(session, topic, timeout_s)
+        await (session.settle_names() if verbose else session.settle())
+        node = session.node
+        types = dict(node.get_topic_names_and_types()).get(name, [])
+        publishers = node.get_publishers_info_by_topic(name)
+        subscribers = node.get_subscriptions_info_by_topic(name)
+    if only_type:
+        if as_json:
+            printing.document(types)
+        else:
+            printing.line("\n".join(types))
+    elif as_json:
+        ends = {"publishers": [*map(_plain, publishers)], "subscribers": [*map(_plain, subscribers)]}
+        printing.document({"name": name, "types": types, **ends})
+    else:
+        _show(types, publishers, subscribers, verbose)
+    return 0
+
+
+def _show(
+    types: list[str], publishers: Sequence[TopicEndpointInfo], subscribers: Sequence[TopicEndpointInfo], verbose: bool
+) -> None:
+    end = "\n" if verbose else ""
+    printing.line(f"Type: {types[0] if len(types) == 1 else types}{end}")
+    for heading, infos in (("Publisher", publishers), ("Subscription", subscribers)):
+        printing.line(f"{heading} count: {len(infos)}{end}", "bold" if verbose else "")
+        if verbose:
+            for info in infos:
+                printing.line(_described(info) + "\n")
+
+
+def _described(info: TopicEndpointInfo) -> str:
+    """As rclpy describes an endpoint."""
+    qos = info.qos_profile
+    depth = f" ({qos.depth})" if qos.history is History.KEEP_LAST else ""
+    return "\n".join(
+        [
+            f"Node name: {info.node_name}",
+            f"Node namespace: {info.node_namespace}",
+            f"Topic type: {info.topic_type}",
+            f"Topic type hash: {info.topic_type_hash or 'INVALID'}",
+            f"Endpoint type: {info.endpoint_type.name}",
+            f"GID: {_gid(info)}",
+            "QoS profile:",
+            f"  Reliability: {qos.reliability.name}",
+            f"  History (Depth): {qos.history.name}{depth}",
+            f"  Durability: {qos.durability.name}",
+            f"  Lifespan: {_period(qos.lifespan_ns)}",
+            f"  Deadline: {_period(qos.deadline_ns)}",
+            f"  Liveliness: {qos.liveliness.name}",
+            f"  Liveliness lease duration: {_period(qos.liveliness_lease_ns)}",
+        ]
+    )
+
+
+def _plain(info: TopicEndpointInfo) -> dict[str, Any]:
+    return {
+        "node": info.node_name,
+        "namespace": info.node_namespace,
+        "type": info.topic_type,
+        "type_hash": info.topic_type_hash,
+        "gid": _gid(info),
+        "qos": _plain_qos(info.qos_profile),
+    }
+
+
+def _plain_qos(qos: QoSProfile) -> dict[str, Any]:
+    return {
+        "reliability": qos.reliability.name.lower(),
+        "history": qos.history.name.lower(),
+        "depth": qos.depth,
+        "durability": qos.durability.name.lower(),
+        "lifespan_ns": qos.lifespan_ns,
+        "deadline_ns": qos.deadline_ns,
+        "liveliness": qos.liveliness.name.lower(),
+        "liveliness_lease_ns": qos.liveliness_lease_ns,
+    }
+
+
+def _gid(info: TopicEndpointInfo) -> str:
+    return info.endpoint_gid.hex(".")
+
+
+def _period(period_ns: int) -> str:
+    return "Infinite" if period_ns == INFINITE_NS else f"{period_ns} nanoseconds"
