@@ -304,4 +304,4 @@ async def test_closing_the_node_takes_everything_along(world: World) -> None:
     assert await remote.wait_for_services(5)
     node.close()
     await until(lambda: not remote._get.service_is_available())
-    assert "/n" not in other.get_node_names()
+    await until(lambda: "/n" not in other.get_node_names())
