@@ -68,7 +68,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "names": (),
     "time": (),
     "logs": ("names",),
-    "transport": ("logs",),
+    "transport": ("names", "logs"),
     "loop": ("transport",),
     "graph": ("names", "logs", "transport", "loop"),
     "endpoints": ("names", "time", "logs", "transport", "loop", "graph"),

@@ -70,17 +70,15 @@ def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(sys, "argv", ["test"])
     from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 
-    original = cyclone.CycloneTransport.open
+    original = cyclone.Domain.join
 
-    def guarded(
-        self: cyclone.CycloneTransport, number: int, user_data: bytes, *, cyclone_xml: str
-    ) -> cyclone.CycloneParticipant:
-        assert 'address="127.0.0.1"' in cyclone_xml, f"not bound to loopback: {cyclone_xml}"
-        assert cyclone_xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {cyclone_xml}"
+    def guarded(api: Any, fast_dds: Any, number: int, xml: str) -> cyclone.Domain:
+        assert 'address="127.0.0.1"' in xml, f"not bound to loopback: {xml}"
+        assert xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {xml}"
         assert number in (domain_id(), second_domain_id()), f"domain {number} is not this test run's"
-        return original(self, number, user_data, cyclone_xml=cyclone_xml)
+        return original(api, fast_dds, number, xml)
 
-    monkeypatch.setattr(cyclone.CycloneTransport, "open", guarded)
+    monkeypatch.setattr(cyclone.Domain, "join", guarded)
     yield
     Context.close_default()
 

@@ -20,7 +20,8 @@ from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.runtime.graph.state import Endpoint, Graph
+    from rosidl_py_gen.runtime.graph.state import Graph
+    from rosidl_py_gen.runtime.transport.interface import EndpointFound
 
 TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
 _DESCRIBERS = reply_name("|/get_type_description").split("|")
@@ -118,7 +119,7 @@ def announced(graph: Graph, subject: Subject) -> dict[str, Announced]:
     for topic, part in (*subject.needed.items(), *subject.extra.items()):
         for writers in (True, False):
             for endpoint in graph.on_topic(topic, writers=writers):
-                told = demangle_type(endpoint.info.type) or endpoint.info.type
+                told = demangle_type(endpoint.type) or endpoint.type
                 name = told[: len(told) - len(part)] if told.endswith(part) else told
                 by_hash = found.setdefault(name, Announced(name)).hashes.setdefault(told, defaultdict(set))
                 by_hash[_hash_of(endpoint)].add(_node_of(graph, endpoint))
@@ -136,27 +137,27 @@ def some(texts: Iterable[str]) -> str:
     return ", ".join(listed[:_MOST_SHOWN]) + (f" and {len(listed) - _MOST_SHOWN} more" if listed[_MOST_SHOWN:] else "")
 
 
-def _hash_of(endpoint: Endpoint) -> str:
-    told = endpoint.user_data.get("typehash", "")
+def _hash_of(endpoint: EndpointFound) -> str:
+    told = endpoint.type_hash
     return told if TYPE_HASH.match(told) else ""
 
 
-def _node_of(graph: Graph, endpoint: Endpoint) -> str:
+def _node_of(graph: Graph, endpoint: EndpointFound) -> str:
     """The node's name, "" when it cannot be told.
 
     With Fast DDS it may come seconds after the endpoint; but where only one node of the participant serves descriptions
     it can only be that one.
     """
-    namespace, name = graph.node_of(endpoint.info)
+    namespace, name = graph.node_of(endpoint)
     if (namespace, name) not in (UNKNOWN_NODE, BARE_DDS_NODE):
         return fully_qualified_node_name(name, namespace)
-    participant = endpoint.info.participant_guid
+    participant = endpoint.participant_guid
     names = {
-        other.info.topic[len(_DESCRIBERS[0]) : -len(_DESCRIBERS[1])]
+        other.topic[len(_DESCRIBERS[0]) : -len(_DESCRIBERS[1])]
         for other in graph.endpoints.values()
-        if other.info.participant_guid == participant
-        and other.info.is_writer
-        and other.info.topic.startswith(_DESCRIBERS[0])
-        and other.info.topic.endswith(_DESCRIBERS[1])
+        if other.participant_guid == participant
+        and other.is_writer
+        and other.topic.startswith(_DESCRIBERS[0])
+        and other.topic.endswith(_DESCRIBERS[1])
     }
     return names.pop() if len(names) == 1 else ""

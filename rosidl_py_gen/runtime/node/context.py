@@ -8,7 +8,6 @@ process ends or is forked, too.
 from __future__ import annotations
 
 import atexit
-import itertools
 import os
 import sys
 import threading
@@ -22,10 +21,8 @@ from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
-from rosidl_py_gen.runtime.names.dds import participant_user_data
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import read_environment
-from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
 
 if TYPE_CHECKING:
     import asyncio
@@ -38,20 +35,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.interface import DomainSettings, Transport
 
 T = TypeVar("T")
-
-_TUNING = (
-    '<Internal><SocketReceiveBufferSize max="32MiB"/></Internal><Compatibility><IgnoreTypeInformation>'
-    f"{','.join(f'1.{vendor}' for vendor in range(2, 33))}</IgnoreTypeInformation></Compatibility>"
-)
-"""XML below ``<Domain>`` for every domain of ours; the user's CYCLONEDDS_URI wins over it.
-
-- The kernel grants at most net.core.rmem_max. With Cyclone's own 1 MiB a fifth of 6 MB images was lost on loopback,
-  with 4 MiB none.
-- Type information of peers, of all vendors that Cyclone can name here: ours have none to compare it with. Cyclone
-  takes definitions of arrays and sequences of Kilted's Fast DDS for invalid when it hears one peer ask another for
-  them, and from then on ignores all endpoints of these types.
-"""
-
 
 _FORKED = (
     "made before this process was forked, and works in the parent process only: start processes with multiprocessing's "
@@ -115,13 +98,10 @@ class Context:
             get_root_logger().warning(sentence)
         self.domain_id = settings.domain_id
         self.settings = settings
-        xml = cyclone_xml(settings, process_id=os.getpid(), extra=_TUNING)
         chosen = transport if transport is not None else _dds()
-        user_data = participant_user_data(self.ros_arguments.enclave)
-        self.participant = chosen.open(settings.domain_id, user_data, cyclone_xml=xml)
+        self.participant = chosen.open(settings, self.ros_arguments.enclave)
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
-        self.entity_numbers = itertools.count(1)
         self.request_windows = RequestWindows()
         self._closed = ""
         """Why it is closed, for errors; empty while it is open."""
@@ -156,7 +136,6 @@ class Context:
             self.participant,
             self.bridge,
             self.discovery,
-            self.entity_numbers,
             self.request_windows,
             number,
             names.fully_qualified_name,

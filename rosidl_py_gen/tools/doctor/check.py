@@ -100,7 +100,7 @@ async def _answers(network: Network) -> list[Finding]:
 
 
 def _fast_dds(session: Session) -> Iterator[Finding]:
-    refusal = session.context.participant.fast_dds_refusal
+    refusal = session.context.participant.identity_refusal
     if refusal is None:
         yield Finding(OK, "topics and services work with nodes on Cyclone DDS and Fast DDS")
     else:

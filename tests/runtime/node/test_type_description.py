@@ -19,7 +19,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name
+from rosidl_py_gen.runtime.names.dds import reply_name
 from rosidl_py_gen.runtime.node import type_description as type_description_service
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
@@ -173,9 +173,8 @@ async def test_without_a_hash_the_type_needs_a_name(world: World) -> None:
 
 def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> None:
     """A writer of the node's that announces any hash, or none."""
-    user_data = endpoint_user_data(announced)
-    writer = node.scope.participant.create_writer(f"rt/{topic}", dds_type, QoSProfile(), user_data)
-    node.scope.own(writer, writer.guid)
+    writer = node.scope.participant.create_writer(f"rt/{topic}", dds_type, QoSProfile(), announced)
+    node.scope.own(writer, writer=writer.guid)
 
 
 @pytest.mark.parametrize(
@@ -217,7 +216,7 @@ async def test_the_first_question_does_not_import_the_compiler(world: World, mon
 async def test_the_answer_byte_by_byte(world: World) -> None:
     watcher = world.node("watcher").scope.participant
     dds = "type_description_interfaces::srv::dds_::GetTypeDescription_Response_"
-    replies = watcher.create_reader(reply_name("/n/get_type_description"), dds, QoSProfile().keep_all(), b"")
+    replies = watcher.create_reader(reply_name("/n/get_type_description"), dds, QoSProfile().keep_all())
     world.node("n").create_publisher(Foo, "foo")
     asker = world.node("asker")
     await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)
