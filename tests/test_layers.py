@@ -106,6 +106,8 @@ SEAMS = {
     "click": ("cli", "tools"),
     "rich": ("tools",),
     "cyclonedds": ("runtime.transport.cyclone",),
+    "zenoh": ("runtime.transport.zenoh",),
+    "xxhash": ("runtime.transport.zenoh.tokens",),
     "yaml": ("runtime.parameters.files", "tools.messages", "mcap.metadata"),
     "mcap": ("mcap",),
     "pytest": ("runtime.pytest_plugin",),

@@ -36,12 +36,13 @@ _GROUPS = {
     "param": "Parameters: list, get, set, describe, dump, load, delete.",
     "service": "Services: list, type, call, info, echo.",
     "topic": "Topics: list, info, echo, pub, hz, bw, delay, type, find.",
+    "zenoh-router": "A router for nodes on rmw_zenoh.",
 }
 
 
 _BROKEN_PIPE = 141
 """What a shell says of a program that SIGPIPE ended."""
-_EXTRA = {"cyclonedds": "node", "rich": "node", "yaml": "node", "mcap": "mcap"}
+_EXTRA = {"cyclonedds": "node", "rich": "node", "yaml": "node", "mcap": "mcap", "zenoh": "zenoh"}
 """Modules that extras bring. Definitions can be shown without them."""
 
 
@@ -66,7 +67,8 @@ class _Groups(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _GROUPS:
             return None
-        command = getattr(import_module(f"{__name__}.commands.{cmd_name}"), cmd_name)
+        module = cmd_name.replace("-", "_")
+        command = getattr(import_module(f"{__name__}.commands.{module}"), module)
         assert isinstance(command, click.Command)
         return command
 
