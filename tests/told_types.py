@@ -59,10 +59,10 @@ class Told:
         told = self.library.type_hash(name) if announced is None else announced
         participant, described = node.scope.participant, (topic, type_name(name), QoSProfile(), told)
         if "Request" in part:
-            reader = participant.create_reader(*described)
+            reader = participant.create_reader(*described, node=node.scope.number)
             node.scope.own(reader, reader=reader.guid)
         else:
-            writer = participant.create_writer(*described)
+            writer = participant.create_writer(*described, node=node.scope.number)
             node.scope.own(writer, writer=writer.guid)
 
     def __call__(self, request: GetTypeDescription_Request) -> GetTypeDescription_Response:

@@ -20,6 +20,7 @@ from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import (
     CallTimeoutError,
     ForeignServiceError,
+    ServerLostError,
     foreign_reason,
     header_of,
     message_of,
@@ -31,6 +32,7 @@ from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_error
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.transport.interface import is_unanswered
 from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
@@ -179,6 +181,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
 
         Raises:
             CallTimeoutError: a `TimeoutError`.
+            ServerLostError: the server went away during the call; told by Zenoh only.
             ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
             EncodeError: the request does not fit its type. DecodeError: the response does not.
             ClosedError: the client was closed, also while waiting.
@@ -228,7 +231,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         Args:
             on_reply: gets a response, and the GUID of the reply writer it came from. It answers True to hear what other
                 servers say, too.
-            on_error: gets `DecodeError`, `TransportError`, or `ClosedError` of `close`; nothing comes after that.
+            on_error: gets `DecodeError`, `TransportError`, `ServerLostError`, or `ClosedError` of `close`; nothing
+                comes after that.
 
         Returns:
             The number for `forget`.
@@ -335,6 +339,9 @@ class Client(ServiceEnd[RequestT, ResponseT]):
                 continue
             if client not in self._names:
                 continue
+            if is_unanswered(data):
+                self._lose(sequence)
+                continue
             server = self._reader.writer_guid(handle)
             if server is not None and not isinstance(client, bytes) and self._scope.participant.identifies(server):
                 continue
@@ -343,6 +350,11 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             pending = (self._by_number if isinstance(client, bytes) else self._pending).get(sequence)
             if pending is not None:
                 self._take_reply(pending, message_of(data, begin), server)
+
+    def _lose(self, number: int) -> None:
+        pending = self._by_number.get(number)
+        if pending is not None:
+            self._fail(pending, ServerLostError(f"the server of {self.name} went away before it answered"))
 
     def _take_reply(self, pending: _PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
         try:

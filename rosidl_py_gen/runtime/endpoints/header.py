@@ -57,6 +57,12 @@ class ForeignServiceError(RosidlError):
     """The peer's middleware puts other bytes on the wire for services; one side has to change it."""
 
 
+class ServerLostError(RosidlError, ConnectionError):
+    """The server went away before it answered; the request may or may not have been handled. Not on DDS, where a call
+    runs into its time limit.
+    """
+
+
 class CallTimeoutError(RosidlError, TimeoutError):
     """No response came in time; the request may or may not have been handled."""
 

@@ -1,4 +1,4 @@
-"""A context: one DDS participant, its graph, and the event loop its nodes live on.
+"""A context: one participant of a domain, its graph, and the event loop its nodes live on.
 
 Decides how arguments, environment and defaults become a participant. Nodes share the default context unless they are
 given another one; it is opened by the first node and closed with the last. Decides what becomes of contexts when the
@@ -23,6 +23,7 @@ from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import read_environment
+from rosidl_py_gen.runtime.node.middleware import chosen_transport
 
 if TYPE_CHECKING:
     import asyncio
@@ -52,7 +53,7 @@ class OpenNode(Protocol):
 
 
 class Context:
-    """One participant of a DDS domain.
+    """One participant of a domain.
 
     All contexts of one process and domain need the same settings. After a fork a context belongs to the parent process
     alone: in the child it is closed, and so are its nodes.
@@ -61,7 +62,8 @@ class Context:
         domain_id: None means ``ROS_DOMAIN_ID``, else 0.
         discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None means the environment (protocol.md 10.6).
         args: a command line that may contain ``--ros-args``; None means `sys.argv`.
-        transport: None means DDS; a `MemoryTransport` stays inside this process.
+        transport: ``"dds"`` or ``"zenoh"``; None means what ``RMW_IMPLEMENTATION`` says, else DDS where cyclonedds is
+            installed. A `MemoryTransport` stays inside this process.
 
     Raises:
         EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError: as their names say.
@@ -78,28 +80,26 @@ class Context:
         *,
         discovery: str | None = None,
         args: Sequence[str] | None = None,
-        transport: Transport | None = None,
+        transport: Transport | str | None = None,
     ) -> None:
-        if isinstance(transport, type) or not (transport is None or callable(getattr(transport, "open", None))):
-            raise TypeError(f"transport must be a transport object such as MemoryTransport(), got {transport!r:.100}")
+        chosen = chosen_transport(transport, os.environ)
         settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
         self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
         self.arguments = list(self.ros_arguments.program)
         """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
         outputs.open(self.ros_arguments.logs, next(iter(self.arguments), ""), os.environ)
         try:
-            self._open(settings, transport)
+            self._open(settings, chosen)
         except BaseException:
             outputs.close()
             raise
 
-    def _open(self, settings: DomainSettings, transport: Transport | None) -> None:
+    def _open(self, settings: DomainSettings, transport: Transport) -> None:
         for sentence in (*settings.warnings, *self.ros_arguments.warnings):
             get_root_logger().warning(sentence)
         self.domain_id = settings.domain_id
         self.settings = settings
-        chosen = transport if transport is not None else _dds()
-        self.participant = chosen.open(settings, self.ros_arguments.enclave)
+        self.participant = transport.open(settings, self.ros_arguments.enclave)
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
         self.request_windows = RequestWindows()
@@ -247,12 +247,6 @@ class Context:
             context.abandon(_FORKED)
         _open_contexts.clear()
         outputs.after_fork()
-
-
-def _dds() -> Transport:
-    from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
-
-    return CycloneTransport()
 
 
 _open_contexts: set[Context] = set()

@@ -288,6 +288,7 @@ async def test_a_service_that_comes_later_is_waited_for(world: World) -> None:
     assert (await client.call(Request(a=1, b=2), timeout_s=5)).sum == 3
 
 
+@pytest.mark.without_zenoh("there clients and servers announce their service, not its messages")
 async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None:
     alice, bob = world.pair()
     server = alice.create_service(AddTwoInts, "add", add)

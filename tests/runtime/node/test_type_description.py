@@ -86,6 +86,7 @@ def fields_of(got: Any) -> list[tuple[str, int]]:
     return [(field.name, field.type.type_id) for field in got.type_description.type_description.fields]
 
 
+@pytest.mark.without_zenoh("there services announce no hashes of their messages")
 async def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> None:
     node, asker, string = world.node("n", "/ns"), world.node("asker", "/ns"), get_message("std_msgs/msg/String")
     asker.create_publisher(string, "elsewhere")  # neither the asker's nor a neighbour's type of that name counts
@@ -173,7 +174,8 @@ async def test_without_a_hash_the_type_needs_a_name(world: World) -> None:
 
 def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> None:
     """A writer of the node's that announces any hash, or none."""
-    writer = node.scope.participant.create_writer(f"rt/{topic}", dds_type, QoSProfile(), announced)
+    described = f"rt/{topic}", dds_type, QoSProfile(), announced
+    writer = node.scope.participant.create_writer(*described, node=node.scope.number)
     node.scope.own(writer, writer=writer.guid)
 
 
@@ -213,6 +215,7 @@ async def test_the_first_question_does_not_import_the_compiler(world: World, mon
         await asker.get_type_description("/n", "", type_hash(cls), timeout_s=5)
 
 
+@pytest.mark.without_zenoh("nobody else can read the replies")
 async def test_the_answer_byte_by_byte(world: World) -> None:
     watcher = world.node("watcher").scope.participant
     dds = "type_description_interfaces::srv::dds_::GetTypeDescription_Response_"
