@@ -22,8 +22,7 @@ from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.runtime.node.environment import read_environment
-from rosidl_py_gen.runtime.node.middleware import chosen_transport
+from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
 
 if TYPE_CHECKING:
     import asyncio
@@ -82,7 +81,7 @@ class Context:
         args: Sequence[str] | None = None,
         transport: Transport | str | None = None,
     ) -> None:
-        chosen = chosen_transport(transport, os.environ)
+        chosen = chosen_transport(transport)
         settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
         self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
         self.arguments = list(self.ros_arguments.program)
@@ -247,6 +246,28 @@ class Context:
             context.abandon(_FORKED)
         _open_contexts.clear()
         outputs.after_fork()
+
+
+def chosen_transport(transport: Transport | str | None) -> Transport:
+    """The transport that an argument means; None: the environment decides.
+
+    Raises:
+        TypeError: there is no such transport. BackendMissingError: it is not installed.
+    """
+    name = middleware(os.environ, get_root_logger().warning) if transport is None else transport
+    if name == DDS:
+        from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
+
+        return CycloneTransport()
+    if name == ZENOH:
+        from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
+
+        return ZenohTransport()
+    if isinstance(name, (str, type)) or not callable(getattr(name, "open", None)):
+        raise TypeError(
+            f"transport must be 'dds', 'zenoh' or a transport object such as MemoryTransport(), got {name!r:.100}"
+        )
+    return name
 
 
 _open_contexts: set[Context] = set()
