@@ -1,8 +1,8 @@
 """What nodes announce about the type of one topic, service or action.
 
 Decides which DDS topics tell of it, and how the messages they carry lead to the type: a service is announced as its
-request and response, an action as the messages of its two services and its feedback. Nothing announces the hash of a
-service or action itself.
+request and response, an action as the messages of its two services and its feedback. The hash of a service itself is
+announced on Zenoh, in place of those of its messages, and on DDS by nobody; that of an action nowhere.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
-from rosidl_py_gen.runtime.names.dds import demangle_type, reply_name, request_name, topic_name
+from rosidl_py_gen.runtime.names.dds import demangle_service_type, demangle_type, reply_name, request_name, topic_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def service_subject(name: str, kind: str = "service", behind: str = "") -> Subje
     """Of a service given by its fully qualified name."""
     needed = {request_name(name): f"{behind}_Request", reply_name(name): f"{behind}_Response"}
     # A ROS 2 node describes neither request nor response, but what it publishes for introspection.
-    messages: dict[str, tuple[str, ...]] = {part: (f"{behind}_Event", part) for part in needed.values()}
+    messages: dict[str, tuple[str, ...]] = {part: (behind, f"{behind}_Event", part) for part in needed.values()}
     return Subject(kind, name, needed, {topic_name(f"{name}/_service_event"): f"{behind}_Event"}, messages)
 
 
@@ -67,8 +67,8 @@ def action_subject(name: str, send_goal: str, get_result: str, feedback: str) ->
     halves = (service_subject(send_goal, behind="_SendGoal"), service_subject(get_result, behind="_GetResult"))
     needed = {topic: part for half in halves for topic, part in half.needed.items()}
     messages: dict[str, tuple[str, ...]] = {
-        "_Goal": ("_SendGoal_Event", "_SendGoal_Request"),
-        "_Result": ("_GetResult_Event", "_GetResult_Response"),
+        "_Goal": ("_SendGoal", "_SendGoal_Event", "_SendGoal_Request"),
+        "_Result": ("_GetResult", "_GetResult_Event", "_GetResult_Response"),
         "_Feedback": ("_FeedbackMessage",),
     }
     extra = {topic: part for half in halves for topic, part in half.extra.items()}
@@ -121,8 +121,11 @@ def announced(graph: Graph, subject: Subject) -> dict[str, Announced]:
             for endpoint in graph.on_topic(topic, writers=writers):
                 told = demangle_type(endpoint.type) or endpoint.type
                 name = told[: len(told) - len(part)] if told.endswith(part) else told
-                by_hash = found.setdefault(name, Announced(name)).hashes.setdefault(told, defaultdict(set))
-                by_hash[_hash_of(endpoint)].add(_node_of(graph, endpoint))
+                hashes, node = found.setdefault(name, Announced(name)).hashes, _node_of(graph, endpoint)
+                hashes.setdefault(told, defaultdict(set))[_valid(endpoint.type_hash)].add(node)
+                service = demangle_service_type(endpoint.type)
+                if service is not None and _valid(endpoint.service_hash):
+                    hashes.setdefault(service, defaultdict(set))[endpoint.service_hash].add(node)
     return found
 
 
@@ -137,9 +140,8 @@ def some(texts: Iterable[str]) -> str:
     return ", ".join(listed[:_MOST_SHOWN]) + (f" and {len(listed) - _MOST_SHOWN} more" if listed[_MOST_SHOWN:] else "")
 
 
-def _hash_of(endpoint: EndpointFound) -> str:
-    told = endpoint.type_hash
-    return told if TYPE_HASH.match(told) else ""
+def _valid(type_hash: str) -> str:
+    return type_hash if TYPE_HASH.match(type_hash) else ""
 
 
 def _node_of(graph: Graph, endpoint: EndpointFound) -> str:

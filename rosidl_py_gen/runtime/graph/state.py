@@ -235,6 +235,8 @@ class Graph:
             for endpoint in self._endpoints_of(name, namespace, writers):
                 if demangle_type(endpoint.type) == type_name:
                     found[endpoint.type_hash].add(endpoint.topic)
+                elif endpoint.service_hash and demangle_service_type(endpoint.type) == type_name:
+                    found[endpoint.service_hash].add(endpoint.topic)
         return dict(found)
 
     def _endpoints_of(self, name: str, namespace: str, writers: bool) -> Iterator[EndpointFound]:

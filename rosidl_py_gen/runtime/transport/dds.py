@@ -151,6 +151,7 @@ class NodeTopic:
 class DdsParticipant:
     """The part of a `transport.Participant` that is the same for all of DDS."""
 
+    middleware = "DDS"
     guid: bytes
 
     def __init__(self) -> None:

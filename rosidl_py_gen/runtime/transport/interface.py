@@ -43,8 +43,6 @@ _IDENTIFIED = b"\xfd\x5d"
 """Stands in the two option bytes of the encapsulation header, which are zero otherwise."""
 _identity = struct.Struct("<16sq")
 _NOTHING = b"\0\1\0\0"
-
-
 _FILL = (b"", b"\0\0\0", b"\0\0", b"\0")
 
 
@@ -333,6 +331,10 @@ class Participant(Protocol):
     @property
     def guid(self) -> bytes:
         """16 bytes, network order."""
+
+    @property
+    def middleware(self) -> str:
+        """``DDS`` or what else it is, for people."""
 
     @property
     def identity_refusal(self) -> str | None:

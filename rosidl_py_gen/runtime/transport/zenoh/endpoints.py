@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.interface import EndpointFound, Identity, Payload, Sink
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
     from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph
 
 _HEARTBEAT_S = 0.5
@@ -39,11 +40,9 @@ _time_ns = time.time_ns
 class Host(Protocol):
     """What endpoints need of their participant."""
 
+    arrivals: Arrivals
     graph: TokenGraph
     session: Any
-
-    def ready(self, sink: Sink) -> None:
-        """That sink has something to do; from any thread."""
 
     def withdraw(self, guid: bytes) -> None:
         """An endpoint is about to be undeclared."""
@@ -196,12 +195,12 @@ class ZenohReader:
         """Take a sample into the queue."""
         self.queue.push(sample)
         if self._sink is not None:
-            self._owner.ready(self._sink)
+            self._owner.arrivals.put(self._sink)
 
     def set_sink(self, sink: Sink | None) -> None:
         self._sink = sink
         if sink is not None and self.queue.items:
-            self._owner.ready(sink)
+            self._owner.arrivals.put(sink)
 
     def fetch(self) -> bool:
         """Everything is in the queue already."""

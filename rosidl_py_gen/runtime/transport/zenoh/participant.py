@@ -11,7 +11,6 @@ Rules a newcomer would otherwise break:
 from __future__ import annotations
 
 import itertools
-import threading
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -20,6 +19,7 @@ import zenoh
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.names.dds import demangle_topic, type_name
 from rosidl_py_gen.runtime.transport.interface import ServiceEndpoints
+from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, handler, keep
 from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid
 from rosidl_py_gen.runtime.transport.zenoh.keys import data_key
@@ -56,6 +56,7 @@ class _Owned(NamedTuple):
 class ZenohParticipant:
     """See `transport.Participant`."""
 
+    middleware = "Zenoh"
     identity_refusal: str | None = None
 
     def __init__(self, session: Any, domain_id: int, enclave: str) -> None:
@@ -71,10 +72,7 @@ class ZenohParticipant:
         self._nobody = NodeToken(domain_id, self._zid, 0, _NOBODY)
         self._node_tokens: dict[int, Any] = {}
         self._owned: dict[bytes, _Owned] = {}
-        self._lock = threading.RLock()
-        """Held for a moment to change what follows."""
-        self._ready: dict[Sink, None] = {}
-        self._notify: Callable[[], None] | None = None
+        self.arrivals = Arrivals()
         self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self.graph = TokenGraph(self._zid, enclave)
         self._liveliness = session.liveliness()
@@ -146,7 +144,7 @@ class ZenohParticipant:
         token = self._liveliness.declare_token(told.token) if told.token else None
         self._owned[endpoint.guid] = _Owned(endpoint, token, told.endpoints)
         self.graph.add_own(told.endpoints)
-        self.ready(self.report_discovery)
+        self.arrivals.put(self.report_discovery)
 
     def withdraw(self, guid: bytes) -> None:
         """That endpoint of ours will be undeclared."""
@@ -155,7 +153,7 @@ class ZenohParticipant:
             if owned.token is not None:
                 owned.token.undeclare()
             self.graph.remove_own(owned.told)
-            self.ready(self.report_discovery)
+            self.arrivals.put(self.report_discovery)
 
     def identifies(self, guid: bytes) -> bool:
         """See `transport.Participant`; everybody does here."""
@@ -182,11 +180,11 @@ class ZenohParticipant:
     def _hear(self, sample: Any) -> None:
         """Called by Zenoh with each token that appears or disappears."""
         self.graph.hear(sample.kind == zenoh.SampleKind.PUT, str(sample.key_expr))
-        self.ready(self.report_discovery)
+        self.arrivals.put(self.report_discovery)
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         self._discovery_sink = sink
-        self.ready(self.report_discovery)
+        self.arrivals.put(self.report_discovery)
 
     def report_discovery(self) -> None:
         if self._discovery_sink is None:
@@ -202,34 +200,19 @@ class ZenohParticipant:
     # -------------------------------------------------------------------------------------------------- waiting
 
     def set_notify(self, notify: Callable[[], None] | None) -> None:
-        with self._lock:
-            self._notify = notify
-            is_waiting = bool(self._ready)
-        if notify is not None and is_waiting:
-            notify()
+        self.arrivals.set_notify(notify)
 
-    def ready(self, sink: Sink) -> None:
-        """Note that `sink` has something to do; only the first one in a batch wakes the loop."""
-        with self._lock:
-            notify = None if self._ready else self._notify
-            self._ready[sink] = None
-        if notify is not None:
-            notify()
-
-    def fileno(self) -> None:
-        """Nothing to watch: threads of Zenoh notify."""
+    def fileno(self) -> int | None:
+        return self.arrivals.fileno()
 
     def collect(self) -> list[Sink]:
-        with self._lock:
-            ready = list(self._ready)
-            self._ready.clear()
-        return ready
+        return self.arrivals.take()
 
     # -------------------------------------------------------------------------------------------------- closing
 
     def abandon(self) -> None:
         self._closed = True
-        self._discovery_sink = self._notify = None
+        self._discovery_sink = None
         for owned in self._owned.values():
             owned.endpoint.abandon()
             keep(owned.token)
@@ -242,10 +225,10 @@ class ZenohParticipant:
             owned.endpoint.close()
         self._closed = True
         self.announce({})
-        self._discovery_sink = self._notify = None
-        self._ready.clear()
+        self._discovery_sink = None
         self._listener.undeclare()
         self.session.close()
+        self.arrivals.close()
 
 
 def _name(topic: str) -> str:

@@ -18,6 +18,7 @@ from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from worlds import ROOT, World, until, zenoh_environment, zenoh_router
 
+from rosidl_py_gen import compile_text, type_hash
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, ServerLostError
 from rosidl_py_gen.runtime.node.context import chosen_transport
 from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
@@ -187,6 +188,23 @@ async def test_of_many_requests_that_nobody_answers_the_oldest_are_given_up(
     for request in requests:
         request.respond(AddTwoInts.Response(sum=request.message.a))
     assert [(await call).sum for call in calls[2:]] == [2, 3, 4]
+
+
+async def test_types_of_services_and_actions_that_only_others_have_are_described_by_their_own_hash(
+    zenoh: World,
+) -> None:
+    robot, asker = zenoh.pair()
+    ask: Any = compile_text("robot_msgs/srv/Ask", "string question\n---\nint32 answer")
+    go: Any = compile_text("robot_msgs/action/Go", "float64 far\n---\nbool arrived\n---\nfloat64 left")
+    robot.create_service(ask, "ask", lambda request: ask.Response(answer=len(request.question)))
+    robot.create_action_server(go, "go", lambda goal: None)
+    found = await asker.resolve_service_type("ask", timeout_s=10)
+    assert type_hash(found) == type_hash(ask)
+    response = await asker.create_client(found, "ask").call(found.Request(question="four"), timeout_s=5)
+    assert response.answer == 4
+    assert type_hash(await asker.resolve_action_type("go", timeout_s=10)) == type_hash(go)
+    description = await asker.get_type_description("/alice", "robot_msgs/srv/Ask", timeout_s=5)
+    assert description.type_description.type_description.type_name == "robot_msgs/srv/Ask"
 
 
 # --------------------------------------------------------------------------------------------------- threads, processes
