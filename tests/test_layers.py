@@ -66,10 +66,10 @@ OWNERS = {
 _LOW = ("names", "time", "logs", "transport", "loop", "graph", "endpoints")
 ROOMS: dict[str, tuple[str, ...]] = {
     "names": (),
-    "time": (),
+    "time": ("logs",),
     "logs": ("names",),
     "transport": ("logs",),
-    "loop": ("transport",),
+    "loop": ("logs", "transport"),
     "graph": ("names", "logs", "transport", "loop"),
     "endpoints": ("names", "time", "logs", "transport", "loop", "graph"),
     "parameters": _LOW,

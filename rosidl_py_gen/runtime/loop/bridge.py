@@ -15,13 +15,13 @@ import asyncio
 import concurrent.futures
 import contextlib
 import itertools
-import logging
 import os
 import threading
 from collections import deque
 from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.portal import Portal
@@ -31,14 +31,12 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.interface import Participant, Sink
 
-_log = logging.getLogger(__name__)
-
 T = TypeVar("T")
 
 _numbers = itertools.count()
 _LOOP_ENDED_S = 0.2
 """How often a thread that waits for the loop looks whether there still is one."""
-_FAILED = "an internal receive function failed; other endpoints are not affected"
+_SINK = "an internal receive function"
 _MISMATCH = (
     "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
     "Node(..., context=Context())"
@@ -255,14 +253,14 @@ class Bridge:
         try:
             sinks = self._participant.collect()
         except Exception:
-            _log.exception("taking in what arrived failed")
+            report_failure("taking in what arrived")
         for sink in sinks:
             try:
                 rest = sink()
                 if rest is not None:
                     self._rest.append(rest)
             except (Exception, asyncio.CancelledError):  # the latter would end the loop
-                _log.exception(_FAILED)
+                report_failure(_SINK)
         return bool(self._rest)
 
     def _call_back(self) -> None:
@@ -270,4 +268,4 @@ class Bridge:
             try:
                 self._rest.popleft()()
             except (Exception, asyncio.CancelledError):
-                _log.exception(_FAILED)
+                report_failure(_SINK)

@@ -7,19 +7,19 @@ Decides how to sleep by a clock that can jump, too: simulated time is never slep
 system time is looked at at least once a second, because somebody may set it. A sleep ends when ROS time is activated or
 deactivated, as in rclpy: a point in one time means nothing in the other, and waiting for it could take for ever.
 
-May import this room only. Source: protocol.md 9.6.
+May import this room and logs. Source: protocol.md 9.6.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 import time
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.time.schedule import Schedule
 from rosidl_py_gen.runtime.time.values import (
     NS_PER_S,
@@ -34,7 +34,6 @@ from rosidl_py_gen.runtime.time.values import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_log = logging.getLogger(__name__)
 _ANY_JUMP = Duration(nanoseconds=1)
 _LONGEST_PAUSE_S = 1.0
 
@@ -96,7 +95,10 @@ class JumpHandle:
 
 
 class Clock:
-    """One clock. `system_ns` and `steady_ns` replace the machine's clocks, for tests."""
+    """One clock. `system_ns` and `steady_ns` replace the machine's clocks, for tests.
+
+    `on_failure` is called with a description while the exception of a jump callback is handled; logs by default.
+    """
 
     def __init__(
         self,
@@ -104,11 +106,13 @@ class Clock:
         *,
         system_ns: Callable[[], int] = time.time_ns,
         steady_ns: Callable[[], int] = time.monotonic_ns,
+        on_failure: Callable[[str], None] = report_failure,
     ) -> None:
         self.clock_type = ClockType(clock_type)
         self._source_ns = steady_ns if self.clock_type is ClockType.STEADY_TIME else system_ns
         self._override_ns = 0
         self._active = False
+        self._on_failure = on_failure
         self._handles: list[JumpHandle] = []
 
     def __repr__(self) -> str:
@@ -241,14 +245,22 @@ class Clock:
     def _call_before(self, jump: TimeJump) -> list[JumpHandle]:
         chosen = [handle for handle in self._handles if handle.matches(jump)]
         for handle in chosen:
-            _call(handle.pre, jump)
+            self._call(handle.pre, jump)
         return chosen
 
     def _call_after(self, chosen: list[JumpHandle], jump: TimeJump) -> None:
         for handle in chosen:
             # A callback may have closed another one in the meantime.
             if handle.matches(jump):
-                _call(handle.post, jump)
+                self._call(handle.post, jump)
+
+    def _call(self, callback: Callable[[TimeJump], None] | None, jump: TimeJump) -> None:
+        if callback is None:
+            return
+        try:
+            callback(jump)
+        except Exception:
+            self._on_failure("a time jump callback")
 
 
 def on_every_jump(clock: Clock, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> JumpHandle:
@@ -256,15 +268,6 @@ def on_every_jump(clock: Clock, pre: Callable[[TimeJump], None], post: Callable[
     return clock.create_jump_callback(
         pre=pre, post=post, on_clock_change=True, min_forward=_ANY_JUMP, min_backward=-_ANY_JUMP
     )
-
-
-def _call(callback: Callable[[TimeJump], None] | None, jump: TimeJump) -> None:
-    if callback is None:
-        return
-    try:
-        callback(jump)
-    except Exception:
-        _log.exception("a time jump callback failed; the others and the clock are not affected")
 
 
 class DueWait:
