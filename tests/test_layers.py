@@ -41,6 +41,7 @@ OWNERS = {
     "names": "base",
     "ownership": "base",
     "description_cache": "base",
+    "registration": "base",
     "resources": "base",
     "fieldtype": "base",
     "descriptions": "base",

@@ -14,13 +14,13 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
-import itertools
 import os
 import threading
 from collections import deque
 from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
@@ -29,11 +29,11 @@ from rosidl_py_gen.runtime.loop.portal import Portal
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rosidl_py_gen.registration import Registration
     from rosidl_py_gen.runtime.transport.interface import Participant, Sink
 
 T = TypeVar("T")
 
-_numbers = itertools.count()
 _LOOP_ENDED_S = 0.2
 """How often a thread that waits for the loop looks whether there still is one."""
 _SINK = "an internal receive function"
@@ -64,7 +64,7 @@ class Bridge:
         self._lock = threading.RLock()
         self._rest: deque[Callable[[], None]] = deque()
         """What sinks left to do: functions of the user have to be called."""
-        self._starts: dict[int, Callable[[], None]] = {}
+        self._starts: Registrations[Callable[[], None]] = Registrations()
 
     @property
     def loop(self) -> asyncio.AbstractEventLoop | None:
@@ -116,7 +116,7 @@ class Bridge:
         self.attached = loop
         if not self._watch(loop):
             self._participant.set_notify(self._notified)
-        for start in list(self._starts.values()):
+        for start in self._starts:
             start()
 
     def _watch(self, loop: asyncio.AbstractEventLoop) -> bool:
@@ -168,14 +168,12 @@ class Bridge:
         """In a forked child: be closed without touching loop or transport; errors give the reason."""
         self._closed, self._closed_reason, self._watched, self.attached = True, reason, None, None
 
-    def on_start(self, start: Callable[[], None]) -> Callable[[], None]:
-        """Call `start` now if a loop is attached, and whenever one will be; returns the function that ends this."""
-        key = next(_numbers)
-        self._starts[key] = start
+    def on_start(self, start: Callable[[], None]) -> Registration:
+        """Call `start` now if a loop is attached, and whenever one will be, until the answer is closed."""
+        registration = self._starts.add(start)
         if self.loop is not None:
             start()
-        starts = self._starts
-        return lambda: (starts.pop(key, None), None)[1]
+        return registration
 
     def call_soon(self, function: Callable[[], None]) -> None:
         """Run `function` on the loop, from any thread; dropped when there is no loop."""

@@ -239,12 +239,12 @@ def test_the_fields_of_a_log_message() -> None:
 def test_records_go_to_the_node_of_the_nearest_registered_logger() -> None:
     router, parent, child = RosoutRouter(), [], []
     router.register("a", lambda fields: parent.append(fields.name))
-    end = router.register("a.n", lambda fields: child.append(fields.name))
+    added = router.register("a.n", lambda fields: child.append(fields.name))
     for name in ("a", "a.b", "a.n", "a.n.kid", "ax", "other"):
         router.emit(record(name=name))
     assert parent == ["a", "a.b"] and child == ["a.n", "a.n.kid"]
-    end()
-    end()
+    added.close()
+    added.close()
     router.emit(record(name="a.n"))
     assert parent[-1] == "a.n" and len(child) == 2
 
@@ -266,19 +266,19 @@ def test_two_nodes_of_one_name_publish_once() -> None:
     router = RosoutRouter()
     first: list[LogFields] = []
     second: list[LogFields] = []
-    end = router.register("a", first.append)
+    added = router.register("a", first.append)
     router.register("a", second.append)
     router.emit(record(name="a"))
-    end()
+    added.close()
     router.emit(record(name="a"))
     assert (len(first), len(second)) == (1, 1)
 
 
 def test_the_shared_router_hears_ros_loggers() -> None:
     seen: list[LogFields] = []
-    end = shared_router().register("routed", seen.append)
+    added = shared_router().register("routed", seen.append)
     get_logger("routed.kid").warning("x")
-    end()
+    added.close()
     get_logger("routed").warning("y")
     assert [fields.msg for fields in seen] == ["x"]
 
