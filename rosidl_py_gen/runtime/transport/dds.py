@@ -12,6 +12,7 @@ import itertools
 from typing import TYPE_CHECKING, Protocol
 
 from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.names.dds import (
     DISCOVERY_TOPIC,
@@ -40,7 +41,7 @@ _PREFIX_BYTES = 12
 """The part of a GUID that all endpoints of a participant share."""
 _READER_BIT = 0x04
 """In the last byte of a GUID: it is a reader's."""
-_TYPE_HASH = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+_TYPE_HASH = HASHES["rmw_dds_common/msg/ParticipantEntitiesInfo"]
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
 _READER_QOS = DEFAULT.keep_all().transient_local()
 _SILENCES_S = (0.05, 0.2, 0.5)
