@@ -87,6 +87,20 @@ def test_an_unknown_middleware_is_a_warning_and_an_unknown_transport_an_error(
         Context(transport="zenho")
 
 
+@pytest.mark.parametrize(
+    ("text", "unwanted"),
+    [
+        ("import rosidl_py_gen.generate, rosidl_py_gen.cli", ("zenoh", "xxhash", "cyclonedds._clayer")),
+        ("from rosidl_py_gen.runtime import Context; Context(transport='dds')", ("zenoh", "xxhash")),
+        ("from rosidl_py_gen.runtime import Context; Context(transport='zenoh')", ("cyclonedds._clayer",)),
+    ],
+)
+def test_only_the_middleware_that_is_used_is_imported(text: str, unwanted: tuple[str, ...]) -> None:
+    process = program(f"{text}\nimport sys\nprint(sorted(sys.modules.keys() & set({unwanted!r})))")
+    output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output) == (0, "[]\n"), errors
+
+
 def test_without_a_router_a_context_opens_and_says_what_is_missing(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
