@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 
 from rosidl_py_gen import __version__, type_hash, type_name
 from rosidl_py_gen.described import definition_text
-from rosidl_py_gen.mcap.common import BagError, BagTopic
+from rosidl_py_gen.mcap.common import BagError, BagTopic, checked_time
 from rosidl_py_gen.mcap.metadata import FILE, FileStatistics, metadata_text, qos_text
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ class BagWriter:
             BagError: bytes for an unknown topic, a message of another type, a time below 0, or the bag is closed.
             EncodeError: a value of the message does not fit. OSError: the disk is full.
         """
-        if self._closed:
+        if self._stream.closed:  # also when a full disk hindered the beginning of another file
             raise BagError(f"{self.path} is closed")
         if isinstance(message, bytes | bytearray | memoryview):
             data = message
@@ -127,16 +127,14 @@ class BagWriter:
             known = self._topics.get(topic)
             if known is None or known.type_hash != type_hash(message):
                 self.add_topic(topic, type(message))
-        log_time = time.time_ns() if log_time_ns is None else log_time_ns
-        if not 0 <= log_time < 1 << 63:
-            raise BagError(f"{topic}: log time {log_time} is not from 0 to 2**63-1 ns")
+        log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
+        published = log_time if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
         self._split_if_due(log_time)
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._register(self._topics[topic])
         self._files[-1].add(topic, log_time)
         self._written += len(data)
-        published = log_time if publish_time_ns is None else publish_time_ns
         self._writer.add_message(channel, log_time, data, published)
 
     def flush(self) -> None:
@@ -145,7 +143,7 @@ class BagWriter:
         Raises:
             OSError: the disk is full.
         """
-        if not self._closed:
+        if not self._stream.closed:
             self._writer.flush()  # type: ignore[no-untyped-call]
 
     def _register(self, topic: BagTopic) -> int:
@@ -196,7 +194,8 @@ class BagWriter:
             return
         self._closed = True
         try:
-            self._finish()
+            if not self._stream.closed:
+                self._finish()
         finally:
             if self._is_folder:
                 partial = self.path / f".{FILE}"

@@ -298,6 +298,8 @@ def test_writers_refuse_what_would_not_be_read(tmp_path: Path) -> None:
             writer.write("/s", Imu())
         with pytest.raises(BagError, match="log time -1"):
             writer.write("/s", String(), -1)
+        with pytest.raises(BagError, match="publish time 9223372036854775808"):
+            writer.write("/s", String(), 1, 1 << 63)
     with pytest.raises(BagError, match="closed"):
         writer.write("/s", String())
     with pytest.raises(BagError, match="exists already"):
@@ -323,6 +325,40 @@ def test_a_full_disk_is_told_and_what_was_written_is_read(tmp_path: Path) -> Non
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     with BagReader(path) as reader:
         assert len(list(reader)) > 100
+
+
+def test_a_disk_that_is_full_when_a_file_ends_leaves_those_before_and_no_more_is_written(tmp_path: Path) -> None:
+    import resource
+
+    writer = BagWriter(tmp_path / "bag", compression="", split_bytes=1_000_000)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for number in range(15):
+        writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            for number in range(15, 100):
+                writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
+        with pytest.raises(BagError, match="closed"):
+            writer.write("/b", Bytes())
+        writer.flush()
+        writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with BagReader(tmp_path / "bag") as reader:
+        assert [item.log_time for item in reader] == list(range(10))
+
+
+def test_a_recorder_that_is_killed_while_it_makes_a_file_leaves_the_others(tmp_path: Path) -> None:
+    write_some(tmp_path / "bag", split_s=3)
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    for beginning in (b"", b"\x89MCAP"):
+        (tmp_path / "bag" / "bag_4.mcap").write_bytes(beginning)
+        with BagReader(tmp_path / "bag") as reader:
+            assert len(list(reader)) == 20 and not reader.has_index
+    (tmp_path / "bag" / "bag_4.mcap").write_bytes(b"MCAP")
+    with pytest.raises(BagError, match="does not begin as MCAP files do"):
+        BagReader(tmp_path / "bag")
 
 
 def test_names_of_other_things_are_refused(tmp_path: Path) -> None:

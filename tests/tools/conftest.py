@@ -41,10 +41,12 @@ class Tool:
     def __init__(self) -> None:
         self.begun: list[asyncio.subprocess.Process] = []
 
-    async def start(self, *arguments: str, **environment: str) -> asyncio.subprocess.Process:
-        """Begin a command; the test ends it."""
+    async def start(
+        self, *arguments: str, within: tuple[str, ...] = (), **environment: str
+    ) -> asyncio.subprocess.Process:
+        """Begin a command; the test ends it. `within` is another command that takes it as its last arguments."""
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "rosidl_py_gen.tools", *arguments),
+            *(*within, sys.executable, "-m", "rosidl_py_gen.tools", *arguments),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
