@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -128,10 +127,12 @@ class BagReader:
         for name in names or ():
             self._topic(name)
         found = merged(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
-        return starmap(BagMessage, found) if raw else self._decoded(found, arrays)
+        if raw:
+            return (BagMessage(topic, bytes(data), logged, published) for topic, data, logged, published in found)
+        return self._decoded(found, arrays)
 
     def _decoded(self, found: Iterable[Raw], arrays: bool) -> Iterator[BagMessage]:
-        decoders: dict[str, Callable[[bytes], Any]] = {}
+        decoders: dict[str, Callable[[bytes | memoryview], Any]] = {}
         make = tuple.__new__  # what BagMessage() does, in half the time
         for topic, data, log_time, publish_time in found:
             decode = decoders.get(topic)

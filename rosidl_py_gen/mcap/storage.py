@@ -45,8 +45,12 @@ the checksum here, and the magic bytes.
 """
 _FOOTER_CRC = 12
 """Where the checksum is, from the end."""
-Raw: TypeAlias = "tuple[str, bytes, int, int]"
-"""What a `BagMessage` has, before decoding; a plain tuple is made in a third of the time."""
+_LARGE = 8
+"""A message is large when its chunk has at most so many times its size."""
+Raw: TypeAlias = "tuple[str, bytes | memoryview, int, int]"
+"""What a `BagMessage` has, before decoding; a plain tuple is made in a third of the time. Large messages view the chunk
+they are in, and so do the arrays that are decoded from them.
+"""
 _LOG_TIME = itemgetter(2)
 _IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
 
@@ -188,6 +192,7 @@ class McapFile:
         chunk = Chunk.read(ReadDataStream(self._stream))
         stream, size = get_chunk_data_stream(chunk, validate_crc=self._validate_crcs)
         data = stream.read(size)
+        view = memoryview(data)
         found: list[Raw] = []
         at = 0
         while at < size:
@@ -198,7 +203,8 @@ class McapFile:
             if opcode == _IS_MESSAGE:
                 _, _, channel, _, log_time, publish_time = _MESSAGE.unpack_from(data, at)
                 if channel in names:
-                    found.append((names[channel], data[at + _MESSAGE.size : end], log_time, publish_time))
+                    whole = view if length * _LARGE > size else data
+                    found.append((names[channel], whole[at + _MESSAGE.size : end], log_time, publish_time))
                 elif channel not in known:
                     raise BagError(f"{self._path}: damaged: a message of channel {channel}, which there is not")
             at = end

@@ -24,8 +24,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile
 
 _COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
-_CHUNK = 4 << 20
-"""Bytes of messages that are written, and found again, together."""
+_CHUNK = 768 << 10
+"""Bytes of messages that are written, and found again, together; as rosbag2 has it. With 4 MB, reading takes a fifth
+longer, because every chunk is new memory then.
+"""
 
 
 def topic_of(topic: str, msg_type: type[Message], qos: Sequence[QoSProfile] = ()) -> BagTopic:

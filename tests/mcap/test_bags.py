@@ -330,14 +330,14 @@ def test_a_full_disk_is_told_and_what_was_written_is_read(tmp_path: Path) -> Non
 def test_a_disk_that_is_full_when_a_file_ends_leaves_those_before_and_no_more_is_written(tmp_path: Path) -> None:
     import resource
 
-    writer = BagWriter(tmp_path / "bag", compression="", split_bytes=1_000_000)
+    writer = BagWriter(tmp_path / "bag", compression="", split_bytes=500_000)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    for number in range(15):
+    for number in range(7):
         writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
     resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, limits[1]))
     try:
         with pytest.raises(OSError, match="too large"):
-            for number in range(15, 100):
+            for number in range(7, 100):
                 writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
         with pytest.raises(BagError, match="closed"):
             writer.write("/b", Bytes())
@@ -346,7 +346,7 @@ def test_a_disk_that_is_full_when_a_file_ends_leaves_those_before_and_no_more_is
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     with BagReader(tmp_path / "bag") as reader:
-        assert [item.log_time for item in reader] == list(range(10))
+        assert [item.log_time for item in reader] == list(range(5))
 
 
 def test_a_recorder_that_is_killed_while_it_makes_a_file_leaves_the_others(tmp_path: Path) -> None:
