@@ -182,11 +182,12 @@ class BagReader:
         """The messages of a topic as a table: a structured array with a row for each.
 
         Args:
-            fields: paths such as ``"header.stamp"`` or ``"linear_acceleration.x"``; None means all numbers, strings and
-                fixed arrays. Times become nanoseconds in int64.
+            fields: paths such as ``"header.stamp"`` or ``"linear_acceleration.x"``; None means all numbers and strings.
+                Fixed arrays become columns with an axis more when they are named. Times become nanoseconds in int64.
 
         Returns:
-            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. `pandas.DataFrame` takes it.
+            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. `pandas.DataFrame` takes it when
+            there are no arrays in it.
 
         Raises:
             BagError: no such topic or field, or a field that has no fixed size. DecodeError: as `messages`.
