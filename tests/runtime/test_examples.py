@@ -250,7 +250,7 @@ def test_fields_of_a_bag_are_plotted(tmp_path: Path) -> None:
     assert len(rows) > 300 and np.corrcoef(rows, columns)[0, 1] < -0.95  # a line that rises: rows count downwards
     failed = start("bag_plot.py", str(tmp_path / "drive"), "/im", "x")
     _, errors = failed.communicate(timeout=60)
-    assert failed.returncode == 1 and errors.startswith("error: ") and "no topic /im; did you mean /imu" in errors
+    assert failed.returncode == 1 and errors.startswith("error: ") and 'no topic /im; did you mean "/imu"' in errors
 
 
 def test_what_the_lidar_of_a_robot_sees_is_found_in_the_map() -> None:
