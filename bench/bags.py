@@ -171,7 +171,7 @@ async def publish() -> None:
     image: Any = get_message("sensor_msgs/msg/Image")
     message = image(data=np.random.default_rng(1).integers(0, 255, IMAGE_BYTES, np.uint8))
     async with Node("camera") as node:
-        publisher = node.create_publisher(image, "image", QoSProfile(depth=5))
+        publisher = node.create_publisher(image, "image", QoSProfile(depth=10))
         assert await publisher.wait_for_subscribers(20)
         rate = node.create_rate(HZ)
         for _ in range(HZ * SECONDS):
