@@ -132,7 +132,7 @@ def table(quick: bool, rclpy: str | None) -> None:
         ratio = statistics.median(ours / other for ours, other in zip(times, measured[base], strict=True))
         goal = f"<= {target} {BASES[base]}"
         row(f"{name}, p50", f"{min(times):.0f} to {max(times):.0f} us, {ratio:.2f}x", goal)
-    for cells in rclpy_rows(rclpy, rounds, trips // 10, child) if rclpy else ():
+    for cells in rclpy_rows(rclpy, 10 * rounds, child) if rclpy else ():
         row(*cells)
     paced = pair("count_paced", "send_paced", 3000 if quick else 8000, reporter=0)
     row("CPU per received message at 1 kHz", f"{paced['cpu_us']:.0f} us", "<= 60 us")
@@ -161,6 +161,8 @@ def table(quick: bool, rclpy: str | None) -> None:
 ROLES: dict[str, Callable[[int], None]] = {
     "floor_pong": lambda count: FLOOR.floor_pong(),
     "floor_ping": lambda count: FLOOR.floor_ping(count),
+    "floor_serve": lambda count: runtime_floor.floor_serve(),
+    "floor_call": runtime_floor.floor_call,
     "stream_pong": lambda count: run_node(topics.stream_pong, "pong"),
     "callback_pong": lambda count: run_node(topics.callback_pong, "pong"),
     "stream_ping": lambda count: run_node(lambda n, s: topics.stream_ping(n, s, count), "ping"),

@@ -210,6 +210,10 @@ class DdsParticipant:
         """See `transport.Participant`; Fast DDS does (protocol.md 5.3)."""
         return guid.startswith(FAST_DDS_VENDOR)
 
+    def counts_requests(self, guid: bytes) -> bool:
+        """See `transport.Participant`; Fast DDS does."""
+        return guid.startswith(FAST_DDS_VENDOR)
+
     def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
         """See `transport.Participant`."""
         result = check_compatible(offered, requested)

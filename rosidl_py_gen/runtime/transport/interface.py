@@ -79,10 +79,7 @@ class TransportError(RosidlError):
 
 
 class BackendMissingError(RosidlError, ImportError):
-    """The user has to install the extra that brings DDS."""
-
-
-# ---------------------------------------------------------------------------------------------------------- settings
+    """The user has to install the extra that brings the middleware."""
 
 
 class DiscoveryRange(Enum):
@@ -342,6 +339,9 @@ class Participant(Protocol):
 
     def identifies(self, guid: bytes) -> bool:
         """Whether a service with that endpoint has an `Identity` beside its samples, and not a header in them."""
+
+    def counts_requests(self, guid: bytes) -> bool:
+        """Whether such a server that has answered once knows requests without an `Identity` by writer and number."""
 
     def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
         """Why a writer and a reader of these profiles are not connected; empty when they are."""

@@ -159,6 +159,10 @@ class ZenohParticipant:
         """See `transport.Participant`; everybody does here."""
         return True
 
+    def counts_requests(self, guid: bytes) -> bool:
+        """See `transport.Participant`; nobody does here."""
+        return False
+
     def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
         """See `transport.Participant`; nobody looks at profiles here."""
         return ""
