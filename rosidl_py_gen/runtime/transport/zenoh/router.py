@@ -5,6 +5,7 @@ Decides how it is opened and where it says that it listens; what it does is Zeno
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 from typing import TYPE_CHECKING
@@ -63,7 +64,8 @@ class ZenohRouter:
 
     def close(self) -> None:
         """End it; may be called twice."""
-        self._session.close()  # type: ignore[no-untyped-call]
+        with contextlib.suppress(zenoh.ZError):  # it gives up after a while when the machine is too busy
+            self._session.close()  # type: ignore[no-untyped-call]
 
     def _locators(self) -> list[str]:
         """What the router tells of itself in its admin space; nothing where that is off."""
