@@ -87,6 +87,7 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "graph": (),
     "service": ("topic",),
     "bag": ("topic",),
+    "foxglove": ("topic", "node"),
     "action": ("service",),
     "node": ("topic", "action"),
     "param": ("node",),
@@ -108,6 +109,8 @@ SEAMS = {
     "cyclonedds": ("runtime.transport.cyclone",),
     "yaml": ("runtime.parameters.files", "tools.messages", "mcap.metadata"),
     "mcap": ("mcap",),
+    "foxglove": ("tools.foxglove.server",),
+    "websockets": ("tools.foxglove.own_viewer",),
     "pytest": ("runtime.pytest_plugin",),
 }
 # Only these may import the node: everything else gets a transport and a resolved name.

@@ -29,6 +29,7 @@ _GROUPS = {
     "bag": "Recordings: record, play, info, convert.",
     "completion": "Print the completion script of a shell.",
     "doctor": "Check this installation, the network, and what answers on it.",
+    "foxglove": "Show topics, parameters and services live in Foxglove or Lichtblick.",
     "graph": "Nodes and topics as text, Mermaid or SVG.",
     "interface": "Definitions of messages, services and actions.",
     "lifecycle": "Lifecycle nodes: list, get and set their states.",
@@ -41,7 +42,14 @@ _GROUPS = {
 
 _BROKEN_PIPE = 141
 """What a shell says of a program that SIGPIPE ended."""
-_EXTRA = {"cyclonedds": "node", "rich": "node", "yaml": "node", "mcap": "mcap"}
+_EXTRA = {
+    "cyclonedds": "node",
+    "rich": "node",
+    "yaml": "node",
+    "mcap": "mcap",
+    "foxglove": "foxglove",
+    "websockets": "foxglove",
+}
 """Modules that extras bring. Definitions can be shown without them."""
 
 
@@ -159,11 +167,10 @@ def main(arguments: list[str] | None = None) -> None:
         report(str(error))
         sys.exit(1)
     except ModuleNotFoundError as missing:
-        if missing.name not in _EXTRA:
+        name = (missing.name or "").partition(".")[0]
+        if name not in _EXTRA:
             raise
-        report(
-            f"this needs {missing.name}, which is not installed: pip install 'rosidl-py-gen[{_EXTRA[missing.name]}]'"
-        )
+        report(f"this needs {name}, which is not installed: pip install 'rosidl-py-gen[{_EXTRA[name]}]'")
         sys.exit(1)
     except OSError as error:
         report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))
