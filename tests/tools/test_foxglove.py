@@ -460,10 +460,10 @@ def test_without_the_extra_it_says_what_to_install(
 
 async def test_ipv6_works_and_the_address_is_printed(node: Node, tool: Any) -> None:
     process = await tool.start("foxglove", "--port", "0", "--host", "::1")
-    line = (await asyncio.wait_for(process.stdout.readline(), 25)).decode().strip()
-    assert line.startswith("ws://[::1]:")
+    address, _, rest = (await asyncio.wait_for(process.stdout.readline(), 25)).decode().partition(" ")
+    assert (address[:11], rest) == ("ws://[::1]:", "for Foxglove and Lichtblick; Ctrl-C ends it\n")
     assert b"ds=foxglove-websocket" in await process.stdout.readline()
-    async with viewer(line) as seen:
+    async with viewer(address) as seen:
         await seen.until(lambda: seen.of("serverInfo"))
     os.kill(process.pid, signal.SIGTERM)
     assert (await tool.end(process)).code == 0

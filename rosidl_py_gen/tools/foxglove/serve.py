@@ -129,8 +129,8 @@ class _View:
         if self._wanted.as_json:
             printing.document({"address": address, "open": self._server.app_url()}, in_stream=True)
             return
-        printing.line(address, "bold")
-        printing.line(f"open it in Foxglove or Lichtblick, or here: {self._server.app_url()}; Ctrl-C ends it")
+        printing.line(f"{address} for Foxglove and Lichtblick; Ctrl-C ends it", "bold")
+        printing.line(self._server.app_url())
 
     async def close(self) -> None:
         """Let go of viewers, and of everything that was opened for them."""
