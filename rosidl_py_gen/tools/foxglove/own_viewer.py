@@ -10,11 +10,11 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import TYPE_CHECKING
 
 from websockets.asyncio.client import ClientConnection, connect
-from websockets.exceptions import WebSocketException
+from websockets.exceptions import ConnectionClosed, WebSocketException
 
 from rosidl_py_gen.tools import ToolError
 
@@ -33,25 +33,27 @@ class OwnViewer:
         self._token = token
 
     async def watch_graph(self) -> None:
-        """Subscribe to the graph; it may be published from then on."""
+        """Subscribe to the graph; it may be published from then on.
+
+        Raises:
+            ToolError: the connection is lost.
+        """
         await self._connection.send(json.dumps({"op": "subscribeConnectionGraph"}))
         async for message in self._connection:
             if isinstance(message, str) and json.loads(message).get("op") == "connectionGraphUpdate":
                 return
+        raise ToolError("the server closed its connection with itself")
 
     async def read_on(self) -> None:
-        """Take what comes, so that nothing piles up.
-
-        Raises:
-            ToolError: the connection is lost, which it is not while the server lives.
-        """
-        async for _ in self._connection:
-            pass
-        raise ToolError("the server closed its connection with itself")
+        """Take what comes, so that nothing piles up; returns when the server had no room left for it nevertheless."""
+        with suppress(ConnectionClosed):
+            async for _ in self._connection:
+                pass
 
     async def publish_parameters(self) -> None:
         """Have the SDK ask for what has changed, and tell those viewers that subscribed to it."""
-        await self._connection.send(json.dumps({"op": "setParameters", "parameters": [], "id": self._token}))
+        with suppress(ConnectionClosed):
+            await self._connection.send(json.dumps({"op": "setParameters", "parameters": [], "id": self._token}))
 
 
 def new_token() -> str:

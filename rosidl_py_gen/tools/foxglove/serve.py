@@ -65,6 +65,7 @@ class _View:
         self._clock = Clock()
         self._server = server = Server()
         self._changed = asyncio.Event()
+        self._has_clock = self._has_noted_clock = False
         shown: dict[str, Any] = {"paths": wanted.paths, "hidden": wanted.hidden}
         self._topics = Topics(session, server, self._clock, **shown)
         self._services = Services(session, server, **shown)
@@ -79,38 +80,50 @@ class _View:
             ToolError: the address cannot be used.
         """
         wanted, token = self._wanted, new_token()
-        has_clock = wanted.use_sim_time or self._node.count_publishers(CLOCK) > 0
-        listening = Listening(wanted.host, wanted.port, wanted.queue, has_clock, wanted.is_read_only)
+        self._has_clock = wanted.use_sim_time or self._node.count_publishers(CLOCK) > 0
+        listening = Listening(wanted.host, wanted.port, wanted.queue, self._has_clock, wanted.is_read_only)
         parameters = self._parameters
         handlers = Handlers(self._serve, parameters.get, parameters.set_, parameters.refreshed)
         port = self._server.start(listening, handlers, token)
-        if has_clock:
+        if self._has_clock:
             self._clock.follow(self._node, self._server)
-        async with own_viewer(wanted.host, port, token) as own:
-            await own.watch_graph()
-            self._say_where(port)
-            jobs = (own.read_on(), self._follow(), self._follow_parameters(own))
-            tasks = [asyncio.ensure_future(job) for job in jobs]
-            try:
-                await asyncio.gather(*tasks)
-            finally:
-                for task in tasks:
-                    task.cancel()
-                await asyncio.gather(*tasks, return_exceptions=True)
+        self._say_where(port)
+        while True:
+            async with own_viewer(wanted.host, port, token) as own:
+                await own.watch_graph()
+                await self._follow_all(own)
+
+    async def _follow_all(self, own: OwnViewer) -> None:
+        """Until our own viewer is lost: the graph may not be published without it."""
+        tasks = [asyncio.ensure_future(job) for job in (own.read_on(), self._follow(), self._follow_parameters(own))]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _follow(self) -> None:
+        """Follow the graph, for ever."""
         self._look()
         async for _ in self._node.graph_changes():
             self._look()
             await asyncio.sleep(_PAUSE_S)
 
     def _look(self) -> None:
-        """Follow the graph."""
+        self._note_clock()
         self._topics.look()
         if not self._wanted.is_read_only:
             self._services.look()
         self._parameters.look()
         self._connections.look()
+
+    def _note_clock(self) -> None:
+        if not (self._has_clock or self._has_noted_clock) and self._node.count_publishers(CLOCK):
+            self._has_noted_clock = True
+            printing.note(f"{CLOCK} has appeared; viewers are told its time when this is started again")
 
     def _serve(self) -> None:
         """Follow the viewers."""
