@@ -14,7 +14,7 @@ import pytest
 import yaml
 from rclpy_peer import Peer
 from rclpy_worlds import fresh
-from worlds import ROOT
+from worlds import ROOT, start_process
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,7 +43,7 @@ class Tool:
         """The test ends it."""
         command = (sys.executable, "-m", "rosidl_py_gen.tools", *words)
         pipe = asyncio.subprocess.PIPE
-        return await asyncio.create_subprocess_exec(*command, env=self._environment, stdout=pipe, stderr=pipe)
+        return await start_process(*command, env=self._environment, stdout=pipe, stderr=pipe)
 
     async def end(self, process: asyncio.subprocess.Process) -> Ended:
         """What it said until its end."""
@@ -162,7 +162,9 @@ async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, t
     while process.returncode is None:
         await asyncio.sleep(0.2)
         await shared_peer.ask("call", name=name, requests_=[{"int32_value": 7}])
-    event = json.loads((await tool.end(process)).out)
+    ended = await tool.end(process)
+    assert ended.code == 0, ended.err
+    event = json.loads(ended.out)
     assert (event["info"]["event_type"], event["request"][0]["int32_value"]) == ("REQUEST_RECEIVED", 7)
     await shared_peer.ask("unclient", name=name)
     await shared_peer.ask("unserve", name=name)
