@@ -17,6 +17,7 @@ import logging
 import threading
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -37,6 +38,8 @@ T = TypeVar("T")
 
 _PATIENCE_S = 12.0
 """For an answer of our own loop; what it asks of others has shorter limits."""
+_GOODBYE_S = 1.0
+_TURNS, _TURN_S = 8, 0.002
 _STATUS_S = 1.0
 """The same trouble is reported so often at most."""
 
@@ -102,6 +105,8 @@ class Server:
         self._server: WebSocketServer | None = None
         self._has_time = False
         self._said: dict[str, float] = {}
+        self._turn = asyncio.Lock()
+        self._turns = 0
         self._waits = _Waits(self._loop)
         self.wishes = Wishes()
 
@@ -143,10 +148,31 @@ class Server:
         return (self._server.app_url() if self._server is not None else None) or ""
 
     async def stop(self) -> None:
-        """Say good-bye to viewers."""
+        """Say good-bye to viewers; one that reads nothing would keep the SDK waiting for ever."""
         self._waits.end()
-        if self._server is not None:
-            await asyncio.to_thread(self._server.stop)
+        server = self._server
+        if server is None:
+            return
+        stopped = asyncio.Event()
+
+        def stop() -> None:
+            server.stop()
+            with suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(stopped.set)
+
+        threading.Thread(target=stop, daemon=True).start()
+        with suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(stopped.wait(), _GOODBYE_S)
+
+    async def turn(self) -> None:
+        """To be awaited before viewers are told of a topic or service more or less.
+
+        A viewer for which too much of this waits is disconnected by the SDK, however quickly it reads.
+        """
+        async with self._turn:
+            self._turns += 1
+            if self._turns % _TURNS == 0:
+                await asyncio.sleep(_TURN_S)
 
     def open_channel(self, topic: str, type_name: str, definition: str) -> Channel:
         """Show viewers a topic whose messages are CDR; an empty definition says that nobody knows it."""
@@ -177,10 +203,10 @@ class Server:
         schema = foxglove.ServiceSchema(type_name, request=schemas[0], response=schemas[1])
         self._server.add_services([foxglove.Service(name, schema=schema, handler=handle)])
 
-    def remove_service(self, name: str) -> None:
-        """Take a service away from viewers."""
+    def remove_services(self, names: list[str]) -> None:
+        """Take services away from viewers."""
         assert self._server is not None
-        self._server.remove_services([name])
+        self._server.remove_services(names)
 
     def publish_graph(
         self, published: Mapping[str, list[str]], subscribed: Mapping[str, list[str]], served: Mapping[str, list[str]]

@@ -65,12 +65,11 @@ class Services:
             for name, kinds in node.get_service_names_and_types()
             if (self._hidden or "/_" not in name) and node.count_services(name)
         }
-        for name in [*self._shown]:
-            if there.get(name) != self._shown[name].type_name:
-                shown = self._shown.pop(name)
-                shown.close()
-                if shown.is_open:
-                    self._server.remove_service(name)
+        gone = {name: shown for name, shown in self._shown.items() if there.get(name) != shown.type_name}
+        for name in gone:
+            self._shown.pop(name).close()
+        if opened := [name for name, shown in gone.items() if shown.is_open]:
+            self._server.remove_services(opened)
         for name, type_name in there.items():
             if name not in self._shown:
                 shown = self._shown[name] = _Shown(type_name)
@@ -91,6 +90,7 @@ class Services:
         async def call(data: bytes) -> bytes:
             return await self._call(name, shown, cls, data)
 
+        await self._server.turn()
         self._server.add_service(name, shown.type_name, texts, call)
         shown.is_open = True
 

@@ -47,12 +47,10 @@ class _Shown:
             self.subscription.close()
             self.subscription = None
 
-    def close(self) -> None:
+    def end(self) -> None:
         if self.opening is not None:
             self.opening.cancel()
         self.unsubscribe()
-        if self.channel is not None:
-            self.channel.close()
 
 
 class Topics:
@@ -66,6 +64,7 @@ class Topics:
         self._paths = paths
         self._hidden = hidden
         self._shown: dict[_Key, _Shown] = {}
+        self._closing: set[asyncio.Task[None]] = set()
         self._turns = asyncio.Semaphore(_AT_A_TIME)
 
     def look(self) -> None:
@@ -73,7 +72,9 @@ class Topics:
         there = self._there()
         for key in [*self._shown]:
             if key not in there:
-                self._shown.pop(key).close()
+                closing = asyncio.ensure_future(self._close(self._shown.pop(key)))
+                self._closing.add(closing)
+                closing.add_done_callback(self._closing.discard)
         for key in there:
             if key not in self._shown:
                 shown = self._shown[key] = _Shown()
@@ -96,7 +97,14 @@ class Topics:
     async def _open(self, key: _Key, shown: _Shown) -> None:
         async with self._turns:
             text = await self._definition(key)
+        await self._server.turn()
         shown.channel = self._server.open_channel(key.topic, key.type_name, text)
+
+    async def _close(self, shown: _Shown) -> None:
+        shown.end()
+        await self._server.turn()
+        if shown.channel is not None:
+            shown.channel.close()
 
     async def _definition(self, key: _Key) -> str:
         """Empty when it cannot be found: the topic is seen, but not what is in it."""
@@ -139,8 +147,8 @@ class Topics:
 
     async def close(self) -> None:
         """Let go of everything."""
-        opening = [shown.opening for shown in self._shown.values() if shown.opening is not None]
+        tasks = [*self._closing, *(shown.opening for shown in self._shown.values() if shown.opening is not None)]
         for shown in self._shown.values():
-            shown.close()
+            shown.end()
         self._shown.clear()
-        await asyncio.gather(*opening, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
