@@ -6,7 +6,6 @@ nothing is compiled for it. What a description may say is decided in `spec/descr
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.dynamic import class_of_library, library_of
@@ -19,9 +18,6 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.descriptions import Description
     from rosidl_py_gen.dynamic import Folders
-
-_MODULE = re.compile(r"^\s*module\b", re.MULTILINE)
-"""What IDL begins with, and no ``.msg``."""
 
 
 def described_hashes(name: str, individuals: Mapping[str, Description], *, is_service: bool = False) -> dict[str, str]:
@@ -59,11 +55,8 @@ def compile_described(
     return class_of_library(described_library(top, individuals, sources, is_service), top, path=path)
 
 
-def definition_text(cls: type[Any], *, idl: bool = True) -> str:
+def definition_text(cls: type[Any]) -> str:
     """The definition of a class with all types it uses, as bags carry it; `compile_text` reads it.
-
-    Args:
-        idl: False writes what is defined in IDL as a ``.msg`` or ``.srv``, for those who read nothing else.
 
     The text of the file when it is on the search path and says the same, with comments and constants; otherwise
     written from what the class knows. Messages that ROS derives, such as ``X_Event``, have the text of their service or
@@ -78,8 +71,6 @@ def definition_text(cls: type[Any], *, idl: bool = True) -> str:
 
     name = split_ros_name(type_name(cls))
     library = library_of(name)
-    if library is not None and not idl and _MODULE.search(full_text(library, library.owner(name) or name)):
-        library = None
     if library is None or library.all_hashes(str(name)) != hashes_of(cls):
         if "_" in name.name:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")

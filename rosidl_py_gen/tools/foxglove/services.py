@@ -115,7 +115,7 @@ class Services:
 
 def _definitions(cls: Any) -> tuple[str, str]:
     """The definitions of request and response, each with the types it uses."""
-    parts = _PART.split(definition_text(cls, idl=False))
+    parts = _PART.split(definition_text(cls))
     texts = [*_RESPONSE.split(parts[0], maxsplit=1), ""]
     for index, half in enumerate((cls.Request, cls.Response)):
         used = {name.replace("/msg/", "/") for name in referenced_classes(half)}
