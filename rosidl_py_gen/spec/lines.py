@@ -22,9 +22,9 @@ from rosidl_py_gen.names import (
     is_interface_name,
     is_package_name,
 )
+from rosidl_py_gen.spec.element import parse_element
 from rosidl_py_gen.spec.literals import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.spec.model import ConstantDef, FieldDef, Findings, Location, MessageDef, Source
-from rosidl_py_gen.spec.parse import parse_element
 from rosidl_py_gen.spec.syntax import ElementSyntax, SyntaxProblem, TypeSyntax, Word
 
 if TYPE_CHECKING:
