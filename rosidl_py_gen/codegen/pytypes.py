@@ -22,7 +22,7 @@ _ZERO = {"bool": "False", "int": "0", "float": "0.0"}
 
 @dataclass(frozen=True, slots=True)
 class FieldView:
-    """One field as the template prints it.
+    """One field as it is printed.
 
     Attributes:
         annotation: what the attribute is.
@@ -40,7 +40,7 @@ class FieldView:
 
 @dataclass(frozen=True, slots=True)
 class ConstantView:
-    """One constant as the template prints it."""
+    """One constant as it is printed."""
 
     name: str
     annotation: str
