@@ -7,7 +7,7 @@ byte in the data, 4 more than the position the plan speaks of. While it is known
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.codegen import statements
 from rosidl_py_gen.codegen.naming import Locals, singular
@@ -43,8 +43,7 @@ _SUPPORT = "rosidl_py_gen.cdr.support"
 _HEADER_BYTES = 4
 
 
-@dataclass(frozen=True, slots=True)
-class DecoderView:
+class DecoderView(NamedTuple):
     """The decoder as it is printed.
 
     Attributes:
@@ -323,7 +322,7 @@ class _Reader:
                 targets.append(local)
                 body += statements.assign(self.attribute(item.ref), local)
         for block in blocks:
-            view = self.view(block.code, str(block.count), plus("pos", block.offset))
+            view = self.view(block.code, str(block.length), plus("pos", block.offset))
             body += statements.assign(self.attribute(block.ref), view)
         if blocks:
             body += statements.move("+=", str(step.stride))

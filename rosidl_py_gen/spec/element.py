@@ -8,7 +8,7 @@ say what the rule is. Source: protocol.md 1.3.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from rosidl_py_gen.spec.syntax import ElementSyntax, SyntaxProblem, TypeSyntax, Word
 
@@ -16,8 +16,7 @@ _TYPE, _SIZE = r"[^\s/<=\[\]]+", r"[^\s<=\[\]]+"
 _END = "the end"
 
 
-@dataclass(frozen=True, slots=True)
-class _Rule:
+class _Rule(NamedTuple):
     """How a word is written, what errors call it, and which words may follow: no two of these begin alike."""
 
     written: str

@@ -12,7 +12,7 @@ from lark import Lark, Token, Transformer, v_args
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedEOF, UnexpectedInput, UnexpectedToken, VisitError
 
 from rosidl_py_gen.resources import grammar_text
-from rosidl_py_gen.spec.syntax import (
+from rosidl_py_gen.spec.idl_syntax import (
     IdlAnnotation,
     IdlConst,
     IdlDeclarator,
@@ -24,9 +24,8 @@ from rosidl_py_gen.spec.syntax import (
     IdlStruct,
     IdlType,
     IdlTypedef,
-    SyntaxProblem,
-    Word,
 )
+from rosidl_py_gen.spec.syntax import SyntaxProblem, Word
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
