@@ -10,7 +10,7 @@ import os
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from rosidl_py_gen.runtime import Context, Node
+from rosidl_py_gen.runtime import Context
 from rosidl_py_gen.runtime.graph.state import UNKNOWN_NODE
 from rosidl_py_gen.runtime.names.dds import DISCOVERY_TOPIC
 from rosidl_py_gen.tools import ToolError
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.runtime import Node
     from rosidl_py_gen.runtime.graph.state import Graph
 
 _LEAST_S, _QUIET_S, _ALONE_S, _MOST_S = 0.2, 0.1, 1.0, 2.0
@@ -57,7 +58,9 @@ class Session:
         self.context = Context(network.get("domain_id"), discovery=network.get("discovery"), args=[])
         options = {**_NOTHING, **node_options}
         try:
-            self.node = Node(f"_rosidl_py_{os.getpid()}", context=self.context, **options)
+            from rosidl_py_gen.runtime import Node  # takes 0.1 s, in which the context already listens
+
+            self.node: Node = Node(f"_rosidl_py_{os.getpid()}", context=self.context, **options)
         except BaseException:
             self.context.close()
             raise
