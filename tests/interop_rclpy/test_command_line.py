@@ -162,7 +162,9 @@ async def test_service_events_of_an_unknown_type_are_echoed(shared_peer: Peer, t
     while process.returncode is None:
         await asyncio.sleep(0.2)
         await shared_peer.ask("call", name=name, requests_=[{"int32_value": 7}])
-    event = json.loads((await tool.end(process)).out)
+    ended = await tool.end(process)
+    assert ended.code == 0, ended.err
+    event = json.loads(ended.out)
     assert (event["info"]["event_type"], event["request"][0]["int32_value"]) == ("REQUEST_RECEIVED", 7)
     await shared_peer.ask("unclient", name=name)
     await shared_peer.ask("unserve", name=name)

@@ -23,9 +23,9 @@ FIBONACCI = "test_msgs/action/Fibonacci"
 
 @pytest.fixture
 def stranger(tmp_path: Path) -> Any:
-    """Runs `stranger.py`; its result, or its error as text."""
+    """Runs `stranger.py`; its result, or the text of its error where one is expected."""
 
-    async def run(do: str, **arguments: Any) -> Any:
+    async def run(do: str, *, is_right: bool = True, **arguments: Any) -> Any:
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(tmp_path / "cache")}
         environment.pop("AMENT_PREFIX_PATH", None)
         script = str(Path(__file__).with_name("stranger.py"))
@@ -38,7 +38,9 @@ def stranger(tmp_path: Path) -> Any:
             if process.returncode is None:
                 process.kill()
         answer = json.loads(output)
-        return answer.get("result", answer.get("error"))
+        if is_right and "error" in answer:
+            pytest.fail(answer["error"])
+        return answer["result" if is_right else "error"]
 
     return run
 
@@ -61,7 +63,7 @@ async def test_a_service_of_theirs_needs_its_hash_or_introspection(shared_peer: 
     name = fresh("unknown")
     await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
     request = {"int32_value": -5, "string_value": "words"}
-    error = await stranger("call", service=name, request=request, type_hash=None)
+    error = await stranger("call", is_right=False, service=name, request=request, type_hash=None)
     assert f"/{shared_peer.name}: Type not currently in use by this node" in error and "type_hash" in error
     told = type_hash(service(shared_peer, BASIC))
     answer = await stranger("call", service=name, request=request, type_hash=told)
@@ -76,7 +78,7 @@ async def test_an_action_of_theirs_needs_its_hash(shared_peer: Peer, stranger: A
     name = fresh("unknown")
     done = {"sequence": [0, 1, 1, 2]}
     await shared_peer.ask("action_server", name=name, type=FIBONACCI, how="succeed", result=done)
-    error = await stranger("send", action=name, goal={"order": 4}, type_hash=None)
+    error = await stranger("send", is_right=False, action=name, goal={"order": 4}, type_hash=None)
     assert f"/{shared_peer.name}: Type not currently in use by this node" in error and "type_hash" in error
     told = type_hash(action(shared_peer, FIBONACCI))
     assert await stranger("send", action=name, goal={"order": 4}, type_hash=told) == done

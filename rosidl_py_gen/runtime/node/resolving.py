@@ -44,6 +44,8 @@ _SERVICE_PATIENCE_S = 1.0
 """The same for a node whose service is not known: it may have none."""
 _NAMES_PATIENCE_S = 4.0
 """With Fast DDS the names of nodes may follow by 3 s (protocol.md 6)."""
+_LATE_S = 2.0
+"""What a node announces last may follow by this much: Fast DDS repeats lost announcements after 1 s."""
 _MOST_ASKED = 8
 _KINDS = {Message: "a message", Service: "a service", Action: "an action"}
 _WHAT_TO_DO = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
@@ -108,7 +110,7 @@ class _Resolution:
         if cls is not None:
             return cls
         try:
-            return await self._fetched(one)
+            return await self._fetched_at_last(one, timeout_s)
         except TypeDescriptionError as error:
             other = await self._local(one, lambda hashes: True)
             if other is None:
@@ -184,6 +186,25 @@ class _Resolution:
         return cls
 
     # ------------------------------------------------------------------------------------------------- fetched ones
+
+    async def _fetched_at_last(self, one: Announced, timeout_s: float | None) -> type[Any]:
+        """Try once more when what could help was announced a moment later: the events of a service, for example."""
+        try:
+            return await self._fetched(one)
+        except TypeDescriptionError:
+            scope, before = self._scope, len(one.hashes)
+
+            def more() -> bool:
+                later = self._all().get(one.type_name)
+                return later is not None and len(later.hashes) > before
+
+            patience_s = self._deadline.left_s(_LATE_S) if self._misses_extra(one) else 0.0
+            if not await scope.wait_until(more, patience_s, lambda: scope.closed):
+                raise
+            return await self._fetched(await self._announced(timeout_s))
+
+    def _misses_extra(self, one: Announced) -> bool:
+        return any(one.type_name + part not in one.hashes for part in self._subject.extra.values())
 
     async def _fetched(self, one: Announced) -> type[Any]:
         from rosidl_py_gen.described import compile_described, described_hashes

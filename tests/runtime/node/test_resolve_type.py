@@ -13,6 +13,7 @@ from worlds import World, until
 
 from rosidl_py_gen import compile_text, get_message, get_service, type_description, type_hash
 from rosidl_py_gen.descriptions import describe
+from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
 from rosidl_py_gen.runtime.names.dds import reply_name, request_name, topic_name
 
@@ -224,6 +225,26 @@ async def test_a_service_of_a_node_of_this_package(world: World) -> None:
     told.announce(robot, reply_name("/s"), "_Response")
     cls: Any = await world.node("asker").resolve_service_type("s", timeout_s=10)
     assert type_hash(cls) == told.hash and cls.Request().a == 3 and cls.Request.MORE == "x"
+
+
+async def test_events_of_a_service_that_are_announced_last_are_waited_for(world: World) -> None:
+    told = fresh("int32 a 3\n---\nstring b", "srv")
+    refused: list[str] = []
+
+    def as_rclpy(request: Any) -> Any:
+        """It describes what it publishes, and neither requests nor responses."""
+        if request.type_name.endswith("_Event"):
+            return told(request)
+        if not refused:
+            asyncio.get_running_loop().call_later(0.2, told.announce, robot, "rt/s/_service_event", "_Event")
+        refused.append(request.type_name)
+        return GetTypeDescription_Response(failure_reason="Type not currently in use by this node")
+
+    robot = teller(world, "robot", as_rclpy)
+    told.announce(robot, request_name("/s"), "_Request")
+    told.announce(robot, reply_name("/s"), "_Response")
+    cls: Any = await world.node("asker").resolve_service_type("s", timeout_s=10)
+    assert type_hash(cls) == told.hash and refused[0].endswith("_Request")
 
 
 async def test_an_action_of_a_node_of_this_package(world: World) -> None:
