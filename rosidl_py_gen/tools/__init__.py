@@ -11,6 +11,7 @@ Commands that go on until they are interrupted end with 0 then.
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import sys
@@ -115,11 +116,7 @@ def root() -> click.Group:
 def run_command(module: str, **arguments: Any) -> None:
     """Load ``tools/<module>.py`` and call its `run`, whose answer is the exit code; called by what click declares."""
     try:
-        run = import_module(f"{__name__}.{module}").run
-        if not gc.isenabled():
-            gc.freeze()
-            gc.enable()
-        code = run(**arguments)
+        code = import_module(f"{__name__}.{module}").run(**arguments)
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read our output has enough; click would end with 1
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -145,7 +142,9 @@ def run_async(main: Coroutine[Any, Any, int], *, endless: bool = False) -> int:
 def main(arguments: list[str] | None = None) -> None:
     """The console script; see the head of this file for exit codes."""
     if arguments is None:
-        gc.disable()  # until the command is loaded: looking for garbage in modules takes a tenth of a short command
+        # Looking for garbage in what is imported, and once more at the end, takes a tenth of a short command.
+        gc.set_threshold(50_000)
+        atexit.register(gc.freeze)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # closed; a socket would get its number
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
