@@ -34,7 +34,7 @@ RUNTIME_PACKAGES = (
     "unique_identifier_msgs",
 )
 _MSGS = "rosidl_py_gen.msgs."
-_RESERVED = frozenset({"numpy", "rosidl_py_gen", "cyclonedds", "lark", "click"})
+_RESERVED = frozenset({"numpy", "rosidl_py_gen", "cyclonedds", "lark", "jinja2", "click"})
 
 
 @dataclass(frozen=True, slots=True)

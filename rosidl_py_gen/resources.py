@@ -1,6 +1,7 @@
-"""Where the files that are not Python live: the grammar beside the code, interfaces in wheel or checkout.
+"""Where the files that are not Python live: the grammar beside the code, templates and interfaces in wheel or checkout.
 
-In a wheel `interfaces/` travels inside the package; in a checkout (editable install) it is at the top.
+In a wheel `templates/` and `interfaces/` travel inside the package; in a checkout (editable install) they are at the
+top.
 """
 
 from __future__ import annotations
@@ -15,7 +16,16 @@ def grammar_text(name: str) -> str:
     return (_PACKAGE / "spec" / name).read_text(encoding="utf-8")
 
 
+def templates_dir() -> Path:
+    """The folder of the jinja templates."""
+    return _find("templates")
+
+
 def interfaces_dir() -> Path:
     """The folder of the bundled interface packages."""
-    inside = _PACKAGE / "interfaces"
-    return inside if inside.is_dir() else _PACKAGE.parent / "interfaces"
+    return _find("interfaces")
+
+
+def _find(name: str) -> Path:
+    inside = _PACKAGE / name
+    return inside if inside.is_dir() else _PACKAGE.parent / name

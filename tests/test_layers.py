@@ -102,6 +102,7 @@ KNOWS_LAYOUTS = "runtime.transport.cyclone.fastdds"
 # Each foreign thing has one seam: distribution -> modules that may import it.
 SEAMS = {
     "lark": ("spec.parse",),
+    "jinja2": ("codegen.render",),
     "click": ("cli", "tools"),
     "rich": ("tools",),
     "cyclonedds": ("runtime.transport.cyclone",),

@@ -1,4 +1,4 @@
-"""From checked definitions to Python source: layout -> plan -> view -> text."""
+"""From checked definitions to Python source: layout -> plan -> view -> templates."""
 
 from __future__ import annotations
 

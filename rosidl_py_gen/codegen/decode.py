@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.codegen import statements
 from rosidl_py_gen.codegen.naming import Locals, singular
 from rosidl_py_gen.codegen.plan import (
     Block,
@@ -31,7 +30,26 @@ from rosidl_py_gen.codegen.plan import (
     Text,
     assert_never,
 )
-from rosidl_py_gen.codegen.statements import NUMPY_DTYPE, Structs, plus
+from rosidl_py_gen.codegen.statements import (
+    NUMPY_DTYPE,
+    Align,
+    Assign,
+    CheckHeader,
+    Create,
+    Either,
+    For,
+    Limit,
+    Move,
+    NewList,
+    ReadHeavy,
+    ReadText,
+    Statement,
+    Store,
+    Structs,
+    Unpack,
+    Within,
+    plus,
+)
 from rosidl_py_gen.fieldtype import Arity, FieldType
 
 if TYPE_CHECKING:
@@ -44,7 +62,7 @@ _HEADER_BYTES = 4
 
 
 class DecoderView(NamedTuple):
-    """The decoder as it is printed.
+    """The decoder as the template prints it.
 
     Attributes:
         statements: the body.
@@ -55,7 +73,7 @@ class DecoderView(NamedTuple):
         records: it leaves sequences and arrays of fixed-size messages as they are when `arrays` says so.
     """
 
-    statements: tuple[str, ...]
+    statements: tuple[Statement, ...]
     uses_view: bool
     checks_header: bool
     bulk: bool
@@ -97,9 +115,9 @@ class _Reader:
         """Where a step begins, as an expression."""
         return "pos" if start.static is None else str(start.static + _HEADER_BYTES)
 
-    def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[str]:
+    def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[Statement]:
         """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
-        out: list[str] = []
+        out: list[Statement] = []
         for index, step in enumerate(steps):
             needed = keep_pos or any(not isinstance(later, (Enter, Nul)) for later in steps[index + 1 :])
             if not (isinstance(step, Enter | Nul) or (isinstance(step, Run) and step.align > 1)):
@@ -109,12 +127,12 @@ class _Reader:
             self.catch_up(out)
         return out
 
-    def catch_up(self, out: list[str]) -> None:
+    def catch_up(self, out: list[Statement]) -> None:
         if self.late:
             self.late = False
-            out += statements.move("=", "end + 1")
+            out.append(Move("=", "end + 1"))
 
-    def step(self, step: Step, needed: bool, out: list[str]) -> None:
+    def step(self, step: Step, needed: bool, out: list[Statement]) -> None:
         match step:
             case Enter():
                 self.create(step, out)
@@ -131,52 +149,52 @@ class _Reader:
                 count = self.count(step.ref, step.type, out)
                 pos = "pos" if needed else "_"
                 call = f"{function}(raw, {self.at(step.start)}, {count})"
-                out += statements.assign(f"{self.attribute(step.ref)}, {pos}", call)
+                out.append(Assign(f"{self.attribute(step.ref)}, {pos}", call))
             case Loop():
                 self.loop(step, needed, out)
             case Call():
                 if step.start.static is not None:
-                    out += statements.move("=", self.at(step.start))
+                    out.append(Move("=", self.at(step.start)))
                 self.heavy(self.attribute(step.ref), step, step.type, needed, out)
             case _:
                 assert_never(step)
 
-    def create(self, step: Enter, out: list[str]) -> None:
+    def create(self, step: Enter, out: list[Statement]) -> None:
         self.support("new")
         cls = self.classes[step.type]
         if step.empty:
-            out += statements.assign(self.attribute(step.ref), f"new({cls})")
+            out.append(Assign(self.attribute(step.ref), f"new({cls})"))
             return
         name = self.objects[step.number] = self.names.name(step.ref.name)
-        out += statements.create(self.attribute(step.ref), name, cls)
+        out.append(Create(self.attribute(step.ref), name, cls))
 
-    def heavy(self, target: str, step: Call | Loop, cls: str, needed: bool, out: list[str]) -> None:
+    def heavy(self, target: str, step: Call | Loop, cls: str, needed: bool, out: list[Statement]) -> None:
         self.uses_view = True
-        out += statements.read_heavy(target, "pos" if needed else "_", self.classes[cls], step.records)
+        out.append(ReadHeavy(target, "pos" if needed else "_", self.classes[cls], step.records))
 
     # --- position -------------------------------------------------------------------------------------------------
 
-    def align(self, align: int, when: str, out: list[str]) -> None:
+    def align(self, align: int, when: str, out: list[Statement]) -> None:
         # (pos - 4) rounded up, plus 4; up to 4 the header does not matter.
         name, more = ("end", 1) if self.late else ("pos", 0)
         self.late = False
         expression = f"({name} + {3 + more} & -8) + 4" if align == 8 else f"{name} + {align - 1 + more} & -{align}"
-        out += statements.align("pos", expression, when)
+        out.append(Align("pos", expression, when))
 
-    def move(self, at: str, distance: str, out: list[str]) -> None:
+    def move(self, at: str, distance: str, out: list[Statement]) -> None:
         if at == "pos":
-            out += statements.move("+=", distance)
+            out.append(Move("+=", distance))
         else:
-            out += statements.move("=", plus(at, int(distance)) if distance.isdigit() else f"{at} + {distance}")
+            out.append(Move("=", plus(at, int(distance)) if distance.isdigit() else f"{at} + {distance}"))
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: Run, needed: bool, out: list[str]) -> None:
+    def run(self, run: Run, needed: bool, out: list[Statement]) -> None:
         if run.align > 1:
             self.align(run.align, "", out)
         at = self.at(run.start)
         targets: list[str] = []
-        blocks: list[str] = []
+        blocks: list[Statement] = []
         for item in run.items:
             match item:
                 case Scalar(ref, _, _):
@@ -185,7 +203,7 @@ class _Reader:
                     name = self.counts[ref] = self.names.name(f"{ref.name}_count")
                     targets.append(name)
                 case Block(ref, code, count, offset):
-                    blocks += statements.assign(self.attribute(ref), self.view(code, str(count), plus(at, offset)))
+                    blocks.append(Assign(self.attribute(ref), self.view(code, str(count), plus(at, offset))))
                 case Dummy():
                     pass
                 case _:
@@ -196,13 +214,13 @@ class _Reader:
             targets.insert(0, "head")
         unpack = self.structs.name("unpack_from", code)
         joined = ", ".join(targets) + ("," if len(targets) == 1 else "")
-        out += statements.unpack(f"({joined})" if len(targets) == 1 else joined, f"{unpack}(raw{offset_argument})")
+        out.append(Unpack(f"({joined})" if len(targets) == 1 else joined, f"{unpack}(raw{offset_argument})"))
         if self.header:
             self.header = False
-            out += statements.check_header(self.records)
+            out.append(CheckHeader(self.records))
         out += blocks
         if needed and at == "pos":
-            out += statements.move("+=", str(run.size))
+            out.append(Move("+=", str(run.size)))
 
     def view(self, code: str, count: str, at: str) -> str:
         self.uses_view = True
@@ -210,37 +228,37 @@ class _Reader:
             return f"{self.support('view_of_bools')}(view, {count}, {at})"
         return f"{self.support('frombuffer')}(view, {self.support(NUMPY_DTYPE[code])}, {count}, {at})"
 
-    def count(self, ref: Ref, kind: FieldType, out: list[str]) -> str:
+    def count(self, ref: Ref, kind: FieldType, out: list[Statement]) -> str:
         """The number of elements; a bounded sequence's is checked here."""
         if kind.arity is Arity.ARRAY:
             return str(kind.capacity)
         if kind.arity is Arity.BOUNDED:
             self.support("limit")
-            out += statements.limit(self.counts[ref], kind.capacity)
+            out.append(Limit(self.counts[ref], kind.capacity))
         return self.counts[ref]
 
-    def text(self, step: Text, needed: bool, out: list[str]) -> None:
+    def text(self, step: Text, needed: bool, out: list[Statement]) -> None:
         at, count, target = self.at(step.start), self.counts[step.ref], self.attribute(step.ref)
         if step.type.base == "wstring":
-            out += statements.assign(target, f"{self.support('from_utf16')}(raw, {at}, {count})")
+            out.append(Assign(target, f"{self.support('from_utf16')}(raw, {at}, {count})"))
             if needed:
                 self.move(at, f"4 * {count}", out)
             return
         nul = f"pos + {count} - 1" if at == "pos" else f"{int(at) - 1} + {count}"
-        out += statements.read_text(target, at, nul, self.bulk)
+        out.append(ReadText(target, at, nul, self.bulk))
         self.late = needed
 
-    def numbers(self, step: Numbers, needed: bool, out: list[str]) -> None:
+    def numbers(self, step: Numbers, needed: bool, out: list[Statement]) -> None:
         count = self.count(step.ref, step.type, out)
         at = self.padded(step, count, out)
-        out += statements.assign(self.attribute(step.ref), self.view(step.code, count, at))
+        out.append(Assign(self.attribute(step.ref), self.view(step.code, count, at)))
         if needed and not _ends_known(step):
             size = f"{step.item_size} * {count}" if step.item_size > 1 else count
             if count.isdigit():
                 size = str(step.item_size * int(count))
             self.move(at, size, out)
 
-    def padded(self, step: Numbers | Loop, count: str, out: list[str]) -> str:
+    def padded(self, step: Numbers | Loop, count: str, out: list[Statement]) -> str:
         """Skip the padding that is only there when elements are; returns where the elements begin."""
         at = self.at(step.start)
         certain = step.type.arity is Arity.ARRAY
@@ -249,15 +267,15 @@ class _Reader:
         elif step.pad and certain:
             if at != "pos":
                 return plus(at, step.pad)
-            out += statements.move("+=", str(step.pad))
+            out.append(Move("+=", str(step.pad)))
         elif step.pad:
             if at != "pos":
-                out += statements.move("=", at)
-            out += statements.align("pos", f"pos + {step.pad}", count)
+                out.append(Move("=", at))
+            out.append(Align("pos", f"pos + {step.pad}", count))
             return "pos"
         return at
 
-    def loop(self, step: Loop, needed: bool, out: list[str]) -> None:
+    def loop(self, step: Loop, needed: bool, out: list[Statement]) -> None:
         count = self.count(step.ref, step.type, out)
         if not step.fixed:
             self.messages(step, count, needed, out)
@@ -265,51 +283,51 @@ class _Reader:
         self.uses_view = True
         cls, at = self.classes[step.type.base], self.at(step.start)
         target = f"{self.attribute(step.ref)}, {'pos' if needed else '_'}"
-        read = statements.assign(target, f"{self.support('read_records')}({cls}, view, {at}, {count})")
-        otherwise: list[str] = []
+        read = Assign(target, f"{self.support('read_records')}({cls}, view, {at}, {count})")
+        otherwise: list[Statement] = []
         self.messages(step, count, needed, otherwise)
-        out += statements.either("arrays", read, otherwise)
+        out.append(Either("arrays", (read,), tuple(otherwise)))
 
-    def messages(self, step: Loop, count: str, needed: bool, out: list[str]) -> None:
+    def messages(self, step: Loop, count: str, needed: bool, out: list[Statement]) -> None:
         """The elements as a list of messages."""
         values = self.names.name(step.ref.name)
         item = self.names.name(singular(step.ref.name))
         self.objects[step.number] = item
         cls = self.classes[step.type.base]
         self.support("new")
-        new_list = statements.new_list(self.attribute(step.ref), values, cls)
-        first = [*statements.assign(item, f"new({cls})"), *statements.store(values, item)]
+        new_list = NewList(self.attribute(step.ref), values, cls, "list")
+        first: list[Statement] = [Assign(item, f"new({cls})"), Store(values, item)]
         if step.mode is LoopMode.PACKED:
             self.packed(step, count, new_list, first, needed, out)
             return
         if step.start.static is not None:
-            out += statements.move("=", self.at(step.start))
+            out.append(Move("=", self.at(step.start)))
         self.within(f"pos + {step.least} * {count}" if step.least > 1 else f"pos + {count}", out)
-        out += new_list
+        out.append(new_list)
         if step.mode is LoopMode.CALL:
-            body: list[str] = []
+            body: list[Statement] = []
             self.heavy(item, step, step.type.base, True, body)
-            body += statements.store(values, item)
+            body.append(Store(values, item))
         else:
             body = first + self.scope(step.body, keep_pos=True)
-        out += statements.loop("_", f"range({count})", body)
+        out.append(For("_", f"range({count})", tuple(body)))
 
-    def within(self, end: str, out: list[str]) -> None:
+    def within(self, end: str, out: list[Statement]) -> None:
         self.support("within")
-        out += statements.within(end)
+        out.append(Within(end))
 
     def packed(
-        self, step: Loop, count: str, new_list: list[str], first: list[str], needed: bool, out: list[str]
+        self, step: Loop, count: str, new_list: NewList, first: list[Statement], needed: bool, out: list[Statement]
     ) -> None:
         at = self.padded(step, count, out)
         run = next(inner for inner in step.body if isinstance(inner, Run))
         blocks = [item for item in run.items if isinstance(item, Block)]
         if at != "pos" and blocks:
-            out += statements.move("=", at)
+            out.append(Move("=", at))
             at = "pos"
-        out += statements.assign("end", f"{at} + {step.stride} * {count}")
+        out.append(Assign("end", f"{at} + {step.stride} * {count}"))
         self.within("end", out)
-        out += new_list
+        out.append(new_list)
         body = list(first)
         for inner in step.body:
             if isinstance(inner, Enter):
@@ -320,17 +338,17 @@ class _Reader:
                 owner = self.objects[item.ref.owner]
                 local = self.names.name(f"{owner}_{item.ref.name}")
                 targets.append(local)
-                body += statements.assign(self.attribute(item.ref), local)
+                body.append(Assign(self.attribute(item.ref), local))
         for block in blocks:
             view = self.view(block.code, str(block.length), plus("pos", block.offset))
-            body += statements.assign(self.attribute(block.ref), view)
+            body.append(Assign(self.attribute(block.ref), view))
         if blocks:
-            body += statements.move("+=", str(step.stride))
+            body.append(Move("+=", str(step.stride)))
         unpack = self.structs.name("iter_unpack", run.unpack)
         variables = f"({targets[0]},)" if len(targets) == 1 else ", ".join(targets) or "_"
-        out += statements.loop(variables, f"{unpack}(memoryview(raw)[{at}:end])", body)
+        out.append(For(variables, f"{unpack}(memoryview(raw)[{at}:end])", tuple(body)))
         if needed and not blocks and not _ends_known(step):
-            out += statements.move("=", "end")
+            out.append(Move("=", "end"))
 
 
 def _ends_known(step: Numbers | Loop) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.codegen import statements
 from rosidl_py_gen.codegen.naming import Locals, singular
 from rosidl_py_gen.codegen.plan import (
     Block,
@@ -31,7 +30,26 @@ from rosidl_py_gen.codegen.plan import (
     Text,
     assert_never,
 )
-from rosidl_py_gen.codegen.statements import NUMPY_FIXED, Structs, plus
+from rosidl_py_gen.codegen.statements import (
+    NUMPY_FIXED,
+    Align,
+    Assign,
+    Either,
+    Exactly,
+    For,
+    Limit,
+    LimitEach,
+    Load,
+    LoadList,
+    LoadRecords,
+    Move,
+    Part,
+    Statement,
+    Structs,
+    Unpack,
+    Write,
+    plus,
+)
 from rosidl_py_gen.fieldtype import Arity
 
 if TYPE_CHECKING:
@@ -45,14 +63,14 @@ _HEADER_VALUE = "256"  # the bytes 00 01: plain CDR, little endian
 
 
 class EncoderView(NamedTuple):
-    """The encoder as it is printed.
+    """The encoder as the template prints it.
 
     Attributes:
         statements: the body.
         result: the bytes expression when parts are joined at the end of it, empty when they are collected in a list.
     """
 
-    statements: tuple[str, ...]
+    statements: tuple[Statement, ...]
     result: str
 
 
@@ -62,7 +80,7 @@ def encoder_view(plan: Plan, imports: Imports, structs: Structs, classes: dict[s
     writer = _Writer(imports, structs, classes, collect, header=not plan.heavy)
     writer.objects[0] = "self"
     first = next(step for step in plan.steps if not isinstance(step, Enter))
-    body: list[str] = []
+    body: list[Statement] = []
     if writer.header and not isinstance(first, Run):
         writer.header = False
         writer.part('b"\\0\\1\\0\\0"', body)
@@ -112,20 +130,20 @@ class _Writer:
     def attribute(self, ref: Ref) -> str:
         return f"{self.objects[ref.owner]}.{ref.name}"
 
-    def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[str]:
+    def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[Statement]:
         """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
-        out: list[str] = []
+        out: list[Statement] = []
         contents: Contents = {step.ref: step for step in steps if isinstance(step, (Text, Numbers, Strings, Loop))}
         for index, step in enumerate(steps):
             needed = keep_pos or any(_reads_pos(later) for later in steps[index + 1 :])
             self.step(step, needed, contents, out)
         return out
 
-    def step(self, step: Step, needed: bool, contents: Contents, out: list[str]) -> None:
+    def step(self, step: Step, needed: bool, contents: Contents, out: list[Statement]) -> None:
         match step:
             case Enter():
                 name = self.names.name(step.ref.name)
-                out += self.load(name, self.attribute(step.ref), step.type)
+                out.append(self.load(name, self.attribute(step.ref), step.type))
                 self.objects[step.number] = name
             case Run():
                 self.run(step, needed, contents, out)
@@ -144,58 +162,58 @@ class _Writer:
                 self.loop(step, needed, contents, out)
             case Call():
                 name = self.names.name(step.ref.name)
-                out += self.load(name, self.attribute(step.ref), step.type)
+                out.append(self.load(name, self.attribute(step.ref), step.type))
                 self.materialise(step.start, out)
-                out += statements.write(self.classes[step.type], name)
+                out.append(Write(self.classes[step.type], name))
             case _:
                 assert_never(step)
 
-    def load(self, name: str, expression: str, cls: str) -> list[str]:
+    def load(self, name: str, expression: str, cls: str) -> Load:
         self.support("expect")
-        return statements.load(name, expression, self.classes[cls])
+        return Load(name, expression, self.classes[cls])
 
-    def part(self, expression: str, out: list[str]) -> None:
+    def part(self, expression: str, out: list[Statement]) -> None:
         if self.collect:
-            out += statements.part(expression)
+            out.append(Part(expression))
         else:
             self.parts.append(expression)
 
     # --- position -------------------------------------------------------------------------------------------------
 
-    def move(self, start: Start, distance: str, needed: bool, out: list[str]) -> None:
+    def move(self, start: Start, distance: str, needed: bool, out: list[Statement]) -> None:
         """`pos` grows by a distance; where it was not kept so far, `start` says it."""
         if not needed or (start.static is not None and distance.isdigit()):  # what follows knows its own place
             return
         if start.static is not None:
             self.position(f"{start.static} + {distance}" if start.static else distance, out)
         elif self.collect:
-            out += statements.move("+=", distance)
+            out.append(Move("+=", distance))
         else:
             self.position(f"{self.pos} + {distance}", out)
 
-    def position(self, expression: str, out: list[str]) -> None:
+    def position(self, expression: str, out: list[Statement]) -> None:
         """`pos` becomes an expression; where parts are joined at the end every position keeps a name of its own."""
         if not self.collect:
             self.moves += 1
             self.pos = "pos" if self.moves == 1 else self.names.name(f"pos{self.moves}")
-        out += statements.move("=", expression, self.pos)
+        out.append(Move("=", expression, self.pos))
 
-    def position_if(self, value: str, expression: str, otherwise: str, out: list[str]) -> None:
+    def position_if(self, value: str, expression: str, otherwise: str, out: list[Statement]) -> None:
         """`pos` becomes an expression, but only when there are elements; `value` empty: always."""
         if not value:
             self.position(expression, out)
             return
         if otherwise != "pos" or not self.collect:
             self.position(otherwise, out)
-        out += statements.align(self.pos, expression, f"len({value})")
+        out.append(Align(self.pos, expression, f"len({value})"))
 
-    def materialise(self, start: Start, out: list[str]) -> None:
+    def materialise(self, start: Start, out: list[Statement]) -> None:
         if start.static is not None:
             self.position(str(start.static), out)
 
     # --- steps ----------------------------------------------------------------------------------------------------
 
-    def run(self, run: Run, needed: bool, contents: Contents, out: list[str]) -> None:
+    def run(self, run: Run, needed: bool, contents: Contents, out: list[Statement]) -> None:
         arguments: list[str] = []
         code = run.pack
         if self.header:
@@ -229,57 +247,57 @@ class _Writer:
         else:
             self.move(run.start, str(run.size + run.nul), needed, out)
 
-    def prepare(self, step: Text | Numbers | Strings | Loop, out: list[str]) -> str:
+    def prepare(self, step: Text | Numbers | Strings | Loop, out: list[Statement]) -> str:
         """Fetch and convert a content before the run that carries its count; returns the count expression."""
         source, kind = self.attribute(step.ref), step.type
         name = self.values[step.ref] = self.names.name(step.ref.name)
         if isinstance(step, Text):
             if kind.string_bound:
                 self.support("limit")
-                out += statements.limit(f"len({source})", kind.string_bound)
+                out.append(Limit(f"len({source})", kind.string_bound))
             wide = kind.base == "wstring"
-            out += statements.assign(name, f"{self.support('utf16' if wide else 'utf8')}({source})")
+            out.append(Assign(name, f"{self.support('utf16' if wide else 'utf8')}({source})"))
             return f"len({name}) >> 2" if wide else f"len({name}) + 1"
         if isinstance(step, Numbers):
-            out += statements.assign(name, f"{self.support(NUMPY_FIXED[step.code].removeprefix('fixed_'))}({source})")
+            out.append(Assign(name, f"{self.support(NUMPY_FIXED[step.code].removeprefix('fixed_'))}({source})"))
         elif isinstance(step, Loop) and step.fixed:
             self.support("list_or_records")
-            out += statements.load_records(name, source)
+            out.append(LoadRecords(name, source))
         elif isinstance(step, Loop):
             self.support("expect_list")
-            out += statements.load_list(name, source)
+            out.append(LoadList(name, source))
         else:
-            out += statements.assign(name, source)
+            out.append(Assign(name, source))
         if kind.arity is Arity.BOUNDED:
             self.support("limit")
-            out += statements.limit(f"len({name})", kind.capacity)
+            out.append(Limit(f"len({name})", kind.capacity))
         return f"len({name})"
 
-    def fetch(self, step: Numbers | Strings | Loop, contents: Contents, out: list[str]) -> str:
+    def fetch(self, step: Numbers | Strings | Loop, contents: Contents, out: list[Statement]) -> str:
         """The variable that holds a content; a fixed array has no count, so it is fetched here."""
         if step.ref not in self.values:
             count = self.prepare(contents[step.ref], out)
             self.support("exactly")
-            out += statements.exactly(count, step.type.capacity)
+            out.append(Exactly(count, step.type.capacity))
         return self.values[step.ref]
 
-    def numbers(self, step: Numbers, needed: bool, contents: Contents, out: list[str]) -> None:
+    def numbers(self, step: Numbers, needed: bool, contents: Contents, out: list[Statement]) -> None:
         value = self.fetch(step, contents, out)
         scaled = f"{step.item_size} * len({value})" if step.item_size > 1 else f"len({value})"
         self.padded(step, value, value, scaled, needed, out)
 
-    def strings(self, step: Strings, needed: bool, contents: Contents, out: list[str]) -> None:
+    def strings(self, step: Strings, needed: bool, contents: Contents, out: list[Statement]) -> None:
         value = self.fetch(step, contents, out)
         if step.type.string_bound:
             self.support("limit_each")
-            out += statements.limit_each(value, step.type.string_bound)
+            out.append(LimitEach(value, step.type.string_bound))
         packed = self.names.name(f"{step.ref.name}_packed")
         function = self.support("pack_wstrings" if step.type.base == "wstring" else "pack_strings")
-        out += statements.assign(packed, f"{function}({value})")
+        out.append(Assign(packed, f"{function}({value})"))
         self.padded(step, value, packed, f"len({packed})", needed, out)
 
     def padded(
-        self, step: Numbers | Strings | Loop, value: str, content: str, size: str, needed: bool, out: list[str]
+        self, step: Numbers | Strings | Loop, value: str, content: str, size: str, needed: bool, out: list[Statement]
     ) -> None:
         """Padding that is only there when elements are, and then the elements (unless `content` is empty)."""
         certain = step.type.arity is Arity.ARRAY
@@ -303,7 +321,7 @@ class _Writer:
         else:
             self.move(start, f"{step.pad} + {size}" if step.pad else size, needed, out)
 
-    def loop(self, step: Loop, needed: bool, contents: Contents, out: list[str]) -> None:
+    def loop(self, step: Loop, needed: bool, contents: Contents, out: list[Statement]) -> None:
         value = self.fetch(step, contents, out)
         if not step.fixed:
             self.messages(step, value, needed, out)
@@ -311,10 +329,10 @@ class _Writer:
         self.support("ndarray")
         arguments = f"{self.classes[step.type.base]}, {value}, append, {self.known(step, needed)}"
         call = f"{self.support('write_records')}({arguments})"
-        write = statements.assign("pos", call) if needed else [call]
-        otherwise: list[str] = []
+        write = Assign("pos", call) if needed else Unpack("", call)
+        otherwise: list[Statement] = []
         self.messages(step, value, needed, otherwise)
-        out += statements.either(f"type({value}) is ndarray", write, otherwise)
+        out.append(Either(f"type({value}) is ndarray", (write,), tuple(otherwise)))
 
     def known(self, step: Loop, needed: bool) -> str:
         """The position of the elements, or a number that is aligned as it is where nothing keeps the position."""
@@ -322,11 +340,11 @@ class _Writer:
             return str(step.start.static)
         return self.pos if needed or _reads_pos(step) else str(step.start.remainder)
 
-    def messages(self, step: Loop, value: str, needed: bool, out: list[str]) -> None:
+    def messages(self, step: Loop, value: str, needed: bool, out: list[Statement]) -> None:
         """The elements of a list of messages."""
         item = self.names.name(singular(step.ref.name))
         self.objects[step.number] = item
-        body = self.load(item, "", step.type.base)
+        body: list[Statement] = [self.load(item, "", step.type.base)]
         if step.mode is LoopMode.PACKED:
             self.padded(step, value, "", f"{step.stride} * len({value})", needed, out)
             body += self.scope(step.body, keep_pos=False)
@@ -337,5 +355,5 @@ class _Writer:
             body += self.scope(step.body, keep_pos=needed or inside)
         else:
             self.materialise(step.start, out)
-            body += statements.write(self.classes[step.type.base], item)
-        out += statements.loop(item, value, body)
+            body.append(Write(self.classes[step.type.base], item))
+        out.append(For(item, value, tuple(body)))

@@ -8,10 +8,6 @@ from __future__ import annotations
 
 import re
 from itertools import pairwise
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 WIDTH = 88
 _OPEN = {"(": ")", "[": "]", "{": "}"}
@@ -31,10 +27,15 @@ class Folder:
     def __init__(self) -> None:
         self.overflow = False
 
-    def code(self, lines: Iterable[str], indent: int = 0) -> list[str]:
-        """Indent every line by `indent` blanks and break those longer than WIDTH."""
-        pad = " " * indent
-        return [folded for line in lines for folded in (self.line(pad + line) if line else ("",))]
+    def code(self, text: str, indent: int = 0) -> str:
+        """Indent every line of `text` by `indent` blanks and break those longer than WIDTH."""
+        lines: list[str] = []
+        for line in text.splitlines():
+            if line.strip():
+                lines += self.line(" " * indent + line)
+            else:
+                lines.append("")
+        return "\n".join(lines)
 
     def parameter(self, text: str, indent: int) -> str:
         """One parameter of a function that has each on a line of its own; formatters differ in how they break it."""

@@ -20,7 +20,7 @@ _ZERO = {"bool": "False", "int": "0", "float": "0.0"}
 
 
 class FieldView(NamedTuple):
-    """One field as it is printed.
+    """One field as the template prints it.
 
     Attributes:
         annotation: what the attribute is.
@@ -37,7 +37,7 @@ class FieldView(NamedTuple):
 
 
 class ConstantView(NamedTuple):
-    """One constant as it is printed."""
+    """One constant as the template prints it."""
 
     name: str
     annotation: str

@@ -1,134 +1,215 @@
-"""The statements of generated encoders and decoders: each function gives the lines of one, without indentation.
+"""Statements of generated encoders and decoders, as values; `templates/macros` has one macro for each `kind`.
 
-What they say is decided in the two views: names, offsets, conditions.
+Everything is decided here and in the two views: names, offsets, conditions. A macro only prints.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+from typing import ClassVar
 
 
-def load(var: str, expression: str, cls: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Load:
     """Fetch a nested message or loop element and make sure of its class; `expression` empty: it is there already."""
-    fetch = assign(var, expression) if expression else []
-    return [*fetch, f"if type({var}) is not {cls}:", f"    expect({var}, {cls})"]
+
+    kind: ClassVar[str] = "load"
+    var: str
+    expression: str
+    cls: str
 
 
-def load_list(var: str, expression: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class LoadList:
     """Fetch the messages of a sequence or array and make sure that they are in a list or tuple."""
-    return [f"{var} = {expression}", f"if type({var}) is not list:", f"    expect_list({var})"]
+
+    kind: ClassVar[str] = "load_list"
+    var: str
+    expression: str
 
 
-def load_records(var: str, expression: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class LoadRecords:
     """The same for messages of fixed size, for which a structured array may stand too."""
-    return [f"{var} = {expression}", f"if type({var}) is not list:", f"    {var} = list_or_records({var})"]
+
+    kind: ClassVar[str] = "load_records"
+    var: str
+    expression: str
 
 
-def either(condition: str, body: Sequence[str], otherwise: Sequence[str]) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Either:
     """What is done when elements are, or shall be, a structured array, and what else."""
-    return [*_block(f"if {condition}:", body), *_block("else:", otherwise)]
+
+    kind: ClassVar[str] = "either"
+    condition: str
+    body: tuple[Statement, ...]
+    otherwise: tuple[Statement, ...]
 
 
-def loop(var: str, iterable: str, body: Sequence[str]) -> list[str]:
-    """A body for each element."""
-    return _block(f"for {var} in {iterable}:", body)
+@dataclass(frozen=True, slots=True)
+class Assign:
+    kind: ClassVar[str] = "assign"
+    target: str
+    expression: str
 
 
-def assign(target: str, expression: str) -> list[str]:
-    """An assignment."""
-    return [f"{target} = {expression}"]
-
-
-def limit(count: str, most: int) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Limit:
     """Refuse more than `most`."""
-    return [f"if {count} > {most}:", f"    limit({count}, {most})"]
+
+    kind: ClassVar[str] = "limit"
+    count: str
+    most: int
 
 
-def exactly(count: str, wanted: int) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Exactly:
     """Refuse another number than `wanted`."""
-    return [f"if {count} != {wanted}:", f"    exactly({count}, {wanted})"]
+
+    kind: ClassVar[str] = "exactly"
+    count: str
+    wanted: int
 
 
-def limit_each(values: str, most: int) -> list[str]:
-    """Refuse elements longer than `most`."""
-    return [f"limit_each({values}, {most})"]
+@dataclass(frozen=True, slots=True)
+class LimitEach:
+    kind: ClassVar[str] = "limit_each"
+    values: str
+    most: int
 
 
-def part(expression: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Part:
     """Bytes that are appended now (in a function that collects parts)."""
-    return [f"append({expression})"]
+
+    kind: ClassVar[str] = "part"
+    expression: str
 
 
-def write(cls: str, var: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Write:
     """A heavy nested message writes itself."""
-    return [f"pos = {cls}._write({var}, append, pos)"]
+
+    kind: ClassVar[str] = "write"
+    cls: str
+    var: str
 
 
-def move(operator: str, expression: str, var: str = "pos") -> list[str]:
-    """A position becomes, or grows by, `expression`."""
-    return [f"{var} {operator} {expression}"]
+@dataclass(frozen=True, slots=True)
+class Move:
+    """`pos` becomes, or grows by, `expression`."""
+
+    kind: ClassVar[str] = "move"
+    operator: str
+    expression: str
+    var: str = "pos"
 
 
-def align(var: str, expression: str, when: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Align:
     """A position becomes `expression`, only `when` there is something to pad for (always if empty)."""
-    return _block(f"if {when}:", assign(var, expression)) if when else assign(var, expression)
+
+    kind: ClassVar[str] = "align"
+    var: str
+    expression: str
+    when: str
 
 
-def create(target: str, var: str, cls: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Create:
     """A nested message comes to be and is stored in its owner."""
-    return [f"{target} = {var} = new({cls})"]
+
+    kind: ClassVar[str] = "create"
+    target: str
+    var: str
+    cls: str
 
 
-def unpack(targets: str, call: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Unpack:
     """Read a run; no targets: only for what the call does, such as making sure that the bytes are there."""
-    return [f"{targets} = {call}" if targets else call]
+
+    kind: ClassVar[str] = "unpack"
+    targets: str
+    call: str
 
 
-def read_text(target: str, start: str, nul: str, any_buffer: bool) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class ReadText:
     """Read a string whose characters begin at `start`; `nul` is the offset of its NUL, kept as `end`.
 
     `any_buffer`: `raw` may be a memoryview, which has no `decode`.
     """
-    text = f'str(raw[{start}:end], "utf-8")' if any_buffer else f"raw[{start}:end].decode()"
-    check = ["if raw[end]:", '    raise ValueError("a string does not end in NUL")']
-    return [f"end = {nul}", *check, f"{target} = {text}"]
+
+    kind: ClassVar[str] = "read_text"
+    target: str
+    start: str
+    nul: str
+    any_buffer: bool
 
 
-def check_header(records: bool) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class CheckHeader:
     """Leave the fast path when the encapsulation header, read as `head`, is not that of little endian plain CDR.
 
     `records`: the message has something to leave as a structured array when asked to.
     """
-    arguments = "cls, data, copy, None, arrays" if records else "cls, data, copy"
-    return ["if head != 256:  # the bytes 00 01", f"    return recover_decode({arguments})"]
+
+    kind: ClassVar[str] = "check_header"
+    records: bool
 
 
-def within(end: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class Within:
     """Refuse a count that the bytes left cannot hold."""
-    return [f"within({end}, raw)"]
+
+    kind: ClassVar[str] = "within"
+    end: str
 
 
-def new_list(target: str, var: str, cls: str) -> list[str]:
-    """An empty list comes to be and is stored in its owner."""
-    return [f"{var}: list[{cls}] = []", f"{target} = {var}"]
+@dataclass(frozen=True, slots=True)
+class NewList:
+    kind: ClassVar[str] = "new_list"
+    target: str
+    var: str
+    cls: str
+    list_type: str
 
 
-def read_heavy(target: str, pos: str, cls: str, records: bool) -> list[str]:
-    """A heavy nested message reads itself; `records` as in `check_header`."""
-    return [f"{target}, {pos} = {cls}._read(raw, view, pos{', arrays' if records else ''})"]
+@dataclass(frozen=True, slots=True)
+class ReadHeavy:
+    """A heavy nested message reads itself; `records` as in `CheckHeader`."""
+
+    kind: ClassVar[str] = "read_heavy"
+    target: str
+    pos: str
+    cls: str
+    records: bool
 
 
-def store(values: str, var: str) -> list[str]:
+@dataclass(frozen=True, slots=True)
+class For:
+    kind: ClassVar[str] = "loop"
+    var: str
+    iterable: str
+    body: tuple[Statement, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
     """Append the element to its list."""
-    return [f"{values}.append({var})"]
+
+    kind: ClassVar[str] = "store"
+    values: str
+    var: str
 
 
-def _block(head: str, body: Iterable[str]) -> list[str]:
-    return [head, *(f"    {line}" for line in body)]
+Statement = (
+    Load | LoadList | LoadRecords | Either | Assign | Limit | Exactly | LimitEach | Part | Write | Move | Align
+    | Create | Unpack | ReadText | CheckHeader | Within | NewList | ReadHeavy | For | Store
+)  # fmt: skip
 
 
 @dataclass(slots=True)

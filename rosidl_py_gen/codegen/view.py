@@ -1,4 +1,4 @@
-"""Everything that is printed, as values: one `ModuleView` per interface, one `PackageView` per package folder."""
+"""Everything the templates print, as values: one `ModuleView` per interface, one `PackageView` per package folder."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ def _table_row(name: str, kind: str, cls: str | None) -> str:
 
 
 def _class_scope_names(imports: Imports, heavy: bool) -> dict[str, str]:
-    """What is mentioned inside every a class, as it is called there."""
+    """What the template itself mentions inside a class, as it is called there."""
     builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple") if heavy else ())
     names = {word: imports.builtin(word) for word in builtins}
     if heavy:

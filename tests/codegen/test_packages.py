@@ -172,7 +172,7 @@ def test_generated_packages_need_only_the_middle_and_numpy(everything: Path) -> 
     )
     modules = loaded(everything, code)
     assert "numpy" in modules
-    assert not {"lark", "click", "cyclonedds", "yaml", "typing_extensions"} & modules
+    assert not {"lark", "jinja2", "click", "cyclonedds", "yaml", "typing_extensions"} & modules
     ours = {name for name in modules if name.startswith("rosidl_py_gen.")}
     middle = (
         "rosidl_py_gen.cdr",

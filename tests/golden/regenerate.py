@@ -1,6 +1,6 @@
 """``python tests/golden/regenerate.py``: write what the compiler makes of the odd cases into `generated/`.
 
-The interfaces beside this file hold the cases that are easy to get wrong. Reviewing a change of what is printed means reading
+The interfaces beside this file hold the cases that are easy to get wrong. Reviewing a change of the templates means reading
 the difference this leaves; a test checks that nothing else is there. Bundled dependencies are not kept.
 """
 
