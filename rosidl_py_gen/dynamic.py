@@ -324,7 +324,7 @@ def _says_the_same(library: Library, full_name: str, cls: type) -> bool:
 
 
 def _compile(library: Library, name: RosName, find: Find) -> type:
-    from rosidl_py_gen.codegen import Layouts, Target, module_path, module_source
+    from rosidl_py_gen.codegen.sources import Layouts, Target, module_path, module_source
     from rosidl_py_gen.spec.model import messages_of
 
     global _worlds

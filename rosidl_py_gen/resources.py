@@ -21,6 +21,11 @@ def templates_dir() -> Path:
     return _find("templates")
 
 
+def compiled_templates_dir() -> Path:
+    """The folder of what jinja2 makes of them; only wheels have one."""
+    return _PACKAGE / "compiled_templates"
+
+
 def interfaces_dir() -> Path:
     """The folder of the bundled interface packages."""
     return _find("interfaces")
