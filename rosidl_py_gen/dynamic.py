@@ -294,6 +294,14 @@ def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
 # --- compile in memory ------------------------------------------------------------------------------------------------
 
 
+def load_compiler() -> None:
+    """Import what making a class of a definition needs, which else the first of them waits for. In any thread."""
+    from rosidl_py_gen.codegen import render, sources  # noqa: F401
+    from rosidl_py_gen.spec import definition, find  # noqa: F401
+
+    render.load()
+
+
 def _class(library: Library, name: RosName, find: Find) -> type:
     """The class of a checked type: in use already, importable, or compiled now."""
     return find(library, name) or _compile(library, name, find)

@@ -51,6 +51,11 @@ def _environment() -> Environment:
     return environment
 
 
+def load() -> None:
+    """Import jinja2 and read the template of modules, which the first page else waits for."""
+    _environment().get_template("module.py.jinja")
+
+
 def _render(template: str, **values: object) -> str:
     folder = Folder()
     text = _environment().get_template(template).render(values, folder=folder)
