@@ -11,6 +11,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.graph import message as graph_message
 from rosidl_py_gen.runtime.graph.state import Graph, NodeEntities
 from rosidl_py_gen.runtime.logs.loggers import get_logger, internal_logger, logger_name
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant, Reader
 
-_TYPE_HASH = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+_TYPE_HASH = HASHES["rmw_dds_common/msg/ParticipantEntitiesInfo"]
 _USER_DATA = endpoint_user_data(_TYPE_HASH)
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
 _READER_QOS = DEFAULT.keep_all().transient_local()
