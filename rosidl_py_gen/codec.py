@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from rosidl_py_gen.cdr.arrays import ValueProblem, shorten
+from rosidl_py_gen.cdr.arrays import UnfitValueError, shorten
 from rosidl_py_gen.cdr.message import Message, require_message
 from rosidl_py_gen.cdr.record_layout import varying_field
 from rosidl_py_gen.cdr.records import RecordType, record_type
@@ -120,13 +120,13 @@ def _record_type(cls: type[Message]) -> RecordType:
         raise TypeError(f"{cls._TYPE.name} is not of fixed size, because of its field {field}")
     try:
         return record_type(cls)
-    except ValueProblem as problem:
+    except UnfitValueError as problem:
         raise TypeError(problem.reason) from problem
 
 
 def _converted(known: RecordType, values: Records) -> Records:
     try:
         return known.converted(values)
-    except ValueProblem as problem:
+    except UnfitValueError as problem:
         index = "" if problem.index is None else f"[{problem.index}]"
         raise EncodeError(known.cls._TYPE.name + index, problem.reason) from None

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rosidl_py_gen.cdr.arrays import DTYPES, ValueProblem, coerce, shorten
+from rosidl_py_gen.cdr.arrays import DTYPES, UnfitValueError, coerce, shorten
 from rosidl_py_gen.cdr.message import Field, Message, require_message
 from rosidl_py_gen.cdr.records import known_record_type
 from rosidl_py_gen.cdr.walk import validate
@@ -63,7 +63,7 @@ def _messages(value: Any, cls: type[Message]) -> list[Message]:
         raise TypeError(f"{cls._TYPE.name} is not of fixed size")
     try:
         return known.to_messages(value)
-    except ValueProblem as problem:
+    except UnfitValueError as problem:
         raise TypeError(problem.reason) from problem
 
 
@@ -147,7 +147,7 @@ def _value(value: Any, field: Field, path: str) -> Any:
         value = [_number(item) for item in value]
     try:
         return coerce(value, primitive.code).copy()
-    except ValueProblem as problem:
+    except UnfitValueError as problem:
         index = "" if problem.index is None else f"[{problem.index}]"
         raise EncodeError(path + index, problem.reason) from None
 

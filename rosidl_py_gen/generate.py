@@ -15,6 +15,7 @@ from rosidl_py_gen.codegen.sources import Target, module_name, module_path, pack
 from rosidl_py_gen.codegen.write import Changes, apply_changes, our_packages, ours_below, plan_changes
 from rosidl_py_gen.errors import DefinitionError, Problem, shown_path
 from rosidl_py_gen.names import RosName, py_name
+from rosidl_py_gen.ownership import MARK
 from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.spec.find import SearchPath, search_path
 from rosidl_py_gen.spec.model import Interface, MessageDef, messages_of
@@ -209,7 +210,24 @@ def _facts(interface: Interface) -> list[object]:
     return [one(message) for message in messages_of(interface)]
 
 
-def regenerate_msgs(folder: Path, dry: bool = False) -> Run:
-    """Generate the committed `rosidl_py_gen/msgs` from the bundled interfaces."""
+def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
+    """Generate the committed `rosidl_py_gen/msgs` from the bundled interfaces, and a table of their hashes."""
     search = search_path([interfaces_dir()], ament="", bundled=False)
-    return generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=_MSGS)
+    run = generate(search, list(RUNTIME_PACKAGES), folder, dry=dry, root=_MSGS)
+    table = {"hashes.py": _hash_table(*load(search, list(RUNTIME_PACKAGES)))}
+    changes = plan_changes(folder, table, [])
+    if not dry:
+        apply_changes(folder, table, changes)
+    return Changes((*run.changes.written, *changes.written), run.changes.removed, run.changes.unchanged)
+
+
+def _hash_table(library: Library, names: list[RosName]) -> str:
+    """The module `rosidl_py_gen.msgs.hashes`."""
+    hashes = {name: text for top in names for name, text in library.all_hashes(str(top)).items()}
+    rows = "".join(f'    "{name}": "{hashes[name]}",\n' for name in sorted(hashes))
+    return f"""{MARK}. Do not edit.
+\"\"\"RIHS01 by name, for whoever needs a hash before the class, whose import takes longer.\"\"\"
+
+HASHES = {{
+{rows}}}
+"""

@@ -41,6 +41,7 @@ OWNERS = {
     "names": "base",
     "ownership": "base",
     "description_cache": "base",
+    "registration": "base",
     "resources": "base",
     "fieldtype": "base",
     "descriptions": "base",
@@ -66,10 +67,10 @@ OWNERS = {
 _LOW = ("names", "time", "logs", "transport", "loop", "graph", "endpoints")
 ROOMS: dict[str, tuple[str, ...]] = {
     "names": (),
-    "time": (),
+    "time": ("logs",),
     "logs": ("names",),
     "transport": ("logs",),
-    "loop": ("transport",),
+    "loop": ("logs", "transport"),
     "graph": ("names", "logs", "transport", "loop"),
     "endpoints": ("names", "time", "logs", "transport", "loop", "graph"),
     "parameters": _LOW,

@@ -8,6 +8,8 @@ tests need.
 from __future__ import annotations
 
 import asyncio
+import atexit
+import contextlib
 import functools
 import inspect
 import itertools
@@ -40,6 +42,7 @@ PACKAGES = [
     "visualization_msgs",
 ]
 GENERATED = tempfile.TemporaryDirectory(prefix="runtime-tests-")
+atexit.register(GENERATED.cleanup)
 generate(search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Path(GENERATED.name))
 sys.path.insert(0, GENERATED.name)
 
@@ -154,11 +157,11 @@ def dds() -> Iterator[World]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Run async tests; 30 seconds are more than any of them needs."""
+    """Run async tests; none needs more than a few seconds, but several processes on a busy machine may."""
     if not inspect.iscoroutinefunction(pyfuncitem.obj):
         return None
     arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
-    asyncio.run(asyncio.wait_for(pyfuncitem.obj(**arguments), 30 if "soak" not in pyfuncitem.name else None))
+    asyncio.run(asyncio.wait_for(pyfuncitem.obj(**arguments), 90 if "soak" not in pyfuncitem.name else None))
     return True
 
 
@@ -173,6 +176,31 @@ async def until(condition: Callable[[], bool], timeout_s: float = 5) -> None:
     while not condition():
         assert asyncio.get_running_loop().time() < deadline, "never happened"
         await asyncio.sleep(0.001)
+
+
+_guards: set[asyncio.Task[None]] = set()
+
+
+async def start_process(*command: str | Path, **options: Any) -> asyncio.subprocess.Process:
+    """`asyncio.create_subprocess_exec`, but the process ends with the loop, also when the test fails.
+
+    What is left of a process when its loop is closed complains about that whenever it is collected.
+    """
+    process = await asyncio.create_subprocess_exec(*command, **options)
+
+    async def guard() -> None:
+        try:
+            await process.wait()
+        except asyncio.CancelledError:  # by `asyncio.run`, at its end
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.communicate()  # closes its pipes
+            raise
+
+    task = asyncio.ensure_future(guard())
+    _guards.add(task)
+    task.add_done_callback(_guards.discard)
+    return process
 
 
 async def take(stream: Any) -> Any:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.fieldtype import INTEGER_RANGES
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ def _read_only_empty(dtype: np.dtype[Any]) -> Array:
 EMPTY: dict[str, Array] = {code: _read_only_empty(dtype) for code, dtype in DTYPES.items()}
 
 
-class ValueProblem(ValueError):
+class UnfitValueError(RosidlError, ValueError):
     """A value that does not fit, before it is known which field it belongs to; `index` is the element or None."""
 
     def __init__(self, reason: str, index: int | None = None) -> None:
@@ -73,11 +74,11 @@ def coerce(value: object, code: str) -> Array:
     Accepts numpy arrays, lists, tuples, ranges, array.array, memoryview, and bytes for 8-bit integers.
 
     Raises:
-        ValueProblem: another type, more than one dimension, or an element that the dtype cannot hold.
+        UnfitValueError: another type, more than one dimension, or an element that the dtype cannot hold.
     """
     if isinstance(value, (bytes, bytearray)):
         if code not in "Bb":
-            raise ValueProblem(f"expected a sequence of {DTYPES[code].name}, found {shorten(value)}")
+            raise UnfitValueError(f"expected a sequence of {DTYPES[code].name}, found {shorten(value)}")
         return np.frombuffer(value, DTYPES[code])
     if isinstance(value, (array, memoryview)):
         value = _from_buffer(value)
@@ -87,7 +88,7 @@ def coerce(value: object, code: str) -> Array:
         else:
             return cast(value, code)
     if isinstance(value, (str, dict)) or not isinstance(value, Sequence):
-        raise ValueProblem(f"expected a sequence of {DTYPES[code].name}, found {shorten(value)}")
+        raise UnfitValueError(f"expected a sequence of {DTYPES[code].name}, found {shorten(value)}")
     return _pack(value, code)
 
 
@@ -95,19 +96,19 @@ def _from_buffer(value: array[Any] | memoryview) -> Array:
     try:
         return np.asarray(value)
     except (ValueError, TypeError, BufferError) as error:
-        raise ValueProblem(f"expected a buffer of numbers, found {shorten(value)} ({error})") from error
+        raise UnfitValueError(f"expected a buffer of numbers, found {shorten(value)} ({error})") from error
 
 
 def cast(value: Array, code: str) -> Array:
-    """A one-dimensional array of numbers as a contiguous one of the wire dtype; raises ValueProblem, as `coerce`."""
+    """A one-dimensional array of numbers as a contiguous one of the wire dtype; raises UnfitValueError, as `coerce`."""
     dtype = DTYPES[code]
     if value.ndim != 1:
-        raise ValueProblem(f"expected one dimension, found shape {value.shape}; use .ravel()")
+        raise UnfitValueError(f"expected one dimension, found shape {value.shape}; use .ravel()")
     if value.dtype == dtype:
         return np.ascontiguousarray(value, dtype)
     kind, wanted = value.dtype.kind, dtype.kind
     if wanted == "b" or kind not in "biuf" or (wanted in "iu" and kind == "f"):
-        raise ValueProblem(f"expected an array of {dtype.name}, found one of {value.dtype.name}")
+        raise UnfitValueError(f"expected an array of {dtype.name}, found one of {value.dtype.name}")
     if wanted in "iu" and kind in "iu" and value.size:
         low, high = INTEGER_RANGES[code]
         outside = (value < low) | (value > high) if value.dtype != np.uint64 else value > np.uint64(high)
@@ -122,7 +123,7 @@ def cast(value: Array, code: str) -> Array:
 def _refuse_first(bad: Array, value: Array, expected: str) -> None:
     if bad.any():
         index = int(bad.argmax())
-        raise ValueProblem(f"expected {expected}, found {value[index].item()!r}", index)
+        raise UnfitValueError(f"expected {expected}, found {value[index].item()!r}", index)
 
 
 def _pack(value: Sequence[Any], code: str) -> Array:
@@ -135,7 +136,7 @@ def _pack(value: Sequence[Any], code: str) -> Array:
         for index, item in enumerate(items):
             reason = scalar_problem(item, code)
             if reason:
-                raise ValueProblem(reason, index) from None
+                raise UnfitValueError(reason, index) from None
         raise
 
 
@@ -189,7 +190,7 @@ def fixed_converter(code: str) -> Callable[[object, int], bytes]:
         if type(value) is not ndarray or value.dtype is not dtype or value.ndim != 1:
             value = coerce(value, code)
         if len(value) != count:
-            raise ValueProblem(f"expected exactly {count} elements, found {len(value)}")
+            raise UnfitValueError(f"expected exactly {count} elements, found {len(value)}")
         return value.tobytes()
 
     return convert

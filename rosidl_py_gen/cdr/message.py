@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias,
 
 import numpy as np
 
-from rosidl_py_gen.cdr.arrays import ValueProblem
+from rosidl_py_gen.cdr.arrays import UnfitValueError
 from rosidl_py_gen.cdr.records import known_record_type
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.fieldtype import Arity, FieldType, parse_field_type
@@ -185,7 +185,7 @@ def _equal_records(left: Any, right: Any, field: Field) -> bool:
         return known.equal(left, right)
     try:
         left, right = (known.to_messages(one) if isinstance(one, np.ndarray) else one for one in (left, right))
-    except ValueProblem:
+    except UnfitValueError:
         return False
     return _equal(left, right, field)
 
@@ -216,7 +216,7 @@ def _shown_records(value: Any, cls: type[Message]) -> str:
     known = known_record_type(cls)
     try:
         first = known.to_messages(value[:_SHOWN_ELEMENTS]) if known is not None else None
-    except (ValueProblem, IndexError):
+    except (UnfitValueError, IndexError):
         first = None
     if first is None:
         return repr(value)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar, cast
 
 import numpy as np
 
-from rosidl_py_gen.cdr.arrays import DTYPES, ValueProblem
+from rosidl_py_gen.cdr.arrays import DTYPES, UnfitValueError
 from rosidl_py_gen.fieldtype import Arity, FieldType
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def _struct(cls: MessageClass, formats: list[Any], offsets: list[int], itemsize:
     try:
         return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": itemsize})
     except (ValueError, OverflowError) as error:
-        raise ValueProblem(f"{cls._TYPE.name} is too large for a numpy dtype ({error})") from error
+        raise UnfitValueError(f"{cls._TYPE.name} is too large for a numpy dtype ({error})") from error
 
 
 class Steady(NamedTuple):
@@ -207,7 +207,7 @@ def record_dtype(cls: MessageClass) -> np.dtype[np.void]:
     """The dtype of a fixed-size message: its exact one, padded to the stride, or the loose one.
 
     Raises:
-        ValueProblem: it is too large for numpy.
+        UnfitValueError: it is too large for numpy.
     """
     phase, stride, _ = steady(cls)
     exact = exact_dtype(cls, phase, stride)

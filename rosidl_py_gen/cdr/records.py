@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from rosidl_py_gen.cdr.arrays import DTYPES, ValueProblem, cast
+from rosidl_py_gen.cdr.arrays import DTYPES, UnfitValueError, cast
 from rosidl_py_gen.cdr.record_layout import (
     alignments,
     content_size,
@@ -81,7 +81,7 @@ class RecordType:
         A read-only view where that is possible; writable if `data` is a bytearray, which is then nobody else's.
 
         Raises:
-            ValueProblem: the data end before.
+            UnfitValueError: the data end before.
         """
         if not count:
             return self.empty, pos
@@ -91,7 +91,7 @@ class RecordType:
         else:
             begin, end = self.span(pos, count)
         if end > len(data):
-            raise ValueProblem("the data end inside a sequence")
+            raise UnfitValueError("the data end inside a sequence")
         return self.take(data, begin, count, "<"), end
 
     def take(self, data: Buffer, begin: int, count: int, order: Literal["<", ">"]) -> Array:
@@ -149,7 +149,7 @@ class RecordType:
         """Append the elements and the padding before them, return the position behind; both count from the origin.
 
         Raises:
-            ValueProblem: see `converted`.
+            UnfitValueError: see `converted`.
         """
         values = self.converted(values)
         count = len(values)
@@ -174,10 +174,10 @@ class RecordType:
         """An array of users as a contiguous one of our dtype; as it is when it is that already.
 
         Raises:
-            ValueProblem: other dimensions, field names or shapes, or a value that a field cannot hold.
+            UnfitValueError: other dimensions, field names or shapes, or a value that a field cannot hold.
         """
         if values.ndim != 1:
-            raise ValueProblem(f"expected one dimension, found shape {values.shape}; use .ravel()")
+            raise UnfitValueError(f"expected one dimension, found shape {values.shape}; use .ravel()")
         if values.dtype is self.dtype or values.dtype == self.dtype:
             return np.ascontiguousarray(values, self.dtype)
         found = np.zeros(len(values), self.dtype)
@@ -208,7 +208,7 @@ class RecordType:
         """Whether two arrays hold equal values; one that is not of this type is equal to nothing."""
         try:
             return _equal(self.converted(left), self.converted(right))
-        except ValueProblem:
+        except UnfitValueError:
             return False
 
 
@@ -227,7 +227,7 @@ def known_record_type(cls: type[Message]) -> RecordType | None:
     """The record type of a class; None when its messages vary in size or are too large for numpy."""
     try:
         return None if varying_field(cls) else record_type(cls)
-    except ValueProblem:
+    except UnfitValueError:
         return None
 
 
@@ -279,17 +279,19 @@ def _assign(target: Array, source: Array, where: str) -> None:
     names = target.dtype.names
     at = f"field {where}: " if where else ""
     if target.shape != source.shape:
-        raise ValueProblem(f"{at}expected shape {target.shape[1:]}, found {source.shape[1:]}")
+        raise UnfitValueError(f"{at}expected shape {target.shape[1:]}, found {source.shape[1:]}")
     if names is None:
         _assign_numbers(target, source, at)
         return
     if source.dtype.names is None:
-        raise ValueProblem(f"{at}expected a structured array with {_listed(names)}, found one of {source.dtype.name}")
+        raise UnfitValueError(
+            f"{at}expected a structured array with {_listed(names)}, found one of {source.dtype.name}"
+        )
     missing = [name for name in names if name not in source.dtype.names]
     unknown = [name for name in source.dtype.names if name not in names]
     if missing or unknown:
         wrong = [f"{_listed(missing)} missing"] * bool(missing) + [f"{_listed(unknown)} unknown"] * bool(unknown)
-        raise ValueProblem(f"{at}expected a structured array with {_listed(names)}, found {' and '.join(wrong)}")
+        raise UnfitValueError(f"{at}expected a structured array with {_listed(names)}, found {' and '.join(wrong)}")
     for name in names:
         _assign(target[name], source[name], f"{where}.{name}" if where else name)
 
@@ -302,9 +304,9 @@ def _listed(names: Sequence[str]) -> str:
 def _assign_numbers(target: Array, source: Array, at: str) -> None:
     try:
         target[...] = cast(source.ravel(), _CODES[target.dtype]).reshape(target.shape)
-    except ValueProblem as problem:
+    except UnfitValueError as problem:
         index = None if problem.index is None else problem.index // (target.size // len(target))
-        raise ValueProblem(at + problem.reason, index) from None
+        raise UnfitValueError(at + problem.reason, index) from None
 
 
 def _equal(left: Array, right: Array) -> bool:

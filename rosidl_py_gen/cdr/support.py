@@ -15,7 +15,7 @@ import numpy as np
 from rosidl_py_gen.cdr.arrays import (
     BOOL_BYTE,
     DTYPES,
-    ValueProblem,
+    UnfitValueError,
     fixed_converter,
     sequence_converter,
     shorten,
@@ -169,13 +169,13 @@ def _flat(data: object) -> memoryview:
 def expect(value: object, cls: type) -> None:
     """Accept an instance of a subclass; anything else is a wrong value that the slow path will name."""
     if not isinstance(value, cls):
-        raise ValueProblem(f"expected {cls.__name__}, found {shorten(value)}")
+        raise UnfitValueError(f"expected {cls.__name__}, found {shorten(value)}")
 
 
 def expect_list(value: object) -> None:
     """Accept a tuple or a subclass of list where messages are expected; what else has a length is a wrong value."""
     if not isinstance(value, (list, tuple)):
-        raise ValueProblem(f"expected a list of messages, found {shorten(value)}")
+        raise UnfitValueError(f"expected a list of messages, found {shorten(value)}")
 
 
 def list_or_records(value: object) -> Any:
@@ -189,25 +189,25 @@ def list_or_records(value: object) -> Any:
 def limit(count: int, most: int) -> None:
     """Refuse a sequence or string over its bound."""
     if count > most:
-        raise ValueProblem(f"expected at most {most}, found {count}")
+        raise UnfitValueError(f"expected at most {most}, found {count}")
 
 
 def exactly(count: int, wanted: int) -> None:
     """Refuse an array of another length."""
     if count != wanted:
-        raise ValueProblem(f"expected exactly {wanted} elements, found {count}")
+        raise UnfitValueError(f"expected exactly {wanted} elements, found {count}")
 
 
 def within(end: int, data: bytes | bytearray | memoryview) -> None:
     """Refuse a count that the bytes left cannot hold, before anything is allocated for it."""
     if end > len(data):
-        raise ValueProblem("the data end inside a sequence")
+        raise UnfitValueError("the data end inside a sequence")
 
 
 def pack_strings(values: Any) -> bytes:
     """The elements of a string sequence or array, beginning at a multiple of 4, without padding behind the last."""
     if not isinstance(values, (list, tuple)):
-        raise ValueProblem(f"expected a list of str, found {shorten(values)}")
+        raise UnfitValueError(f"expected a list of str, found {shorten(values)}")
     if not values:
         return b""
     parts: list[bytes] = []
@@ -240,7 +240,7 @@ def unpack_strings(data: bytes | bytearray | memoryview, pos: int, count: int) -
         (length,) = _UNPACK_U32(data, pos)
         end = pos + 3 + length
         if data[end]:
-            raise ValueProblem("a string does not end in NUL")
+            raise UnfitValueError("a string does not end in NUL")
         append(data[pos + 4 : end].decode())
         pos = end
     return values, pos + 1
@@ -257,14 +257,14 @@ def from_utf16(data: bytes | bytearray | memoryview, pos: int, count: int) -> st
     within(pos + 4 * count, data)
     units = np.frombuffer(data, "<u4", count, pos)
     if count and units.max() > 0xFFFF:
-        raise ValueProblem("a wstring unit is above 0xFFFF")
+        raise UnfitValueError("a wstring unit is above 0xFFFF")
     return units.astype("<u2").tobytes().decode("utf-16-le")
 
 
 def pack_wstrings(values: Any) -> bytes:
     """The elements of a wstring sequence or array, beginning at a multiple of 4."""
     if not isinstance(values, (list, tuple)):
-        raise ValueProblem(f"expected a list of str, found {shorten(values)}")
+        raise UnfitValueError(f"expected a list of str, found {shorten(values)}")
     parts: list[bytes] = []
     for value in values:
         text = utf16(value)
@@ -289,7 +289,7 @@ def limit_each(values: Any, most: int) -> None:
     """Refuse a string over its bound in a list of bounded strings."""
     for value in values:
         if len(value) > most:
-            raise ValueProblem(f"expected at most {most} characters, found {len(value)}")
+            raise UnfitValueError(f"expected at most {most} characters, found {len(value)}")
 
 
 if sys.byteorder != "little":  # pragma: no cover - ROS 2 has no tier-1 platform of this kind

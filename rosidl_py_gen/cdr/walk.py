@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from rosidl_py_gen.cdr.arrays import DTYPES, EMPTY, ValueProblem, coerce, scalar_problem, shorten, view_of_bools
+from rosidl_py_gen.cdr.arrays import DTYPES, EMPTY, UnfitValueError, coerce, scalar_problem, shorten, view_of_bools
 from rosidl_py_gen.cdr.message import Field, Message, require_message
 from rosidl_py_gen.cdr.record_layout import varying_field
 from rosidl_py_gen.cdr.records import record_type
@@ -58,12 +58,12 @@ def _check_field(value: Any, field: Field, path: str) -> None:
     if primitive is not None:
         try:
             value = coerce(value, primitive.code)
-        except ValueProblem as problem:
+        except UnfitValueError as problem:
             raise EncodeError(path + _index(problem.index), problem.reason) from None
     elif isinstance(value, np.ndarray) and field.cls is not None and not varying_field(field.cls):
         try:
             value = record_type(field.cls).converted(value)
-        except ValueProblem as problem:
+        except UnfitValueError as problem:
             raise EncodeError(path + _index(problem.index), problem.reason) from None
     elif not isinstance(value, (list, tuple)):
         raise EncodeError(path, f"expected a list of {field.type.base}, found {shorten(value)}")
@@ -246,7 +246,7 @@ class _Reader:
     def records(self, cls: type[Message], count: int, path: str) -> Any:
         try:
             known = record_type(cls)
-        except ValueProblem as problem:
+        except UnfitValueError as problem:
             raise DecodeError(path, self.pos, problem.reason) from None
         if count == 0:
             return known.empty

@@ -28,21 +28,13 @@ _PATH = click.option(
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON for programs.")
 
 
-class _Failure(Exception):
-    """A command ended with an exit code after it said what there was to say."""
-
-    def __init__(self, code: int) -> None:
-        self.code = code
-        super().__init__(str(code))
-
-
 def _run(module: str, **arguments: Any) -> None:
     above: dict[str, Any] = click.get_current_context().obj or {}
     arguments["paths"] = above.get("paths", ()) + arguments["paths"]
     arguments["as_json"] = arguments["as_json"] or above.get("as_json", False)
     code = import_module(f"rosidl_py_gen.cli.{module}").run(**arguments)
     if code:
-        raise _Failure(code)
+        raise click.exceptions.Exit(code)
 
 
 class _Group(click.Group):
@@ -86,7 +78,7 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
     if context.invoked_subcommand is None:
         if not _says_what_is_wanted(context, arguments):
             click.echo(context.get_help(), err=True)
-            raise _Failure(2)  # as click does for commands that take no_args_is_help
+            raise click.exceptions.Exit(2)  # as click does for commands that take no_args_is_help
         if arguments["selection"] and not arguments["selection"].strip(":;, "):
             context.fail(f"--filter {arguments['selection']!r} names nothing")
         _run("generate", **arguments)
@@ -155,9 +147,9 @@ def main(arguments: list[str] | None = None) -> None:
     """The console script: exit code 0 when all is well, 1 for problems found, 2 for a wrong command line."""
     as_json = "--json" in (sys.argv[1:] if arguments is None else arguments)
     try:
-        _cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
-    except _Failure as failure:
-        sys.exit(failure.code)
+        code = _cli.main(arguments, prog_name="rosidl-py-gen", standalone_mode=False)
+        if isinstance(code, int) and code:
+            sys.exit(code)
     except RosidlError as error:
         _report(error, as_json)
         sys.exit(1)
@@ -165,8 +157,6 @@ def main(arguments: list[str] | None = None) -> None:
         place = f"{error.filename}: " if error.filename else ""
         _report(RosidlError(f"{place}{error.strerror or error}"), as_json)
         sys.exit(1)
-    except click.exceptions.Exit as done:
-        sys.exit(done.exit_code)
     except click.ClickException as wrong:
         wrong.show()
         sys.exit(wrong.exit_code)

@@ -13,7 +13,7 @@ def main() -> None:
     """Exit code 1 when `--check` finds a difference."""
     dry = "--check" in sys.argv[1:]
     folder = Path(rosidl_py_gen.__file__).parent / "msgs"
-    changes = regenerate_msgs(folder, dry=dry).changes
+    changes = regenerate_msgs(folder, dry=dry)
     for name in (*changes.written, *changes.removed):
         print(name)
     sys.exit(1 if dry and (changes.written or changes.removed) else 0)

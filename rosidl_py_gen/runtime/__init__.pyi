@@ -4,6 +4,7 @@ from rosidl_py_gen.errors import EncodeError as EncodeError
 from rosidl_py_gen.errors import InvalidNameError as InvalidNameError
 from rosidl_py_gen.errors import RosidlError as RosidlError
 from rosidl_py_gen.errors import TypeNotFoundError as TypeNotFoundError
+from rosidl_py_gen.registration import Registration as Registration
 from rosidl_py_gen.runtime.actions.checks import ActionArgumentError as ActionArgumentError
 from rosidl_py_gen.runtime.actions.client import ActionClient as ActionClient
 from rosidl_py_gen.runtime.actions.client_goal import ActionServerLostError as ActionServerLostError
@@ -89,7 +90,6 @@ from rosidl_py_gen.runtime.runner import run as run
 from rosidl_py_gen.runtime.runner import spin as spin
 from rosidl_py_gen.runtime.time.clock import Clock as Clock
 from rosidl_py_gen.runtime.time.clock import ClockChange as ClockChange
-from rosidl_py_gen.runtime.time.clock import JumpHandle as JumpHandle
 from rosidl_py_gen.runtime.time.clock import TimeJump as TimeJump
 from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError as WaitTimeoutError
 from rosidl_py_gen.runtime.time.rate import Rate as Rate

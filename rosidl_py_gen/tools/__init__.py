@@ -51,14 +51,6 @@ class ToolError(RosidlError):
     """What the user asked for cannot be done; the text says why and what would help."""
 
 
-class CommandEnd(Exception):
-    """A command ended with an exit code after it said what there was to say."""
-
-    def __init__(self, code: int) -> None:
-        self.code = code
-        super().__init__(str(code))
-
-
 class _Groups(click.Group):
     """Loads a group when it is used."""
 
@@ -122,7 +114,7 @@ def run_command(module: str, **arguments: Any) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         code = _BROKEN_PIPE
     if code:
-        raise CommandEnd(code)
+        raise click.exceptions.Exit(code)
 
 
 def run_async(main: Coroutine[Any, Any, int], *, endless: bool = False) -> int:
@@ -152,10 +144,6 @@ def main(arguments: list[str] | None = None) -> None:
         code = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
         if isinstance(code, int) and code:
             sys.exit(code)
-    except CommandEnd as end:
-        sys.exit(end.code)
-    except click.exceptions.Exit as done:
-        sys.exit(done.exit_code)
     except click.ClickException as wrong:
         wrong.show()
         sys.exit(wrong.exit_code)

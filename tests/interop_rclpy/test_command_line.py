@@ -14,7 +14,7 @@ import pytest
 import yaml
 from rclpy_peer import Peer
 from rclpy_worlds import fresh
-from worlds import ROOT
+from worlds import ROOT, start_process
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -43,7 +43,7 @@ class Tool:
         """The test ends it."""
         command = (sys.executable, "-m", "rosidl_py_gen.tools", *words)
         pipe = asyncio.subprocess.PIPE
-        return await asyncio.create_subprocess_exec(*command, env=self._environment, stdout=pipe, stderr=pipe)
+        return await start_process(*command, env=self._environment, stdout=pipe, stderr=pipe)
 
     async def end(self, process: asyncio.subprocess.Process) -> Ended:
         """What it said until its end."""

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from rclpy_peer import Peer
 from rclpy_worlds import action, fresh, random_values, repeated, service
-from worlds import ROOT
+from worlds import ROOT, start_process
 
 from rosidl_py_gen import type_hash
 
@@ -29,14 +29,10 @@ def stranger(tmp_path: Path) -> Any:
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(tmp_path / "cache")}
         environment.pop("AMENT_PREFIX_PATH", None)
         script = str(Path(__file__).with_name("stranger.py"))
-        process = await asyncio.create_subprocess_exec(
+        process = await start_process(
             sys.executable, script, do, json.dumps(arguments), env=environment, stdout=asyncio.subprocess.PIPE
         )
-        try:
-            output, _ = await asyncio.wait_for(process.communicate(), 25)
-        finally:
-            if process.returncode is None:
-                process.kill()
+        output, _ = await asyncio.wait_for(process.communicate(), 25)
         answer = json.loads(output)
         if is_right and "error" in answer:
             pytest.fail(answer["error"])

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import os
-import signal
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from worlds import GENERATED, dds, memory, only_loopback, pytest_pyfunc_call, second_domain_id
+from worlds import GENERATED, dds, memory, only_loopback, pytest_pyfunc_call, second_domain_id, start_process
 
 from rosidl_py_gen import tools
 
@@ -38,12 +36,9 @@ class Ended:
 class Tool:
     """Runs ``rosidl-py`` in processes of their own."""
 
-    def __init__(self) -> None:
-        self.begun: list[asyncio.subprocess.Process] = []
-
     async def start(self, *arguments: str, **environment: str) -> asyncio.subprocess.Process:
-        """Begin a command; the test ends it."""
-        process = await asyncio.create_subprocess_exec(
+        """Begin a command; the test ends it, or its failure does."""
+        return await start_process(
             *(sys.executable, "-m", "rosidl_py_gen.tools", *arguments),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
@@ -51,8 +46,6 @@ class Tool:
             env={**os.environ, "PYTHONPATH": GENERATED.name, **environment},
             limit=1 << 24,
         )
-        self.begun.append(process)
-        return process
 
     async def __call__(self, *arguments: str, stdin: str = "", **environment: str) -> Ended:
         """Run a command to its end."""
@@ -70,14 +63,9 @@ class Tool:
 
 
 @pytest.fixture
-def tool() -> Iterator[Tool]:
-    """See `Tool`; what a failed test left is killed."""
-    made = Tool()
-    yield made
-    for process in made.begun:
-        if process.returncode is None:
-            with suppress(ProcessLookupError):
-                os.kill(process.pid, signal.SIGKILL)
+def tool() -> Tool:
+    """See `Tool`."""
+    return Tool()
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.typesys import Stores, get_typestore
-from worlds import until
+from worlds import start_process, until
 
 from rosidl_py_gen import compile_text, get_message
 from rosidl_py_gen.mcap import BagReader, BagWriter
@@ -138,7 +138,7 @@ async def test_a_type_nobody_installed_is_recorded_with_the_definition_of_its_no
         "import sys\nfrom rosidl_py_gen.mcap import BagReader\n"
         "for item in BagReader(sys.argv[1]): print(item.topic, item.message.name, item.message.inner.numbers.dtype)\n"
     )
-    process = await asyncio.create_subprocess_exec(
+    process = await start_process(
         *(sys.executable, "-c", script, str(tmp_path / "bag")), stdout=asyncio.subprocess.PIPE
     )
     out, _ = await process.communicate()

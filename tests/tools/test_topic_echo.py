@@ -10,7 +10,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import until
+from worlds import start_process, until
 
 from rosidl_py_gen import compile_text
 from rosidl_py_gen.runtime import QoSProfile
@@ -156,7 +156,7 @@ async def test_a_type_that_only_the_publisher_has_is_shown(node: Node, tool: Any
 async def test_whoever_has_enough_of_the_output_may_go(node: Node) -> None:
     publisher = node.create_publisher(STRING, "/words")
     reading, writing = os.pipe()
-    process = await asyncio.create_subprocess_exec(
+    process = await start_process(
         *(sys.executable, "-m", "rosidl_py_gen.tools", "topic", "echo", "/words"),
         stdout=writing,
         stderr=asyncio.subprocess.PIPE,

@@ -12,7 +12,7 @@ import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.runtime.logs.loggers import node_logger
+from rosidl_py_gen.runtime.logs.loggers import node_logger, report_failure
 from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
 from rosidl_py_gen.runtime.names.dds import entity_id
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -216,4 +216,4 @@ class Scope:
 
     def report_failure(self, doing: str) -> None:
         """Log the exception being handled, with its traceback, as the node."""
-        self.logger.exception(f"{doing} failed; nothing else is affected")
+        report_failure(doing, self.logger)

@@ -51,7 +51,7 @@ class Timer(Owned):
         self.call_count = 0
         """How many times the timer was called, or ticked."""
         self._jumps = on_every_jump(clock, self._before_jump, self._after_jump)
-        self._forget_start = scope.bridge.on_start(self._arm_soon)
+        self._starts = scope.bridge.on_start(self._arm_soon)
         scope.own(self)
 
     # ------------------------------------------------------------------------------------------------------ ticking
@@ -206,7 +206,7 @@ class Timer(Owned):
         """Stop for ever; whoever waits for a tick gets `ClosedError`. May be called twice."""
         if not self._ends():
             return
-        self._forget_start()
+        self._starts.close()
         if self._callback is not None:
             self._callback.close()
         self._jumps.close()

@@ -25,7 +25,8 @@ MessageT = TypeVar("MessageT", bound=Message)
 Untyped: TypeAlias = "dict[str, Any]"
 """A message as `to_dict` shows it; its values are whatever the definition says."""
 
-
+# Not those of `dynamic`: whoever leaves bytes as they are subscribes with a class that has the hash of a type and no
+# fields. Others must not find it when they look for a class of that hash, and describing a type must not load dynamic.
 _classes: weakref.WeakValueDictionary[tuple[str, str], type[Any]] = weakref.WeakValueDictionary()
 
 

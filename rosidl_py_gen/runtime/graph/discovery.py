@@ -11,6 +11,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.graph import message as graph_message
 from rosidl_py_gen.runtime.graph.state import Graph, NodeEntities
 from rosidl_py_gen.runtime.logs.loggers import get_logger, internal_logger, logger_name
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant, Reader
 
-_TYPE_HASH = "RIHS01_91a0593bacdcc50ea9bdcf849a938b128412cc1ea821245c663bcd26f83c295e"
+_TYPE_HASH = HASHES["rmw_dds_common/msg/ParticipantEntitiesInfo"]
 _USER_DATA = endpoint_user_data(_TYPE_HASH)
 _WRITER_QOS = DEFAULT.keep_last(1).transient_local()
 _READER_QOS = DEFAULT.keep_all().transient_local()
@@ -54,6 +55,8 @@ class Discovery:
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
         """Who waits for the graph to change."""
+        self.together_s = 0.0
+        """How long changes of our own nodes wait for others before peers are told; 0 is one iteration of the loop."""
         self._dirty = False
         self._lock = threading.RLock()
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
@@ -121,7 +124,7 @@ class Discovery:
         loop = self._bridge.loop
         if not self._dirty and loop is not None:
             self._dirty = True
-            loop.call_soon(self._publish_if_dirty)
+            loop.call_later(self.together_s, self._publish_if_dirty)
 
     def _publish_if_dirty(self) -> None:
         # A participant that leaves says all there is to say: DDS would hold up the end until this were acknowledged.

@@ -219,6 +219,11 @@ def internal_logger() -> RosLogger:
     return get_logger("rosidl_py_gen")
 
 
+def report_failure(doing: str, logger: RosLogger | None = None) -> None:
+    """Log the exception being handled, with its traceback, as a node or as `internal_logger`."""
+    (logger or internal_logger()).exception(f"{doing} failed; nothing else is affected")
+
+
 def node_logger(fully_qualified_node_name: str) -> RosLogger:
     """The logger of a node; raises `InvalidNameError` when the last part is no node name."""
     validate_node_name(fully_qualified_node_name.rpartition("/")[2])

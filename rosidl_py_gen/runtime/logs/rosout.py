@@ -12,6 +12,7 @@ import traceback
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.registration import Registration
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger, ros_level
 
 if TYPE_CHECKING:
@@ -69,21 +70,20 @@ class RosoutRouter(logging.Handler):
         self._publishers: dict[str, list[Publish]] = {}
         self._busy = threading.local()
 
-    def register(self, logger_name: str, publish: Publish) -> Callable[[], None]:
-        """Publish the records of this logger and its descendants; returns the function that ends it.
+    def register(self, logger_name: str, publish: Publish) -> Registration:
+        """Publish the records of this logger and its descendants until the answer is closed.
 
         When two nodes have one name the older one publishes, so that nothing appears twice.
         """
         self._publishers.setdefault(logger_name, []).append(publish)
 
         def remove() -> None:
-            found = self._publishers.get(logger_name, [])
-            if publish in found:
-                found.remove(publish)
+            found = self._publishers[logger_name]
+            found.remove(publish)
             if not found:
-                self._publishers.pop(logger_name, None)
+                del self._publishers[logger_name]
 
-        return remove
+        return Registration(remove)
 
     def _publisher_of(self, logger_name: str) -> Publish | None:
         while logger_name:

@@ -14,14 +14,14 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import contextlib
-import itertools
-import logging
 import os
 import threading
 from collections import deque
 from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.registration import Registrations
+from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.portal import Portal
@@ -29,16 +29,14 @@ from rosidl_py_gen.runtime.loop.portal import Portal
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rosidl_py_gen.registration import Registration
     from rosidl_py_gen.runtime.transport.interface import Participant, Sink
-
-_log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-_numbers = itertools.count()
 _LOOP_ENDED_S = 0.2
 """How often a thread that waits for the loop looks whether there still is one."""
-_FAILED = "an internal receive function failed; other endpoints are not affected"
+_SINK = "an internal receive function"
 _MISMATCH = (
     "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
     "Node(..., context=Context())"
@@ -66,7 +64,7 @@ class Bridge:
         self._lock = threading.RLock()
         self._rest: deque[Callable[[], None]] = deque()
         """What sinks left to do: functions of the user have to be called."""
-        self._starts: dict[int, Callable[[], None]] = {}
+        self._starts: Registrations[Callable[[], None]] = Registrations()
 
     @property
     def loop(self) -> asyncio.AbstractEventLoop | None:
@@ -118,7 +116,7 @@ class Bridge:
         self.attached = loop
         if not self._watch(loop):
             self._participant.set_notify(self._notified)
-        for start in list(self._starts.values()):
+        for start in self._starts:
             start()
 
     def _watch(self, loop: asyncio.AbstractEventLoop) -> bool:
@@ -170,14 +168,12 @@ class Bridge:
         """In a forked child: be closed without touching loop or transport; errors give the reason."""
         self._closed, self._closed_reason, self._watched, self.attached = True, reason, None, None
 
-    def on_start(self, start: Callable[[], None]) -> Callable[[], None]:
-        """Call `start` now if a loop is attached, and whenever one will be; returns the function that ends this."""
-        key = next(_numbers)
-        self._starts[key] = start
+    def on_start(self, start: Callable[[], None]) -> Registration:
+        """Call `start` now if a loop is attached, and whenever one will be, until the answer is closed."""
+        registration = self._starts.add(start)
         if self.loop is not None:
             start()
-        starts = self._starts
-        return lambda: (starts.pop(key, None), None)[1]
+        return registration
 
     def call_soon(self, function: Callable[[], None]) -> None:
         """Run `function` on the loop, from any thread; dropped when there is no loop."""
@@ -255,14 +251,14 @@ class Bridge:
         try:
             sinks = self._participant.collect()
         except Exception:
-            _log.exception("taking in what arrived failed")
+            report_failure("taking in what arrived")
         for sink in sinks:
             try:
                 rest = sink()
                 if rest is not None:
                     self._rest.append(rest)
             except (Exception, asyncio.CancelledError):  # the latter would end the loop
-                _log.exception(_FAILED)
+                report_failure(_SINK)
         return bool(self._rest)
 
     def _call_back(self) -> None:
@@ -270,4 +266,4 @@ class Bridge:
             try:
                 self._rest.popleft()()
             except (Exception, asyncio.CancelledError):
-                _log.exception(_FAILED)
+                report_failure(_SINK)

@@ -110,7 +110,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
             shared.close_if_unused()
             raise
         self._made_on = id(current_loop())
-        self.clock = Clock(ClockType.ROS_TIME)
+        self.clock = Clock(ClockType.ROS_TIME, on_failure=self.scope.report_failure)
         """ROS time; system time until simulated time is switched on."""
         shared.adopt(self)
         try:

@@ -34,6 +34,7 @@ from rosidl_py_gen.runtime.parameters.values import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from rosidl_py_gen.registration import Registration
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.context import Context
@@ -227,22 +228,22 @@ class NodeParameters:
             fitted.append(Parameter(parameter.name, value))
         return fitted
 
-    def add_pre_set_callback(self, callback: Callable[[list[Parameter]], list[Parameter]]) -> Callable[[], None]:
-        """May replace the list to set. Returns the function that removes it; raises `TypeError` for an async function.
+    def add_pre_set_callback(self, callback: Callable[[list[Parameter]], list[Parameter]]) -> Registration:
+        """May replace the list to set, until the answer is closed. Raises `TypeError` for an async function.
 
         It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop. When it
         raises, the set is refused with a reason that says so, and the traceback is logged.
         """
         return self._store.callbacks.add("pre-set", callback)
 
-    def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Callable[[], None]:
+    def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Registration:
         """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
         return self._store.callbacks.add("on-set", callback)
 
-    def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Callable[[], None]:
+    def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Registration:
         """Hears of each successful set and declaration, on the thread that set; what it raises is logged.
 
-        Returns the function that removes it; raises `TypeError` for an async function.
+        Until the answer is closed. Raises `TypeError` for an async function.
         """
         return self._store.callbacks.add("post-set", callback)
 

@@ -24,7 +24,7 @@ class RosoutPublisher:
 
     def __init__(self, scope: Scope) -> None:
         self._publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
-        self._unregister = shared_router().register(scope.logger.name, self._publish)
+        self._registration = shared_router().register(scope.logger.name, self._publish)
         scope.own(self)
 
     def _publish(self, fields: LogFields) -> None:
@@ -43,5 +43,5 @@ class RosoutPublisher:
 
     def close(self) -> None:
         """Stop publishing."""
-        self._unregister()
+        self._registration.close()
         self._publisher.close()

@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.codec import encode
 from rosidl_py_gen.descriptions import rihs01
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
+from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
-from rosidl_py_gen.runtime.endpoints.late_types import SERVICES, late_service_type
+from rosidl_py_gen.runtime.endpoints.late_types import late_service_type
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import class_of, raw_type
 from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, some
@@ -106,7 +107,7 @@ class _Describer:
                 service: Any = class_of(whole, wanted)
                 if service is not None and type_hash(service.Request) == announced:
                     return _class(whole, wanted)
-                if SERVICES.get(whole, ())[:2] == (wanted, announced):
+                if (HASHES.get(whole), HASHES.get(name)) == (wanted, announced):
                     return _class(whole, wanted)
         actions: Iterator[Any] = (getattr(owned, "action_class", None) for owned in self._scope.owned.values())
         return next((cls for cls in actions if cls is not None and type_hash(cls) == wanted), None)

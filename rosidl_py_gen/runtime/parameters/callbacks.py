@@ -12,6 +12,7 @@ import inspect
 from contextvars import copy_context
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.loop.callbacks import is_async
 from rosidl_py_gen.runtime.parameters.validation import EMPTY_LIST_REASON
 from rosidl_py_gen.runtime.parameters.values import (
@@ -24,6 +25,8 @@ from rosidl_py_gen.runtime.parameters.values import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from rosidl_py_gen.registration import Registration
 
     Commit: TypeAlias = Callable[[], None]
 
@@ -77,16 +80,18 @@ def _raised(what: str, error: Exception) -> RefusedError:
 
 
 class SetCallbacks:
-    """The callbacks of one store; lists are replaced as a whole, so that any thread may add and remove."""
+    """The callbacks of one store; any thread may add and remove."""
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         self._on_failure = on_failure
-        self._functions: dict[str, tuple[Any, ...]] = dict.fromkeys(("pre-set", "on-set", "post-set", "mirror"), ())
+        self._functions: dict[str, Registrations[Any]] = {
+            kind: Registrations() for kind in ("pre-set", "on-set", "post-set", "mirror")
+        }
         self.preparing = False
         """True while mirrors check a set; another set would then be overtaken by the one that is checked."""
 
-    def add(self, kind: str, callback: Callable[..., Any]) -> Callable[[], None]:
-        """Add a function, and return the one that removes it. Raises `TypeError` for async functions.
+    def add(self, kind: str, callback: Callable[..., Any]) -> Registration:
+        """Call a function around each set until the answer is closed. Raises `TypeError` for async functions.
 
         Args:
             kind: ``pre-set``: may replace the list to set. ``on-set``: may refuse it, the newest is asked first. Both
@@ -97,15 +102,7 @@ class SetCallbacks:
         """
         if kind != "mirror":
             require_plain(callback, f"the {kind} callback")
-        self._functions[kind] += (callback,)
-
-        def remove() -> None:
-            left = list(self._functions[kind])
-            if callback in left:
-                left.remove(callback)
-                self._functions[kind] = tuple(left)
-
-        return remove
+        return self._functions[kind].add(callback)
 
     def before(self, parameters: list[Parameter]) -> list[Parameter]:
         """What pre-set callbacks make of the list. Raises `RefusedError`, `CallbackAnswerError`."""
@@ -135,7 +132,7 @@ class SetCallbacks:
             RefusedError: one of them refused or raised. CallbackAnswerError.
         """
         result = ACCEPTED
-        for callback in reversed(self._functions["on-set"]):
+        for callback in reversed(list(self._functions["on-set"])):
             try:
                 result = copy_context().run(callback, list(parameters))
             except Exception as error:
@@ -157,7 +154,7 @@ class SetCallbacks:
 
     def after(self, parameters: Sequence[Parameter]) -> None:
         """Call the post-set callbacks, the newest first; one that raises is logged and the others still hear."""
-        for callback in reversed(self._functions["post-set"]):
+        for callback in reversed(list(self._functions["post-set"])):
             try:
                 copy_context().run(callback, list(parameters))
             except Exception:

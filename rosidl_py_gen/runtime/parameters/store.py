@@ -13,11 +13,11 @@ together.
 from __future__ import annotations
 
 import contextlib
-import logging
 import threading
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError, RefusedError, SetCallbacks
 from rosidl_py_gen.runtime.parameters.notifier import Notifier
 from rosidl_py_gen.runtime.parameters.validation import (
@@ -56,10 +56,6 @@ NOT_SET = ParameterValue()
 _NESTED_REASON = "parameters cannot be set or declared by a validator"
 
 
-def _log_failure(doing: str) -> None:
-    logging.getLogger(__name__).exception("%s failed", doing)
-
-
 class ParameterStore:
     """All parameters of a node.
 
@@ -76,7 +72,7 @@ class ParameterStore:
         *,
         allow_undeclared: bool = False,
         on_event: Callable[[ParameterEvent], None] = lambda event: None,
-        on_failure: Callable[[str], None] = _log_failure,
+        on_failure: Callable[[str], None] = report_failure,
     ) -> None:
         self.overrides = dict(overrides or {})
         self.allow_undeclared = allow_undeclared

@@ -1,4 +1,4 @@
 """Times and durations, clocks that can be set, sleeping by a clock, and when a timer is due.
 
-Imports no other room.
+May import: logs.
 """

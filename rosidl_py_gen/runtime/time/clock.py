@@ -7,19 +7,20 @@ Decides how to sleep by a clock that can jump, too: simulated time is never slep
 system time is looked at at least once a second, because somebody may set it. A sleep ends when ROS time is activated or
 deactivated, as in rclpy: a point in one time means nothing in the other, and waiting for it could take for ever.
 
-May import this room only. Source: protocol.md 9.6.
+May import this room and logs. Source: protocol.md 9.6.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 import time
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.registration import Registrations
+from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.time.schedule import Schedule
 from rosidl_py_gen.runtime.time.values import (
     NS_PER_S,
@@ -34,7 +35,8 @@ from rosidl_py_gen.runtime.time.values import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_log = logging.getLogger(__name__)
+    from rosidl_py_gen.registration import Registration
+
 _ANY_JUMP = Duration(nanoseconds=1)
 _LONGEST_PAUSE_S = 1.0
 
@@ -61,42 +63,20 @@ class TimeJump:
         return self.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)
 
 
-class JumpHandle:
-    """A registered pair of jump callbacks; close it, or use it as a context manager, to stop them."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _JumpCallbacks:
+    """`matches` says whether the thresholds given with them select a jump."""
 
-    __slots__ = ("_forget", "_matches", "post", "pre")
-
-    def __init__(
-        self,
-        forget: Callable[[JumpHandle], None],
-        matches: Callable[[TimeJump], bool],
-        pre: Callable[[TimeJump], None] | None,
-        post: Callable[[TimeJump], None] | None,
-    ) -> None:
-        self._forget: Callable[[JumpHandle], None] | None = forget
-        self._matches = matches
-        self.pre = pre
-        self.post = post
-
-    def matches(self, jump: TimeJump) -> bool:
-        """True when the thresholds given at registration select this jump."""
-        return self._forget is not None and self._matches(jump)
-
-    def close(self) -> None:
-        """Stop the callbacks; may be called twice."""
-        forget, self._forget = self._forget, None
-        if forget is not None:
-            forget(self)
-
-    def __enter__(self) -> JumpHandle:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    matches: Callable[[TimeJump], bool]
+    pre: Callable[[TimeJump], None] | None
+    post: Callable[[TimeJump], None] | None
 
 
 class Clock:
-    """One clock. `system_ns` and `steady_ns` replace the machine's clocks, for tests."""
+    """One clock. `system_ns` and `steady_ns` replace the machine's clocks, for tests.
+
+    `on_failure` is called with a description while the exception of a jump callback is handled; logs by default.
+    """
 
     def __init__(
         self,
@@ -104,12 +84,14 @@ class Clock:
         *,
         system_ns: Callable[[], int] = time.time_ns,
         steady_ns: Callable[[], int] = time.monotonic_ns,
+        on_failure: Callable[[str], None] = report_failure,
     ) -> None:
         self.clock_type = ClockType(clock_type)
         self._source_ns = steady_ns if self.clock_type is ClockType.STEADY_TIME else system_ns
         self._override_ns = 0
         self._active = False
-        self._handles: list[JumpHandle] = []
+        self._on_failure = on_failure
+        self._jump_callbacks: Registrations[_JumpCallbacks] = Registrations()
 
     def __repr__(self) -> str:
         state = ", overridden" if self._active else ""
@@ -160,8 +142,8 @@ class Clock:
         on_clock_change: bool = False,
         min_forward: Duration | None = None,
         min_backward: Duration | None = None,
-    ) -> JumpHandle:
-        """Call `pre` before and `post` after each jump that one of the thresholds selects.
+    ) -> Registration:
+        """Call `pre` before and `post` after each jump that one of the thresholds selects, until the answer is closed.
 
         Raises `TimeRangeError` unless `min_forward` > 0 and `min_backward` < 0. Exceptions in a callback are logged.
         """
@@ -179,9 +161,7 @@ class Clock:
             forward = min_forward is not None and jump.delta >= min_forward
             return forward or (min_backward is not None and jump.delta <= min_backward)
 
-        handle = JumpHandle(self._handles.remove, matches, pre, post)
-        self._handles.append(handle)
-        return handle
+        return self._jump_callbacks.add(_JumpCallbacks(matches, pre, post))
 
     async def sleep_until(self, until: Time) -> bool:
         """Sleep until this clock, simulated or not, reads `until` or later.
@@ -238,33 +218,33 @@ class Clock:
         self._active = active
         self._call_after(chosen, jump)
 
-    def _call_before(self, jump: TimeJump) -> list[JumpHandle]:
-        chosen = [handle for handle in self._handles if handle.matches(jump)]
-        for handle in chosen:
-            _call(handle.pre, jump)
+    def _call_before(self, jump: TimeJump) -> set[_JumpCallbacks]:
+        chosen = set()
+        for callbacks in self._jump_callbacks:
+            if callbacks.matches(jump):
+                chosen.add(callbacks)
+                self._call(callbacks.pre, jump)
         return chosen
 
-    def _call_after(self, chosen: list[JumpHandle], jump: TimeJump) -> None:
-        for handle in chosen:
-            # A callback may have closed another one in the meantime.
-            if handle.matches(jump):
-                _call(handle.post, jump)
+    def _call_after(self, chosen: set[_JumpCallbacks], jump: TimeJump) -> None:
+        for callbacks in self._jump_callbacks:
+            if callbacks in chosen:
+                self._call(callbacks.post, jump)
+
+    def _call(self, callback: Callable[[TimeJump], None] | None, jump: TimeJump) -> None:
+        if callback is None:
+            return
+        try:
+            callback(jump)
+        except Exception:
+            self._on_failure("a time jump callback")
 
 
-def on_every_jump(clock: Clock, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> JumpHandle:
+def on_every_jump(clock: Clock, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration:
     """`create_jump_callback` for all jumps."""
     return clock.create_jump_callback(
         pre=pre, post=post, on_clock_change=True, min_forward=_ANY_JUMP, min_backward=-_ANY_JUMP
     )
-
-
-def _call(callback: Callable[[TimeJump], None] | None, jump: TimeJump) -> None:
-    if callback is None:
-        return
-    try:
-        callback(jump)
-    except Exception:
-        _log.exception("a time jump callback failed; the others and the clock are not affected")
 
 
 class DueWait:

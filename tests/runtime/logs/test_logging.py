@@ -6,10 +6,13 @@ import io
 import logging as python_logging
 import sys
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
+from worlds import World
 
 from rosidl_py_gen.errors import InvalidNameError
+from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
 from rosidl_py_gen.runtime.logs import console as log_console
 from rosidl_py_gen.runtime.logs.console import ConsoleHandler, ConsoleSettings, format_record, read_console_environment
 from rosidl_py_gen.runtime.logs.loggers import (
@@ -31,7 +34,11 @@ from rosidl_py_gen.runtime.logs.loggers import (
     ros_level,
     set_logger_level,
 )
-from rosidl_py_gen.runtime.logs.rosout import LogFields, RosoutRouter, log_fields, shared_router
+from rosidl_py_gen.runtime.logs.rosout import LogFields, RosoutRouter, log_fields, message_text, shared_router
+from rosidl_py_gen.runtime.parameters.store import ParameterStore
+from rosidl_py_gen.runtime.parameters.values import parameter_value
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.transport.qos import ROSOUT
 
 
 class Catcher(python_logging.Handler):
@@ -232,12 +239,12 @@ def test_the_fields_of_a_log_message() -> None:
 def test_records_go_to_the_node_of_the_nearest_registered_logger() -> None:
     router, parent, child = RosoutRouter(), [], []
     router.register("a", lambda fields: parent.append(fields.name))
-    end = router.register("a.n", lambda fields: child.append(fields.name))
+    added = router.register("a.n", lambda fields: child.append(fields.name))
     for name in ("a", "a.b", "a.n", "a.n.kid", "ax", "other"):
         router.emit(record(name=name))
     assert parent == ["a", "a.b"] and child == ["a.n", "a.n.kid"]
-    end()
-    end()
+    added.close()
+    added.close()
     router.emit(record(name="a.n"))
     assert parent[-1] == "a.n" and len(child) == 2
 
@@ -259,19 +266,19 @@ def test_two_nodes_of_one_name_publish_once() -> None:
     router = RosoutRouter()
     first: list[LogFields] = []
     second: list[LogFields] = []
-    end = router.register("a", first.append)
+    added = router.register("a", first.append)
     router.register("a", second.append)
     router.emit(record(name="a"))
-    end()
+    added.close()
     router.emit(record(name="a"))
     assert (len(first), len(second)) == (1, 1)
 
 
 def test_the_shared_router_hears_ros_loggers() -> None:
     seen: list[LogFields] = []
-    end = shared_router().register("routed", seen.append)
+    added = shared_router().register("routed", seen.append)
     get_logger("routed.kid").warning("x")
-    end()
+    added.close()
     get_logger("routed").warning("y")
     assert [fields.msg for fields in seen] == ["x"]
 
@@ -279,3 +286,52 @@ def test_the_shared_router_hears_ros_loggers() -> None:
 def test_loggers_are_ours() -> None:
     assert isinstance(get_logger("a.b"), RosLogger) and get_logger("") is get_root_logger()
     assert get_logger("a.b").parent in (get_logger("a"), get_root_logger())
+
+
+# ------------------------------------------------------------------------------------------- failures of no or one node
+
+
+def broken_clock(**options: Any) -> Clock:
+    """Its next jump makes a callback fail."""
+    clock = Clock(**options)
+    clock.create_jump_callback(pre=fail, on_clock_change=True)
+    return clock
+
+
+def fail(*_: object) -> None:
+    raise RuntimeError("boom")
+
+
+@pytest.mark.parametrize("switch", ["fatal", "rosidl_py_gen:=fatal"])
+def test_a_level_silences_failures_that_belong_to_no_node(
+    memory: World, switch: str, caught: list[python_logging.LogRecord]
+) -> None:
+    broken_clock().enable_ros_time_override()
+    memory.context(f"--ros-args --log-level {switch}")
+    broken_clock().enable_ros_time_override()
+    for name in ("", "rosidl_py_gen"):
+        set_logger_level(name, UNSET)
+    (failure,) = caught
+    assert (failure.name, failure.levelno) == ("rosidl_py_gen", ERROR)
+    assert failure.getMessage() == "a time jump callback failed; nothing else is affected"
+
+
+def test_failures_of_a_store_without_a_node_are_reported_in_the_same_place(
+    caught: list[python_logging.LogRecord],
+) -> None:
+    store = ParameterStore()
+    store.callbacks.add("post-set", fail)
+    store.declare("a", parameter_value(1))
+    assert [one.name for one in caught] == ["rosidl_py_gen"] and "boom" in message_text(caught[0])
+
+
+async def test_a_failure_is_published_on_rosout_as_the_node_it_belongs_to_and_no_other(world: World) -> None:
+    alice, bob = world.pair()
+    logs = bob.create_subscription(Log, "/rosout", qos=ROSOUT)
+    broken_clock().enable_ros_time_override()
+    alice.clock.create_jump_callback(post=fail, on_clock_change=True)
+    alice.clock.enable_ros_time_override()
+    bob.logger.warning("the last")
+    heard = [await logs.receive(5), await logs.receive(5)]
+    assert sorted(log.name for log in heard) == ["alice", "bob"]
+    assert any(log.msg.startswith("a time jump callback failed") and "boom" in log.msg for log in heard)

@@ -23,6 +23,7 @@ from worlds import ROOT
 
 from rosidl_py_gen.runtime import CallTimeoutError, Context
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
+from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import pipe
 
@@ -59,6 +60,7 @@ def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
     try:
         loop.run_until_complete(asyncio.wait_for(served(), 20))
     finally:
+        end_tasks(loop)  # Ctrl-C leaves them
         loop.close()
 
 

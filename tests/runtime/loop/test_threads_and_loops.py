@@ -14,6 +14,7 @@ from std_srvs.srv import SetBool
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, st
 
     def call() -> None:
         try:
-            client.call_sync(SetBool.Request(), timeout_s=0.5)
+            client.call_sync(SetBool.Request(), timeout_s=30)
         except BaseException as error:
             outcomes.append(error)
 
@@ -180,12 +181,13 @@ def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, st
     else:
         loop = asyncio.new_event_loop()
         thread = loop.run_until_complete(begin())
-    thread.join(5)
+    thread.join(20)
     assert not thread.is_alive()
     assert [type(outcome) for outcome in outcomes] == [ClosedError]
     with pytest.raises(CallTimeoutError):
         client.call_sync(SetBool.Request(), timeout_s=0.05)
     if style == "paused":
+        end_tasks(loop)
         loop.close()
 
 

@@ -113,7 +113,7 @@ async def test_sleeping_by_simulated_time(world: World) -> None:
     assert not until_task.done()
     source.set_time(ros(110))
     await until_task
-    assert node.clock._handles == []
+    assert list(node.clock._jump_callbacks) == []
 
 
 async def test_sleeping_by_real_clocks(world: World) -> None:

@@ -51,13 +51,13 @@ class World:
 @pytest.mark.parametrize("kind", ["pre-set", "on-set"])
 def test_a_callback_that_raises_refuses_with_a_reason(kind: str) -> None:
     world = World("a", "b")
-    remove = world.store.callbacks.add(kind, broken)
+    added = world.store.callbacks.add(kind, broken)
     what = f"the {kind} callback 'broken'"
     refused = SetResult(False, f"{what} raised KeyError: 'gone'")
     assert world.store.set_atomically([p("a", 2)]) == refused
     assert world.store.set_each([p("a", 2), p("b", 2)]) == [refused, refused]
     assert world.values() == {"a": 1, "b": 1} and world.events == [] and world.failures == [what] * 3
-    remove()
+    added.close()
     assert world.store.set_atomically([p("a", 2)]) == OK
 
 
@@ -108,9 +108,9 @@ def test_an_on_set_callback_must_answer_a_result(answer: Any) -> None:
 
 def test_what_looks_like_a_result_is_one() -> None:
     world = World("a")
-    remove = world.store.callbacks.add("on-set", lambda ps: SimpleNamespace(successful=0, reason="as in rclpy"))  # type: ignore[arg-type,return-value]
+    added = world.store.callbacks.add("on-set", lambda ps: SimpleNamespace(successful=0, reason="as in rclpy"))  # type: ignore[arg-type,return-value]
     assert world.store.set_atomically([p("a", 2)]) == SetResult(False, "as in rclpy")
-    remove()
+    added.close()
     world.store.callbacks.add("on-set", lambda ps: SetResult(1))  # type: ignore[arg-type]
     result = world.store.set_atomically([p("a", 2)])
     assert result == OK and result.successful is True

@@ -314,22 +314,22 @@ def test_readers_do_not_wait_for_a_callback_that_takes_long(store: ParameterStor
         entered.set()
         assert release.wait(5)
 
-    remove = store.callbacks.add("pre-set", lambda ps: slow(ps) or ps)  # type: ignore[func-returns-value]
+    added = store.callbacks.add("pre-set", lambda ps: slow(ps) or ps)  # type: ignore[func-returns-value]
     setter = threading.Thread(target=lambda: setattr(live, "a", 1))
     setter.start()
     assert entered.wait(5)
     assert live.a == 0 and snapshot(live) == Triple() and store.get("a").value == 0 and store.listing().names
     release.set()
     setter.join()
-    remove()
+    added.close()
     # After a set is stored, its post-set callbacks hold up nobody.
     entered.clear()
     release.clear()
-    end = store.callbacks.add("post-set", slow)
+    added = store.callbacks.add("post-set", slow)
     setter = threading.Thread(target=lambda: setattr(live, "a", 2))
     setter.start()
     assert entered.wait(5)
-    end()
+    added.close()
     live.a = 3
     release.set()
     setter.join()

@@ -113,10 +113,10 @@ def test_values_that_do_not_fit_their_type_are_stored_nowhere(world: World, odd:
     for call in calls:
         with pytest.raises((InvalidParameterValueError, TypeError), match=reason):
             call()
-    remove = node.add_pre_set_callback(lambda parameters: [Parameter("d", odd)])
+    added = node.add_pre_set_callback(lambda parameters: [Parameter("d", odd)])
     with pytest.raises(CallbackAnswerError, match=reason):
         node.set_parameter("d", 2)
-    remove()
+    added.close()
     assert node.get_parameter("d") == 1 and not node.has_parameter("new")
 
 

@@ -268,10 +268,10 @@ def test_the_first_refusal_ends_the_asking() -> None:
     world.declare("a", 1)
     asked: list[int] = []
     world.store.callbacks.add("on-set", lambda ps: asked.append(1) or OK)  # type: ignore[func-returns-value]
-    remove = world.store.callbacks.add("on-set", lambda ps: SetResult(False, "because"))
+    added = world.store.callbacks.add("on-set", lambda ps: SetResult(False, "because"))
     assert world.set(p("a", 2)) == SetResult(False, "because") and asked == [] and world.get("a") == 1
-    remove()
-    remove()
+    added.close()
+    added.close()
     assert world.set(p("a", 2)) == OK and asked == [1]
 
 
@@ -282,13 +282,13 @@ def test_pre_set_callbacks_replace_the_list() -> None:
     first = world.store.callbacks.add("pre-set", lambda ps: [*ps, p("b", 7)])
     second = world.store.callbacks.add("pre-set", lambda ps: [])
     assert world.set(p("a", 2)) == OK and world.get("b") == 7
-    first()
+    first.close()
     assert world.set(p("a", 3)) == SetResult(
         False,
         "parameter list cannot be empty, this might be due to pre_set_parameters_callback modifying the original "
         "parameters list.",
     )
-    second()
+    second.close()
     assert world.get("a") == 2
     world.declare("c", 1)
 
@@ -322,11 +322,10 @@ def test_mirrors_are_asked_last_and_commit_before_the_event() -> None:
         seen.append(("asked", world.get("a")))
         return lambda: seen.append(("stored", world.get("a"), len(world.events)))
 
-    end = world.store.callbacks.add("mirror", prepare)
-    remove = world.store.callbacks.add("on-set", lambda ps: SetResult(False, "no"))
-    assert not world.set(p("a", 2)).successful and seen == []
-    remove()
+    added = world.store.callbacks.add("mirror", prepare)
+    with world.store.callbacks.add("on-set", lambda ps: SetResult(False, "no")):
+        assert not world.set(p("a", 2)).successful and seen == []
     assert world.set(p("a", 5)) == SetResult(False, "not five") and world.get("a") == 1
     assert world.set(p("a", 2)) == OK and seen == [("asked", 1), ("stored", 2, 1)]
-    end()
+    added.close()
     assert world.set(p("a", 3)) == OK and len(seen) == 2

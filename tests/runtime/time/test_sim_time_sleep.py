@@ -168,7 +168,7 @@ async def test_a_change_of_source_ends_a_sleep(activate: bool, kind: str) -> Non
     else:
         clock.disable_ros_time_override()
     assert await asyncio.wait_for(task, 5) is False
-    assert clock._handles == []
+    assert list(clock._jump_callbacks) == []
 
 
 def test_a_sleep_that_began_before_use_sim_time_does_not_wait_for_2023(world: World) -> None:
@@ -225,7 +225,7 @@ async def test_a_time_that_was_reached_counts_even_if_it_is_gone_when_the_task_w
     assert tasks[0].result() is True
     tasks[1].cancel()
     await simulation.settle()
-    assert simulation.clock._handles == []
+    assert list(simulation.clock._jump_callbacks) == []
 
 
 async def test_a_sleep_may_end_before_simulated_time_began() -> None:

@@ -1,0 +1,36 @@
+"""Every error of the package is one of its tree and is called so."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+from pathlib import Path
+
+PACKAGE = Path(__file__).resolve().parent.parent / "rosidl_py_gen"
+BUILTIN = {name for name, kind in vars(builtins).items() if isinstance(kind, type) and issubclass(kind, BaseException)}
+# What readers of definitions raise and the compiler makes a `Problem` of, with its place; users never see them.
+BECOME_PROBLEMS = {"LiteralProblem", "SyntaxProblem", "UnreadableError"}
+
+
+def error_classes() -> dict[str, set[str]]:
+    """Our classes that can be raised, and the names of all classes above each."""
+    bases = {
+        node.name: {ast.unparse(base).rpartition(".")[2] for base in node.bases}
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    }
+
+    def above(name: str) -> set[str]:
+        direct = bases.get(name, set()) - {name}
+        return direct.union(*map(above, direct))
+
+    return {name: found for name in bases if (found := above(name)) & BUILTIN}
+
+
+def test_every_error_class_ends_in_error_and_derives_from_ours() -> None:
+    found = error_classes()
+    assert len(found) > 60 and set(found) >= BECOME_PROBLEMS
+    shared = {name for name in found if not name.startswith("_")} - BECOME_PROBLEMS - {"RosidlError"}
+    assert {name for name in shared if not name.endswith("Error")} == set()
+    assert {name for name in shared if "RosidlError" not in found[name]} == set()
