@@ -23,7 +23,7 @@ from collections.abc import Callable
 import runtime_goals as goals
 import runtime_topics as topics
 from runtime_common import run_node
-from runtime_floor import floor_ping, floor_pong
+from runtime_floor import floor_call, floor_ping, floor_pong, floor_serve
 from runtime_rclpy import rows as rclpy_rows
 
 BASES = {"floor": "the floor", "service": "a service call", "callback": "one context"}
@@ -128,7 +128,7 @@ def table(quick: bool, rclpy: str | None) -> None:
         ratio = statistics.median(ours / other for ours, other in zip(times, measured[base], strict=True))
         goal = f"<= {target} {BASES[base]}"
         row(f"{name}, p50", f"{min(times):.0f} to {max(times):.0f} us, {ratio:.2f}x", goal)
-    for cells in rclpy_rows(rclpy, rounds, trips // 10, child) if rclpy else ():
+    for cells in rclpy_rows(rclpy, 10 * rounds, child) if rclpy else ():
         row(*cells)
     paced = pair("count_paced", "send_paced", 3000 if quick else 8000, reporter=0)
     row("CPU per received message at 1 kHz", f"{paced['cpu_us']:.0f} us", "<= 60 us")
@@ -152,6 +152,8 @@ def table(quick: bool, rclpy: str | None) -> None:
 ROLES: dict[str, Callable[[int], None]] = {
     "floor_pong": lambda count: floor_pong(),
     "floor_ping": floor_ping,
+    "floor_serve": lambda count: floor_serve(),
+    "floor_call": floor_call,
     "stream_pong": lambda count: run_node(topics.stream_pong, "pong"),
     "callback_pong": lambda count: run_node(topics.callback_pong, "pong"),
     "stream_ping": lambda count: run_node(lambda n, s: topics.stream_ping(n, s, count), "ping"),

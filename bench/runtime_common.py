@@ -17,6 +17,7 @@ DOMAIN = "77"
 os.environ.update({"ROS_DOMAIN_ID": DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"})
 os.environ.pop("CYCLONEDDS_URI", None)
 
+SERVICE = os.environ.get("BENCH_SERVICE", "set")
 STOP = "stop"
 TEXT = "hello world"
 IMAGE_BYTES = 1920 * 1080 * 3

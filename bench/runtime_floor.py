@@ -1,12 +1,19 @@
-"""The floor of bench/runtime.py: a round trip with cyclonedds-python alone."""
+"""The floor of bench/runtime.py: round trips with Cyclone DDS alone.
+
+Topics use cyclonedds-python. Services of Fast DDS nodes are beyond it, so that their floor uses writers, readers and
+the sending of identities of `transport/cyclone`, but no loop, no node and no service: it takes any reply for its own,
+and any request for that of the one client there is, and looks into no packet.
+"""
 
 from __future__ import annotations
 
+import ctypes as ct
 import os
+import sys
 import time
 from typing import Any
 
-from runtime_common import DOMAIN, STOP, TEXT, percentile, report
+from runtime_common import DOMAIN, SERVICE, STOP, TEXT, percentile, report
 
 
 class Floor:
@@ -84,3 +91,66 @@ def floor_ping(count: int) -> None:
         times.append((time.perf_counter_ns() - start) / 1000)
     floor.write(string(data=STOP).encode())
     report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
+
+
+class ServiceFloor:
+    """One end of a SetBool service."""
+
+    def __init__(self, *, is_client: bool) -> None:
+        from rosidl_py_gen.runtime.node.environment import read_environment
+        from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+        from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
+        from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+        self.fast_dds = cyclone._fast_dds
+        if is_client:
+            self.fast_dds.refusal = "not needed"  # keeps its functions out of the way
+        xml = cyclone_xml(read_environment(os.environ), process_id=os.getpid())
+        participant = cyclone.CycloneTransport().open(int(DOMAIN), b"", cyclone_xml=xml)
+        request, reply = (
+            (f"{prefix}/{SERVICE}{end}", f"std_srvs::srv::dds_::SetBool_{kind}_", QoSProfile().keep_all(), b"")
+            for prefix, end, kind in (("rq", "Request", "Request"), ("rr", "Reply", "Response"))
+        )
+        self.reader = participant.create_reader(*(reply if is_client else request))
+        self.writer = participant.create_writer(*(request if is_client else reply))
+        cyclone._api.set_listener(self.reader.entity, None)
+        library = cyclone._library
+        waitset = library.dds_create_waitset(participant.entity)
+        condition = library.dds_create_readcondition(self.reader.entity, ct.c_uint32(127))
+        library.dds_waitset_attach(waitset, condition, ct.c_void_p(0))
+        self._wait, self._arguments = library.dds_waitset_wait, (waitset, None, ct.c_size_t(0), ct.c_int64(10**9))
+        while not (self.writer.matched_readers() and self.reader.matched_writers()):
+            time.sleep(0.01)
+        time.sleep(1)
+
+    def take(self) -> None:
+        """Wait for a sample."""
+        while not self.reader.fetch():
+            self._wait(*self._arguments)
+        self.reader.queue.items.popleft()
+
+
+def floor_call(count: int) -> None:
+    """Measure service calls, then as many as each line of stdin says."""
+    floor, request = ServiceFloor(is_client=True), b"\0\1\0\0\1\0\0\0"
+    while count:
+        times = []
+        for _ in range(count):
+            start = time.perf_counter_ns()
+            floor.writer.write(request)
+            floor.take()
+            times.append((time.perf_counter_ns() - start) / 1000)
+        report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
+        count = int(sys.stdin.readline() or 0)
+
+
+def floor_serve() -> None:
+    """Answer requests until it is killed."""
+    floor, reply, number = ServiceFloor(is_client=False), b"\0\1\0\0\1\0\0\0\1\0\0\0\0\0\0\0", 0
+    client = floor.writer.matched_readers()[0]
+    floor.fast_dds._look_into_received(False)
+    floor.fast_dds._look_into_received = lambda look: None
+    while True:
+        floor.take()
+        number += 1
+        floor.writer.write(reply, (client, number))

@@ -1,22 +1,25 @@
 """Service calls between our nodes and those of rclpy on Fast DDS, for bench/runtime.py --rclpy PYTHON.
 
 PYTHON is one that can import rclpy, such as that of an environment of tests/interop_rclpy. All of it runs in a network
-of its own, because Fast DDS sends to every interface.
+of its own, because Fast DDS sends to every interface. All pairs of client and server are there at once, each with a
+service of its own, and take turns of a hundred calls, so that they see the same machine. Clients have a core of their
+own, and servers another one: left to the scheduler, the same pair may take twice as long in one run as in the next.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import random
 import statistics
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 SERVE = """
+import sys
 import rclpy
 from std_srvs.srv import SetBool
 rclpy.init()
@@ -24,7 +27,7 @@ node = rclpy.create_node("server")
 def answer(request, response):
     response.success = request.data
     return response
-node.create_service(SetBool, "set", answer)
+node.create_service(SetBool, sys.argv[1], answer)
 rclpy.spin(node)
 """
 CALL = """
@@ -33,74 +36,125 @@ import rclpy
 from std_srvs.srv import SetBool
 rclpy.init()
 node = rclpy.create_node("client")
-client = node.create_client(SetBool, "set")
+client = node.create_client(SetBool, sys.argv[1])
 assert client.wait_for_service(10)
 time.sleep(1)
-times = []
-async def calls():
-    for _ in range(int(sys.argv[1])):
+async def calls(count):
+    times = []
+    for _ in range(count):
         start = time.perf_counter_ns()
         await client.call_async(SetBool.Request(data=True))
         times.append((time.perf_counter_ns() - start) / 1000)
+    print(json.dumps({"p50": sorted(times)[len(times) // 2]}), flush=True)
 executor = rclpy.get_global_executor()
 executor.add_node(node)
-executor.spin_until_future_complete(executor.create_task(calls()))
-print(json.dumps({"p50": sorted(times)[len(times) // 2]}), flush=True)
+count = int(sys.argv[2])
+while count:
+    executor.spin_until_future_complete(executor.create_task(calls(count)))
+    count = int(sys.stdin.readline() or 0)
 """
-Start = Callable[[int], "subprocess.Popen[str]"]
+TURN = 100
+"""Calls, before it is another pair's turn."""
+Process = subprocess.Popen[str]
+Start = Callable[[str], Process]
 
 
-def private_network() -> AbstractContextManager[Any]:
-    """Where this process and its children see nobody else; as it is where the system does not allow that."""
+@contextmanager
+def private_network() -> Iterator[bool]:
+    """Where this process and its children see nobody else; False and as it is where the system does not allow that."""
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "interop_rclpy"))
     from private_network import PrivateNetwork  # type: ignore[import-not-found]
 
     try:
-        return PrivateNetwork().entered()  # type: ignore[no-any-return]
+        network = PrivateNetwork()
     except OSError:
-        return nullcontext()
+        yield False
+        return
+    with network.entered():
+        yield True
 
 
-def rclpy_process(python: str, script: str, *arguments: str) -> subprocess.Popen[str]:
+def rclpy_process(python: str, script: str, *arguments: str, **settings: str) -> Process:
     """One of the scripts above."""
-    environment = {**os.environ, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}
+    environment = {**os.environ, "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", **settings}
     command = [python, "-c", script, *arguments]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    pipe = subprocess.PIPE
+    return subprocess.Popen(command, env=environment, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
 
 
-def one_round(serve: subprocess.Popen[str], call: subprocess.Popen[str]) -> float:
-    """The median of one client's calls, in us."""
+def pairs(python: str, child: Callable[..., Process], is_alone: bool) -> dict[str, tuple[Start, Start]]:
+    """Server and client of each row; each is started with the name of its service."""
+
+    def theirs(script: str, **settings: str) -> Start:
+        return lambda name: rclpy_process(python, script, name, str(TURN), **settings)
+
+    def ours(role: str) -> Start:
+        return lambda name: child(role, TURN, BENCH_SERVICE=name)
+
+    found = {
+        "rclpy to rclpy": (theirs(SERVE), theirs(CALL)),
+        "our client": (theirs(SERVE), ours("call")),
+        "bare client on Cyclone DDS": (theirs(SERVE), ours("floor_call")),
+        "our server": (ours("serve"), theirs(CALL)),
+        "bare server on Cyclone DDS": (ours("floor_serve"), theirs(CALL)),
+    }
+    if is_alone:  # without shared memory, which with the range LOCALHOST cannot be had from rmw_fastrtps
+        udp = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+        found["rclpy to rclpy by UDP"] = (theirs(SERVE, **udp), theirs(CALL, **udp))
+    return found
+
+
+def on_core(index: int, start: Start, name: str) -> Process:
+    """Start a process that stays on one of our cores."""
+    cores = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {sorted(cores)[index]})
     try:
-        assert call.stdout is not None
-        found: dict[str, float] = json.loads(call.stdout.readline())
-        return found["p50"]
+        return start(name)
     finally:
-        for process in (call, serve):
+        os.sched_setaffinity(0, cores)
+
+
+def p50(client: Process) -> float:
+    """What the client reports of its turn, in us."""
+    assert client.stdout is not None
+    found: dict[str, float] = json.loads(client.stdout.readline())
+    return found["p50"]
+
+
+def measure(kinds: dict[str, tuple[Start, Start]], turns: int) -> dict[str, list[float]]:
+    """The medians of all turns of each pair."""
+    started: list[Process] = []
+    clients: dict[str, Process] = {}
+    try:
+        for number, (kind, (serve, call)) in enumerate(kinds.items()):
+            started.append(on_core(-1, serve, f"set_{number}"))
+            started.append(on_core(0, call, f"set_{number}"))
+            clients[kind] = started[-1]
+            p50(started[-1])  # the first turn does not count
+        measured: dict[str, list[float]] = {kind: [] for kind in kinds}
+        for _ in range(turns):
+            # In any order: who comes first finds other caches than who comes last.
+            for kind, client in random.sample(list(clients.items()), len(clients)):
+                assert client.stdin is not None
+                client.stdin.write(f"{TURN}\n")
+                client.stdin.flush()
+                measured[kind].append(p50(client))
+        return measured
+    finally:
+        for process in started:
             process.kill()
             process.communicate()
 
 
-def rows(python: str, rounds: int, count: int, child: Callable[[str, int], subprocess.Popen[str]]) -> list[list[str]]:
-    """Ours as client and as server, in turn with rclpy as both; a ratio is the median over rounds."""
-
-    def theirs(script: str) -> Start:
-        return lambda calls: rclpy_process(python, script, str(calls))
-
-    ours: dict[str, Start] = {role: lambda calls, role=role: child(role, calls) for role in ("serve", "call")}  # type: ignore[misc]
-    kinds = {
-        "rclpy to rclpy": (theirs(SERVE), theirs(CALL)),
-        "our client": (theirs(SERVE), ours["call"]),
-        "our server": (ours["serve"], theirs(CALL)),
-    }
-    measured: dict[str, list[float]] = {kind: [] for kind in kinds}
-    with private_network():
-        for _ in range(rounds):
-            for kind, (serve, call) in kinds.items():
-                measured[kind].append(one_round(serve(count), call(count)))
+def rows(python: str, turns: int, child: Callable[..., Process]) -> list[list[str]]:
+    """Ours and bare ones as client and as server, beside rclpy as both; a ratio is the median over all turns."""
+    with private_network() as is_alone:
+        measured = measure(pairs(python, child, is_alone), turns)
     reference = measured.pop("rclpy to rclpy")
     table = [["service call, rclpy to rclpy on Fast DDS, p50", f"{min(reference):.0f} to {max(reference):.0f} us", ""]]
     for kind, times in measured.items():
         ratio = statistics.median(one / other for one, other in zip(times, reference, strict=True))
         found = f"{min(times):.0f} to {max(times):.0f} us, {ratio:.2f}x"
-        table.append([f"{kind}, the other end rclpy on Fast DDS, p50", found, "<= 0.7x of that"])
+        goal = "<= 0.7x of that" if kind.startswith("our") else ""
+        table.append([f"{kind}, p50" if "rclpy" in kind else f"{kind}, the other end rclpy, p50", found, goal])
     return table

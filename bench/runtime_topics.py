@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from runtime_common import IMAGE_BYTES, STOP, TEXT, both_ways, cpu_s, percentile, report
+from runtime_common import IMAGE_BYTES, SERVICE, STOP, TEXT, both_ways, cpu_s, percentile, report
 
 
 async def stream_pong(node: Any, string: Any) -> None:
@@ -82,24 +82,26 @@ async def serve(node: Any, _: Any) -> None:
     from rosidl_py_gen import get_service
 
     kind: Any = get_service("std_srvs/srv/SetBool")
-    node.create_service(kind, "set", lambda request: kind.Response(success=request.data))
+    node.create_service(kind, SERVICE, lambda request: kind.Response(success=request.data))
     await asyncio.to_thread(sys.stdin.read)
 
 
 async def call(node: Any, _: Any, count: int) -> None:
-    """Measure service calls."""
+    """Measure service calls, then as many as each line of stdin says."""
     from rosidl_py_gen import get_service
 
     kind: Any = get_service("std_srvs/srv/SetBool")
-    client = node.create_client(kind, "set")
+    client = node.create_client(kind, SERVICE)
     await client.wait_for_service(timeout_s=10)
     await asyncio.sleep(0.2)
-    times = []
-    for _ in range(count):
-        start = time.perf_counter_ns()
-        await client.call(kind.Request(data=True), timeout_s=5)
-        times.append((time.perf_counter_ns() - start) / 1000)
-    report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
+    while count:
+        times = []
+        for _ in range(count):
+            start = time.perf_counter_ns()
+            await client.call(kind.Request(data=True), timeout_s=5)
+            times.append((time.perf_counter_ns() - start) / 1000)
+        report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
+        count = int(await asyncio.to_thread(sys.stdin.readline) or 0)
 
 
 async def send_paced(node: Any, string: Any, count: int) -> None:

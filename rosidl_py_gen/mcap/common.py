@@ -36,6 +36,13 @@ class BagTopic:
     count: int | None = None
 
 
+def checked_time(nanoseconds: int, topic: str, what: str) -> int:
+    """A time as bags can have it; raises `BagError` for others."""
+    if not 0 <= nanoseconds < 1 << 63:
+        raise BagError(f"{topic}: {what} time {nanoseconds} is not from 0 to 2**63-1 ns")
+    return nanoseconds
+
+
 class BagMessage(NamedTuple):
     """A message of a bag; times are nanoseconds since 1970.
 

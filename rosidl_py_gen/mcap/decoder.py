@@ -46,7 +46,7 @@ class DecoderFactory(McapDecoderFactory):
         return self._known[key]
 
 
-def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes], Any]:
+def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes | memoryview], Any]:
     """The `decode` of a class; the function itself, as a wrapper costs as much as a small message."""
     return partial(cls.decode, arrays=True) if arrays else cls.decode
 

@@ -11,7 +11,7 @@ from rosidl_py_gen.errors import DecodeError, RosidlError
 from rosidl_py_gen.mcap.common import BagError, BagMessage, BagTopic
 from rosidl_py_gen.mcap.decoder import ENCODINGS, decoder_of
 from rosidl_py_gen.mcap.metadata import FILE, read_metadata
-from rosidl_py_gen.mcap.storage import McapFile, SqliteFile, Storage, merged
+from rosidl_py_gen.mcap.storage import McapFile, Raw, SqliteFile, Storage, merged
 from rosidl_py_gen.mcap.table import table
 from rosidl_py_gen.names import did_you_mean
 
@@ -32,12 +32,14 @@ class BagReader:
 
     Args:
         path: an ``.mcap`` or ``.db3`` file, or a rosbag2 folder.
+        validate_crcs: compare the checksum of each chunk of an MCAP file, which for images and clouds takes longer than
+            everything else. False is for files you trust; damage is then found only where it breaks the format.
 
     Raises:
         BagError: damaged beyond reading, or of an unknown kind. OSError: it cannot be opened.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], *, validate_crcs: bool = True) -> None:
         self.path = Path(path)
         self._files: list[Storage] = []
         self._classes: dict[str, type[Any]] = {}
@@ -45,7 +47,7 @@ class BagReader:
             self.files = self._paths()
             """The files it consists of."""
             for file in self.files:
-                self._files.append(_open(file))
+                self._files.append(_open(file, validate_crcs))
             self.topics: dict[str, BagTopic] = self._all_topics()
             """What was recorded, by name of the topic."""
             spans = [span for file in self._files if (span := file.span()) is not None]
@@ -125,10 +127,13 @@ class BagReader:
         for name in names or ():
             self._topic(name)
         found = merged(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
-        return found if raw else self._decoded(found, arrays)
+        if raw:
+            return (BagMessage(topic, bytes(data), logged, published) for topic, data, logged, published in found)
+        return self._decoded(found, arrays)
 
-    def _decoded(self, found: Iterable[BagMessage], arrays: bool) -> Iterator[BagMessage]:
-        decoders: dict[str, Callable[[bytes], Any]] = {}
+    def _decoded(self, found: Iterable[Raw], arrays: bool) -> Iterator[BagMessage]:
+        decoders: dict[str, Callable[[bytes | memoryview], Any]] = {}
+        make = tuple.__new__  # what BagMessage() does, in half the time
         for topic, data, log_time, publish_time in found:
             decode = decoders.get(topic)
             if decode is None:
@@ -138,7 +143,7 @@ class BagReader:
             except DecodeError as error:
                 place = f"{self.path}: {topic} at {log_time} ns: {error.path}"
                 raise DecodeError(place, error.offset_bytes, error.reason) from None
-            yield BagMessage(topic, message, log_time, publish_time)
+            yield make(BagMessage, (topic, message, log_time, publish_time))
 
     def __iter__(self) -> Iterator[BagMessage]:
         return self.messages()
@@ -177,11 +182,12 @@ class BagReader:
         """The messages of a topic as a table: a structured array with a row for each.
 
         Args:
-            fields: paths such as ``"header.stamp"`` or ``"linear_acceleration.x"``; None means all numbers, strings and
-                fixed arrays. Times become nanoseconds in int64.
+            fields: paths such as ``"header.stamp"`` or ``"linear_acceleration.x"``; None means all numbers and strings.
+                Fixed arrays become columns with an axis more when they are named. Times become nanoseconds in int64.
 
         Returns:
-            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. `pandas.DataFrame` takes it.
+            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. `pandas.DataFrame` takes it when
+            there are no arrays in it.
 
         Raises:
             BagError: no such topic or field, or a field that has no fixed size. DecodeError: as `messages`.
@@ -203,11 +209,11 @@ class BagReader:
         self.close()
 
 
-def _open(path: Path) -> Storage:
+def _open(path: Path, validate_crcs: bool) -> Storage:
     if path.suffix == ".db3":
         return SqliteFile(path)
     if path.suffix == ".mcap":
-        return McapFile(path)
+        return McapFile(path, validate_crcs)
     raise BagError(f"{path}: neither .mcap nor .db3 nor a folder")
 
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.mcap.common import BagError, BagTopic
+from rosidl_py_gen.mcap.common import BagError, BagTopic, checked_time
 from rosidl_py_gen.mcap.metadata import FILE, FileStatistics, metadata_text
 
 if TYPE_CHECKING:
@@ -88,12 +88,12 @@ class SqliteWriter:
         """Write the bytes of a message; these bags have no publish times.
 
         Raises:
-            BagError: an unknown topic, a closed bag, or it cannot be written.
+            BagError: an unknown topic, a closed bag, a time below 0, or it cannot be written.
         """
         if self._closed or topic not in self._ids:
             raise BagError(f"{self.path} is closed" if self._closed else f"{topic} has no type yet: call add_topic")
         with self._told():
-            row = self._ids[topic], log_time_ns, data
+            row = self._ids[topic], checked_time(log_time_ns, topic, "log"), data
             self._base.execute("insert into messages(topic_id, timestamp, data) values (?, ?, ?)", row)
         self._statistics.add(topic, log_time_ns)
 

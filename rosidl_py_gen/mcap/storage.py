@@ -9,21 +9,24 @@ import contextlib
 import heapq
 import sqlite3
 import struct
+import zlib
 from bisect import bisect_left
 from dataclasses import replace
 from functools import cached_property
+from io import SEEK_END
 from operator import attrgetter, itemgetter
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.records import Channel, Chunk, DataEnd, Message, Schema
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.writer import MCAP0_MAGIC
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.mcap.common import BagError, BagMessage, BagTopic
+from rosidl_py_gen.mcap.common import BagError, BagTopic
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Container, Iterator, Mapping
@@ -34,9 +37,22 @@ if TYPE_CHECKING:
 _MOST_INT = (1 << 63) - 1
 _RECORD = struct.Struct("<BQ")
 """Kind and length of a record of MCAP."""
-_MESSAGE = struct.Struct("<HIQQ")
-"""Channel, sequence, log time and publish time of a message; the rest of the record is its data."""
+_MESSAGE = struct.Struct("<BQHIQQ")
+"""The same of a message, then channel, sequence, log time and publish time; the rest of the record is its data."""
+_FOOTER = struct.Struct("<BQQQI8s")
+"""The end of a file: kind, length, where the index begins, a part of it, checksum of the index and of what is left of
+the checksum here, and the magic bytes.
+"""
+_FOOTER_CRC = 12
+"""Where the checksum is, from the end."""
+_LARGE = 8
+"""A message is large when its chunk has at most so many times its size."""
+Raw: TypeAlias = "tuple[str, bytes | memoryview, int, int]"
+"""What a `BagMessage` has, before decoding; a plain tuple is made in a third of the time. Large messages view the chunk
+they are in, and so do the arrays that are decoded from them.
+"""
 _LOG_TIME = itemgetter(2)
+_IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
 
 
 class Storage(Protocol):
@@ -51,7 +67,7 @@ class Storage(Protocol):
     def span(self) -> tuple[int, int] | None:
         """Log times of the first and the last message; None when there is none."""
 
-    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         """Raw messages with ``start <= log_time < end``, by log time; None means all topics."""
 
     def close(self) -> None:
@@ -73,22 +89,34 @@ def _told(path: Path) -> Iterator[None]:
 class McapFile:
     """An MCAP file; without an index, as after a crash, it is read from the beginning to where it ends."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, validate_crcs: bool) -> None:
         self._path = path
+        self._validate_crcs = validate_crcs
         self._stream = path.open("rb")
         try:
             with _told(path):
-                size = path.stat().st_size
-                self._reader = SeekingReader(self._stream, validate_crcs=True, record_size_limit=max(size, 1))
-                try:
-                    self._summary = self._reader.get_summary()
-                except Exception:
-                    self._summary = None
+                self._size = path.stat().st_size
+                if not MCAP0_MAGIC.startswith(self._stream.read(len(MCAP0_MAGIC))):  # shorter: nothing was written yet
+                    raise BagError(f"{path}: damaged: it does not begin as MCAP files do")
+                self._summary = self._checked_summary()
         except BaseException:
             self._stream.close()
             raise
         self.is_whole = self._summary is not None and bool(self._summary.channels or not self._summary.chunk_indexes)
-        self._size = max(size, 1)
+
+    def _checked_summary(self) -> Summary | None:
+        """The index; None when there is none, or when its checksum is wrong, which the package does not look at."""
+        try:
+            self._stream.seek(-_FOOTER.size, SEEK_END)
+            _, _, start, _, expected, _ = _FOOTER.unpack(self._stream.read())
+            self._stream.seek(start)
+            found = zlib.crc32(self._stream.read(self._size - _FOOTER_CRC - start))
+            if expected not in (0, found):
+                return None
+            self._stream.seek(0)
+            return SeekingReader(self._stream, record_size_limit=self._size).get_summary()
+        except Exception:
+            return None
 
     def topics(self) -> list[BagTopic]:
         with _told(self._path):
@@ -126,14 +154,14 @@ class McapFile:
         rows = [_topic(one, schemas.get(one.schema_id), counted.get(id, 0)) for id, one in channels.items()]
         return rows, (first, last) if counted else None
 
-    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         with _told(self._path):
             if self.is_whole and self._summary is not None and self._summary.chunk_indexes:
                 yield from self._indexed(self._summary, topics, start, end)
             else:
-                yield from sorted(self._unindexed(topics, start, end), key=attrgetter("log_time"))
+                yield from sorted(self._unindexed(topics, start, end), key=_LOG_TIME)
 
-    def _indexed(self, told: Summary, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+    def _indexed(self, told: Summary, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         """Chunk after chunk; what is later than the beginning of the next one waits for it.
 
         The package's own reader orders message by message, and its objects cost twice as much as decoding.
@@ -147,7 +175,7 @@ class McapFile:
             chunks = [
                 one for one in chunks if not one.message_index_offsets or names.keys() & one.message_index_offsets
             ]
-        waiting: list[BagMessage] = []
+        waiting: list[Raw] = []
         for number, chunk in enumerate(chunks):
             found = self._chunk(chunk.chunk_start_offset, names, told.channels)
             waiting += [one for one in found if start <= one[2] < end]
@@ -158,28 +186,31 @@ class McapFile:
                 del waiting[:ready]
         yield from waiting
 
-    def _chunk(self, offset: int, names: Mapping[int, str], known: Container[int]) -> Iterator[BagMessage]:
+    def _chunk(self, offset: int, names: Mapping[int, str], known: Container[int]) -> list[Raw]:
         """The messages of the channels in `names`."""
         self._stream.seek(offset + _RECORD.size)
         chunk = Chunk.read(ReadDataStream(self._stream))
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+        stream, size = get_chunk_data_stream(chunk, validate_crc=self._validate_crcs)
         data = stream.read(size)
+        view = memoryview(data)
+        found: list[Raw] = []
         at = 0
         while at < size:
             opcode, length = _RECORD.unpack_from(data, at)
-            at += _RECORD.size
-            if length > size - at:
+            end = at + _RECORD.size + length
+            if end > size:
                 raise BagError(f"{self._path}: damaged: a record in a chunk is longer than the chunk")
-            if opcode == Opcode.MESSAGE:
-                channel, _, log_time, publish_time = _MESSAGE.unpack_from(data, at)
+            if opcode == _IS_MESSAGE:
+                _, _, channel, _, log_time, publish_time = _MESSAGE.unpack_from(data, at)
                 if channel in names:
-                    body = data[at + _MESSAGE.size : at + length]
-                    yield BagMessage(names[channel], body, log_time, publish_time)
+                    whole = view if length * _LARGE > size else data
+                    found.append((names[channel], whole[at + _MESSAGE.size : end], log_time, publish_time))
                 elif channel not in known:
                     raise BagError(f"{self._path}: damaged: a message of channel {channel}, which there is not")
-            at += length
+            at = end
+        return found
 
-    def _unindexed(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+    def _unindexed(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         names: dict[int, str] = {}
         for record in self._records():
             if isinstance(record, Channel):
@@ -187,14 +218,24 @@ class McapFile:
             elif isinstance(record, Message) and start <= record.log_time < end:
                 topic = names.get(record.channel_id)
                 if topic is not None and (topics is None or topic in topics):
-                    yield BagMessage(topic, record.data, record.log_time, record.publish_time)
+                    yield topic, record.data, record.log_time, record.publish_time
 
     def _records(self) -> Iterator[Any]:
         """Everything up to the end, or to where the file breaks off."""
+        if self._size < len(MCAP0_MAGIC):
+            return
         self._stream.seek(0)
-        reader = StreamReader(self._stream, validate_crcs=True, record_size_limit=self._size)
-        with contextlib.suppress(EndOfFile, RecordLengthLimitExceeded):  # the limit is the size of the file
-            yield from reader.records
+        reader = StreamReader(self._stream, validate_crcs=self._validate_crcs, record_size_limit=self._size)
+        try:
+            for record in reader.records:
+                if isinstance(record, DataEnd):  # the index follows, which was missing or damaged
+                    return
+                yield record
+        except (EndOfFile, RecordLengthLimitExceeded):  # the limit is the size of the file
+            return
+        except struct.error:
+            if self._stream.tell() < self._size:
+                raise  # it does not end within a number
 
     def close(self) -> None:
         self._stream.close()
@@ -267,7 +308,7 @@ class SqliteFile:
         rows = self._base.execute("select topic_type, encoded_message_definition, encoding from message_definitions")
         return {name: (str(text), str(how)) for name, text, how in rows}
 
-    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         with _told(self._path):
             names = {key: str(name) for key, name in self._base.execute("select id, name from topics")}
             wanted = [key for key, name in names.items() if topics is None or name in topics]
@@ -280,14 +321,14 @@ class SqliteFile:
             for key, stamp, data in rows:
                 if not isinstance(data, bytes) or not isinstance(stamp, int):
                     raise BagError(f"{self._path}: a message on {names[key]} is no bytes with a time")
-                yield BagMessage(names[key], data, stamp, stamp)
+                yield names[key], data, stamp, stamp
 
     def close(self) -> None:
         self._base.close()
 
 
-def merged(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[BagMessage]:
+def merged(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
     """The messages of several files by log time."""
     if len(files) == 1:
         return files[0].messages(topics, start, end)
-    return heapq.merge(*(one.messages(topics, start, end) for one in files), key=attrgetter("log_time"))
+    return heapq.merge(*(one.messages(topics, start, end) for one in files), key=_LOG_TIME)

@@ -25,7 +25,7 @@ def table(
 ) -> np.ndarray[Any, np.dtype[np.void]]:
     """A structured array; see `BagReader.to_arrays`."""
     known = dict(_columns(cls, "", ""))
-    names = list(known) if fields is None else list(fields)
+    names = [name for name, (_, _, shape) in known.items() if not shape] if fields is None else list(fields)
     for name in names:
         if name not in known:
             raise BagError(f"{where}: no column {name}{did_you_mean(name, known)}; there are {', '.join(known)[:500]}")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.descriptions import default_text, describe
 from rosidl_py_gen.errors import DefinitionError, Problem, TypeNotFoundError
-from rosidl_py_gen.names import KINDS, RosName, did_you_mean, split_ros_name
+from rosidl_py_gen.names import KINDS, RosName, did_you_mean, is_constant_name, is_field_name, split_ros_name
 from rosidl_py_gen.spec.model import ActionDef, FieldDef, MessageDef, ServiceDef
 from rosidl_py_gen.spec.resolve import check, raise_findings
 
@@ -76,23 +76,37 @@ def source_text(library: Library, owner: RosName) -> str:
 
 
 def full_text(library: Library, top: RosName) -> str:
-    """ros2msg text as bags and MCAP files carry it; `compile_text` reads it."""
+    """ros2msg text as bags and MCAP files carry it; `compile_text` reads it.
+
+    What comes from .idl files is written in the notation of .msg files, the only one that most readers of bags know.
+    With names that those do not allow it stays IDL below a line that says so; if the top one does, it is ros2idl text.
+    """
     description = describe(str(top), library.rows)
-    parts = [_file_text(library, top)]
-    for one in description["referenced_type_descriptions"]:
-        name = split_ros_name(one["type_name"])
-        if name.kind == "msg":
-            source = library.interface(name)
-            mark = "IDL" if source is not None and source.source.format == "idl" else "MSG"
-            shown = str(name) if mark == "IDL" else f"{name.package}/{name.name}"
-            parts.append(f"{_LINE}\n{mark}: {shown}\n{_file_text(library, name)}")
+    used = (split_ros_name(one["type_name"]) for one in description["referenced_type_descriptions"])
+    parts = []
+    for name in (top, *(name for name in used if name.kind == "msg")):
+        if _stays_idl(library, name):
+            parts.append(f"{_LINE}\nIDL: {name}\n{source_text(library, name)}")
+        else:
+            head = "" if name == top else f"{_LINE}\nMSG: {name.package}/{name.name}\n"
+            parts.append(head + _file_text(library, name))
     return "".join(parts)
 
 
-def _file_text(library: Library, name: RosName) -> str:
-    """The file's text; written anew for what no file has: messages that ROS derives, and described types."""
+def _stays_idl(library: Library, name: RosName) -> bool:
     interface = library.interface(name)
-    if interface is not None and interface.source.text:
+    if interface is None or interface.source.format != "idl":
+        return False
+    sections = _sections(interface)
+    fields = [item.name for section in sections for item in section.fields]
+    constants = [item.name for section in sections for item in section.constants]
+    return not (all(map(is_field_name, fields)) and all(map(is_constant_name, constants)))
+
+
+def _file_text(library: Library, name: RosName) -> str:
+    """The file's text; written anew for IDL, and for what no file has: messages that ROS derives, described types."""
+    interface = library.interface(name)
+    if interface is not None and interface.source.text and interface.source.format != "idl":
         return source_text(library, name)
     return "".join(f"{line}\n" for line, _ in _lines(library, name))
 

@@ -170,6 +170,33 @@ async def test_a_service_with_servers_of_both_kinds_answers_every_client(dds: An
     assert {(await client.call(cls.Request(), CALL_S)).message for _ in range(5)} == {"ours"}
 
 
+async def test_requests_name_the_reader_that_waits_until_all_servers_have_answered(
+    dds: Any, shared_peer: Peer, start_peer: Callable[..., Peer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So a server that has just come waits until its reply has somewhere to go."""
+    name, kind = fresh("named"), "std_srvs/srv/Trigger"
+    client = await client_of_theirs(dds.node("tester"), shared_peer, name, kind, "trigger", note="first")
+    write, named = client._writer.write, []
+
+    def watched(data: bytes, identity: Any = None) -> Any:
+        named.append(identity is not None)
+        return write(data, identity)
+
+    monkeypatch.setattr(client._writer, "write", watched)
+    for _ in range(3):
+        assert (await client.call(client_request(shared_peer, kind), CALL_S)).message == "first"
+    assert named == [True, False, False]
+    second = start_peer("second")
+    await second.ask("serve", name=name, type=kind, how="trigger", note="second")
+    await until(lambda: len(client.servers()) == 2)
+    await client.call(client_request(shared_peer, kind), CALL_S)
+    assert named[3:] == [True]
+    while named[-1]:
+        await client.call(client_request(shared_peer, kind), CALL_S)
+        assert len(named) < 1000
+    second.close()
+
+
 async def both_kinds_call(peer: Peer, client: Any, name: str) -> None:
     """Three clients of theirs and one of ours call an echoing server at the same time.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import struct
 import time
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
-from rosidl_py_gen import get_message, type_hash
+from rosidl_py_gen import compile_text, get_message, type_hash
 from rosidl_py_gen.mcap import BagError, BagReader, BagTopic, BagWriter, DecoderFactory
 from rosidl_py_gen.mcap.metadata import qos_profiles
 from rosidl_py_gen.runtime import Durability, QoSProfile
@@ -182,6 +183,61 @@ def test_definitions_in_idl_and_big_endian_data_are_read(tmp_path: Path) -> None
     assert (found.text, found.number) == ("äb", -2)
 
 
+@pytest.mark.parametrize("big", [False, True], ids=["little endian", "big endian"])
+def test_what_other_decoders_read_wrong_is_read(tmp_path: Path, big: bool) -> None:
+    text = "wstring text\nbuiltin_interfaces/Time before\nbuiltin_interfaces/Duration less\n"
+    text += "std_msgs/Empty nothing\nint32 last\n"
+    times = f"{'=' * 80}\nMSG: builtin_interfaces/{{}}\nint32 sec\nuint32 nanosec\n"
+    text += times.format("Time") + times.format("Duration") + f"{'=' * 80}\nMSG: std_msgs/Empty\n"
+    order = ">" if big else "<"
+    body = struct.pack(f"{order}IIIiIiI", 2, 0xE4, 0x20AC, -1, 999_999_999, -3, 500_000_000)
+    data = (b"\0\0\0\0" if big else b"\0\1\0\0") + body + b"\0" * 4 + struct.pack(f"{order}i", -7)
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/mixed", BagTopic("/mixed", "local/msg/Mixed", text))
+        writer.add_topic("/empty", get_message("std_msgs/msg/Empty"))
+        writer.write("/mixed", data, 1)
+        writer.write("/empty", b"\0\0\0\0\0" if big else b"\0\1\0\0\0", 2)
+    with BagReader(path) as reader, path.open("rb") as stream:
+        factory = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for mixed, empty in (
+            [item.message for item in reader],
+            [item.decoded_message for item in factory.iter_decoded_messages()],
+        ):
+            assert (mixed.text, mixed.before.sec, mixed.before.nanosec, mixed.last) == ("ä€", -1, 999_999_999, -7)
+            assert (mixed.less.sec, mixed.less.nanosec) == (-3, 500_000_000)
+            assert type(empty).__name__ == "Empty"
+
+
+def test_types_of_idl_files_are_written_so_that_others_read_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "share" / "of_idl" / "msg"
+    folder.mkdir(parents=True)
+    index = tmp_path / "share" / "ament_index" / "resource_index" / "packages"
+    index.mkdir(parents=True)
+    (index / "of_idl").touch()
+    (folder / "Plain.idl").write_text(
+        "module of_idl { module msg { struct Plain { double x; sequence<string<8>, 2> few; }; }; };"
+    )
+    (folder / "Odd.idl").write_text("module of_idl { module msg { struct Odd { long Number; }; }; };")
+    (folder / "Both.msg").write_text("Plain plain\nint32 number\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    plain, odd, both = (get_message(f"of_idl/msg/{name}") for name in ("Plain", "Odd", "Both"))
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        for time_ns, sample in enumerate((plain(x=1.5, few=["a"]), both(plain=plain(x=2.5)), odd(Number=3))):
+            writer.write(f"/{type(sample).__name__}", sample, time_ns)
+    with path.open("rb") as stream:
+        theirs = make_reader(stream, decoder_factories=[TheirFactory()]).iter_decoded_messages(["/Plain", "/Both"])
+        one, two = (item.decoded_message for item in theirs)
+    assert (one.x, one.few, two.plain.x) == (1.5, ["a"], 2.5)
+    with BagReader(path) as reader:
+        assert [topic.encoding for topic in reader.topics.values()] == ["ros2msg", "ros2idl", "ros2msg"]
+        assert compile_text("of_idl/msg/Odd", reader.topics["/Odd"].definition) is odd
+        assert [item.message for item in reader][2] == odd(Number=3)
+
+
 def test_a_topic_without_definition_is_found_by_name(tmp_path: Path) -> None:
     path = tmp_path / "bare.mcap"
     with BagWriter(path) as writer:
@@ -224,8 +280,9 @@ def test_a_topic_becomes_a_table(bag: Path) -> None:
         assert table["linear_acceleration.x"].dtype == np.float64 and table["linear_acceleration.x"].sum() == 22.5
         assert table["orientation_covariance"].shape == (10, 9)
         assert table["header.frame_id"][9] == "imu_9"
-        everything = reader.to_arrays("/imu").dtype.names or ()
-        assert "angular_velocity.z" in everything and "header.stamp" in everything
+        everything = reader.to_arrays("/imu").dtype
+        assert "angular_velocity.z" in everything.fields and "header.stamp" in everything.fields
+        assert all(everything[name].shape == () for name in everything.names)  # as pandas.DataFrame needs it
         with pytest.raises(BagError, match=r"no column linear_acceleration\.w; did you mean"):
             reader.to_arrays("/imu", ["linear_acceleration.w"])
 
@@ -272,6 +329,13 @@ def test_qos_comes_back(tmp_path: Path) -> None:
     for place in (tmp_path / "bag", tmp_path / "bag" / "bag_0.mcap"):
         with BagReader(place) as reader:
             assert qos_profiles(reader.topics["/map"].offered_qos) == [latched]
+    with BagWriter(tmp_path / "split", split_s=1) as writer:
+        writer.add_topic("/silent", String, qos=[latched])
+        writer.write("/map", String(), 0)
+        writer.write("/map", String(), 2 * S)
+    for place in ("split_0.mcap", "split_1.mcap"):  # a topic without messages is in all of them, as rosbag2 has it
+        with BagReader(tmp_path / "split" / place) as reader:
+            assert {name: topic.count for name, topic in reader.topics.items()} == {"/map": 1, "/silent": 0}
     assert qos_profiles("- {history: keep_last") == qos_profiles("5") == []
 
 
@@ -298,6 +362,8 @@ def test_writers_refuse_what_would_not_be_read(tmp_path: Path) -> None:
             writer.write("/s", Imu())
         with pytest.raises(BagError, match="log time -1"):
             writer.write("/s", String(), -1)
+        with pytest.raises(BagError, match="publish time 9223372036854775808"):
+            writer.write("/s", String(), 1, 1 << 63)
     with pytest.raises(BagError, match="closed"):
         writer.write("/s", String())
     with pytest.raises(BagError, match="exists already"):
@@ -323,6 +389,40 @@ def test_a_full_disk_is_told_and_what_was_written_is_read(tmp_path: Path) -> Non
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     with BagReader(path) as reader:
         assert len(list(reader)) > 100
+
+
+def test_a_disk_that_is_full_when_a_file_ends_leaves_those_before_and_no_more_is_written(tmp_path: Path) -> None:
+    import resource
+
+    writer = BagWriter(tmp_path / "bag", compression="", split_bytes=500_000)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for number in range(7):
+        writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            for number in range(7, 100):
+                writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
+        with pytest.raises(BagError, match="closed"):
+            writer.write("/b", Bytes())
+        writer.flush()
+        writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with BagReader(tmp_path / "bag") as reader:
+        assert [item.log_time for item in reader] == list(range(5))
+
+
+def test_a_recorder_that_is_killed_while_it_makes_a_file_leaves_the_others(tmp_path: Path) -> None:
+    write_some(tmp_path / "bag", split_s=3)
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    for beginning in (b"", b"\x89MCAP"):
+        (tmp_path / "bag" / "bag_4.mcap").write_bytes(beginning)
+        with BagReader(tmp_path / "bag") as reader:
+            assert len(list(reader)) == 20 and not reader.has_index
+    (tmp_path / "bag" / "bag_4.mcap").write_bytes(b"MCAP")
+    with pytest.raises(BagError, match="does not begin as MCAP files do"):
+        BagReader(tmp_path / "bag")
 
 
 def test_names_of_other_things_are_refused(tmp_path: Path) -> None:

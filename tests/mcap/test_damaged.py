@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import resource
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,8 +16,6 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.mcap import BagError, BagReader, BagWriter
 
-STRIDE = int(os.environ.get("DAMAGE_STRIDE", "17"))
-"""Every byte with 1, which takes minutes."""
 Bool: Any = get_message("std_msgs/msg/Bool")
 
 
@@ -32,14 +29,27 @@ def little_memory() -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_AS, limits)
 
 
-def read(path: Path) -> int | None:
-    """How many messages; None when it is refused."""
+RIGHT = [("/a", Bool(data=True), number, number) for number in range(3)]
+
+
+def read(path: Path, is_checked: bool = True) -> int | None:
+    """How many messages, all of them right when the kind of file has checksums; None when it is refused."""
     try:
         with BagReader(path) as reader:
-            return sum(1 for _ in reader)
+            found = list(reader)
+            topics = reader.topics
     except RosidlError as error:
         assert str(error)
         return None
+    if is_checked:
+        assert found == RIGHT[: len(found)]
+        assert all(topic.count == len(found) for topic in topics.values())
+    return len(found)
+
+
+def flipped(data: bytes, at: int) -> bytes:
+    """With one byte wrong: in all bits, or in one."""
+    return data[:at] + bytes([data[at] ^ (0xFF if at % 2 else 1 << at // 2 % 8)]) + data[at + 1 :]
 
 
 @pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
@@ -53,10 +63,9 @@ def test_every_byte_of_an_mcap_file_may_be_wrong(tmp_path: Path, compression: st
     path.unlink()
     damaged = tmp_path / "b.mcap"
     answers = set()
-    for at in range(0, len(data), STRIDE):
-        for flip in (0xFF, 1 << at % 8):
-            damaged.write_bytes(data[:at] + bytes([data[at] ^ flip]) + data[at + 1 :])
-            answers.add(read(damaged))
+    for at in range(len(data)):
+        damaged.write_bytes(flipped(data, at))
+        answers.add(read(damaged))
     assert {3, None} <= answers
 
 
@@ -68,10 +77,10 @@ def test_an_mcap_file_may_end_anywhere(tmp_path: Path) -> None:
     data = path.read_bytes()
     cut = tmp_path / "b.mcap"
     answers = set()
-    for end in range(0, len(data), 5):
+    for end in range(0, len(data), 3):
         cut.write_bytes(data[:end])
         answers.add(read(cut))
-    assert answers == {None, 0, 3}
+    assert answers == {0, 3}
 
 
 @pytest.mark.usefixtures("little_memory")
@@ -83,16 +92,15 @@ def test_bytes_of_a_database_may_be_wrong(tmp_path: Path) -> None:
             writer.write(connection, number, b"\0\1\0\0\1")
     (file,) = (tmp_path / "bag").glob("*.db3")
     data = file.read_bytes()
-    used = [at for at, byte in enumerate(data) if byte]
     damaged = tmp_path / "b.db3"
     answers = set()
-    for at in used[:: max(2, STRIDE // 4)]:
-        for flip in (0xFF, 0x10):
-            damaged.write_bytes(data[:at] + bytes([data[at] ^ flip]) + data[at + 1 :])
-            answers.add(read(damaged))
+    for at in range(len(data)):
+        if data[at]:  # most of its pages is empty
+            damaged.write_bytes(flipped(data, at))
+            answers.add(read(damaged, is_checked=False))
     for end in range(0, len(data), 500):
         damaged.write_bytes(data[:end])
-        answers.add(read(damaged))
+        answers.add(read(damaged, is_checked=False))
     assert {3, None} <= answers
 
 

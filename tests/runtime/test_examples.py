@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import os
 import re
 import shutil
@@ -14,13 +15,20 @@ import time
 from collections import Counter
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from browser import Browser, browser
 from geometry_msgs.msg import Point
+from matplotlib.image import imread
+from sensor_msgs.msg import Image, Imu, PointCloud2
+from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 from worlds import ROOT
 
-from rosidl_py_gen.runtime import Node, SetResult
+from rosidl_py_gen.mcap import BagWriter
+from rosidl_py_gen.numpy import array_to_pointcloud, image_to_array, pointcloud_to_array
+from rosidl_py_gen.runtime import Node, QoSProfile, SetResult
+from rosidl_py_gen.runtime.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -164,6 +172,99 @@ def test_points_are_turned_and_filtered() -> None:
     points = asyncio.run(ask()).points
     assert [(round(point.x, 3), round(point.y, 3), point.z) for point in points] == [(0.866, 0.5, 7), (-1, 1.732, 0)]
     stop(turning)
+
+
+def test_a_camera_shows_the_same_disc_on_pictures_and_depths() -> None:
+    camera = start("camera.py")
+
+    async def ask() -> tuple[Image, Image]:
+        async with Node("viewer") as node:
+            qos = QoSProfile(depth=50).best_effort()
+            images = node.create_subscription(Image, "image", qos=qos)
+            depths = node.create_subscription(Image, "depth", qos=qos)
+            image, depth = await images.receive(timeout_s=20), await depths.receive(timeout_s=20)
+            while image.header.stamp != depth.header.stamp:
+                if (image.header.stamp.sec, image.header.stamp.nanosec) < (
+                    depth.header.stamp.sec,
+                    depth.header.stamp.nanosec,
+                ):
+                    image = await images.receive(timeout_s=20)
+                else:
+                    depth = await depths.receive(timeout_s=20)
+            return image, depth
+
+    image, depth = asyncio.run(ask())
+    pixels, metres = image_to_array(image), image_to_array(depth)
+    assert (image.encoding, pixels.shape, depth.encoding, metres.shape) == ("rgb8", (240, 320, 3), "32FC1", (240, 320))
+    on_disc = (pixels == (255, 160, 0)).all(axis=2)
+    assert 2700 < on_disc.sum() < 2950  # pi * 30**2
+    assert (np.isfinite(metres) == on_disc).all() and (metres[on_disc] == 1.5).all()
+    assert camera.stdout is not None and camera.stdout.readline() == "10 images of 320x240, rgb8 and 32FC1\n"
+    stop(camera)
+
+
+def test_a_cloud_is_filtered_with_all_its_fields() -> None:
+    filtering = start("cloud_filter.py")
+    points = np.zeros(5, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("ring", "u2")])
+    points["x"], points["z"], points["ring"] = [1, 9, 2, np.nan, 3], [1, 1, 0, 1, 2], range(5)
+
+    async def ask() -> PointCloud2:
+        async with Node("lidar") as node:
+            near = node.create_subscription(PointCloud2, "points_filtered", qos=SENSOR_DATA)
+            out = node.create_publisher(PointCloud2, "points", SENSOR_DATA)
+            assert await out.wait_for_subscribers(10) and await near.wait_for_publishers(10)
+            answer = asyncio.ensure_future(near.receive(timeout_s=20))
+            while not answer.done():  # best effort: the other side may not be ready when we are
+                out.publish(array_to_pointcloud(points, header=Header(frame_id="lidar"), cls=PointCloud2))
+                await asyncio.wait([answer], timeout=0.2)
+            return answer.result()
+
+    cloud = asyncio.run(ask())
+    left = pointcloud_to_array(cloud)
+    assert (cloud.header.frame_id, left["ring"].tolist(), left["x"].tolist()) == ("lidar", [0, 4], [1, 3])
+    assert filtering.stdout is not None and filtering.stdout.readline() == "5 points, 2 left\n"
+    stop(filtering)
+    alone = start("cloud_filter.py", "--demo")
+    assert alone.stdout is not None
+    line = re.fullmatch(r"1000 points, (\d+) left\n", alone.stdout.readline())
+    assert line and 100 < int(line[1]) < 300  # pi * 25 / 256 of them are near, half of those above the ground
+    stop(alone)
+
+
+def test_fields_of_a_bag_are_plotted(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "drive") as bag:
+        for number in range(300):
+            sample = Imu()
+            sample.linear_acceleration.x = float(number)
+            bag.write("/imu", sample, number * 10_000_000)
+    fields = "linear_acceleration.x", "orientation_covariance"
+    picture, drawing = tmp_path / "imu.png", tmp_path / "imu.svg"
+    for output in (picture, drawing):
+        said = start("bag_plot.py", str(tmp_path / "drive"), "/imu", *fields, "-o", str(output)).communicate(timeout=60)
+        assert said == (f"300 messages of /imu, 2.990 s, in {output}\n", "")
+    for text in ("/imu", "seconds", *fields):
+        assert f"<!-- {text} -->" in drawing.read_text()
+    pixels = imread(picture)
+    upper = pixels[: len(pixels) // 2, :, :3]
+    rows, columns = np.nonzero(np.abs(upper - np.array([31, 119, 180]) / 255).max(axis=2) < 0.05)
+    assert len(rows) > 300 and np.corrcoef(rows, columns)[0, 1] < -0.95  # a line that rises: rows count downwards
+    failed = start("bag_plot.py", str(tmp_path / "drive"), "/im", "x")
+    _, errors = failed.communicate(timeout=60)
+    assert failed.returncode == 1 and errors.startswith("error: ") and 'no topic /im; did you mean "/imu"' in errors
+
+
+def test_what_the_lidar_of_a_robot_sees_is_found_in_the_map() -> None:
+    looking = start("transform_lookup.py")
+    assert looking.stdout is not None
+    for _ in range(3):
+        line = looking.stdout.readline()
+        found = re.fullmatch(r"\(1\.0, 0\.0, 0\.0\) of lidar is \((\S+), (\S+), 0\.50\) in map\n", line)
+        assert found and math.hypot(float(found[1]), float(found[2])) == pytest.approx(4.2, abs=0.02)
+    other = start("transform_lookup.py", "lidar", "base_link")
+    assert other.stdout is not None
+    assert other.stdout.readline() == "(1.0, 0.0, 0.0) of base_link is (0.80, 0.00, -0.50) in lidar\n"
+    stop(other)
+    stop(looking)
 
 
 def test_simulated_time_runs_ten_times_as_fast_and_others_follow() -> None:

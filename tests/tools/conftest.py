@@ -36,10 +36,14 @@ class Ended:
 class Tool:
     """Runs ``rosidl-py`` in processes of their own."""
 
-    async def start(self, *arguments: str, **environment: str) -> asyncio.subprocess.Process:
-        """Begin a command; the test ends it, or its failure does."""
+    async def start(
+        self, *arguments: str, within: tuple[str, ...] = (), **environment: str
+    ) -> asyncio.subprocess.Process:
+        """Begin a command; the test ends it, or its failure does. `within` is a command that takes it as its last
+        arguments.
+        """
         return await start_process(
-            *(sys.executable, "-m", "rosidl_py_gen.tools", *arguments),
+            *(*within, sys.executable, "-m", "rosidl_py_gen.tools", *arguments),
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import resource
+import shutil
 import signal
 import sys
 import time
@@ -12,6 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.typesys import Stores, get_typestore
 from worlds import start_process, until
@@ -101,6 +104,54 @@ async def test_what_a_node_publishes_is_recorded_with_what_it_offers(node: Node,
     assert sorted(one.data for one in decoded)[0] == "late"  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize(
+    ("limit", "compression"), [(("--max-bag-size", "10000"), "lz4"), (("--max-bag-duration", "0.2"), "zstd")]
+)
+async def test_topics_with_a_pattern_are_recorded_into_several_files(
+    node: Node, tool: Any, tmp_path: Path, run_here: Any, limit: tuple[str, str], compression: str
+) -> None:
+    left, depth, hidden, other = (
+        node.create_publisher(String, name, QoSProfile(depth=100))
+        for name in ("camera/left", "camera/left/depth", "camera/_raw", "other")
+    )
+    path = tmp_path / "bag"
+    process = await tool.start(
+        *("bag", "record", "--regex", "^/camera", "--exclude", "depth$", "--include-hidden-topics"),
+        *("-o", str(path), "--compression", compression, *limit),
+    )
+    for _ in range(2):
+        await said(process, "recording /camera/")  # definitions are there, so nothing waits for them
+    assert await left.wait_for_subscribers(20) and await hidden.wait_for_subscribers(20)
+    sent = 0
+    while len(list(path.glob("bag_*.mcap"))) < 3 and sent < 1000:
+        for publisher in (left, depth, hidden, other):
+            publisher.publish(String(data="x" * 500))
+        sent += 1
+        await asyncio.sleep(0.01)
+    await until(lambda: count_of(path) == 2 * sent, 20)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert ended.code == 0 and f"recorded {2 * sent} messages of 2 topics" in ended.err
+    told = json.loads(run_here("bag", "info", str(path), "--json")[1])
+    assert {one["name"]: one["count"] for one in told["topics"]} == {"/camera/left": sent, "/camera/_raw": sent}
+    assert told["files"] == [f"bag_{number}.mcap" for number in range(len(told["files"]))]
+    assert len(told["files"]) >= 3
+    kinds = set()
+    for name in told["files"]:
+        with BagReader(path / name) as reader, (path / name).open("rb") as stream:
+            assert reader.has_index
+            if limit[0] == "--max-bag-duration":
+                assert reader.end_ns - reader.start_ns < 0.25 * S
+            else:
+                assert len(list(reader)) <= 20
+            summary = make_reader(stream).get_summary()
+            assert summary is not None
+            kinds |= {chunk.compression for chunk in summary.chunk_indexes}
+    assert kinds == {compression}
+    with RosbagsReader(path) as theirs:
+        assert theirs.message_count == 2 * sent
+
+
 async def test_a_killed_recorder_leaves_a_file_that_info_and_convert_read(
     node: Node, tool: Any, tmp_path: Path, run_here: Any
 ) -> None:
@@ -160,6 +211,36 @@ async def test_a_full_disk_ends_recording_with_a_file_that_can_be_read(node: Nod
     assert f"error: {path}: File too large; what was recorded before can be read" in ended.err
     with BagReader(path) as reader:
         assert sum(1 for _ in reader) > 10
+
+
+@pytest.mark.skipif(shutil.which("unshare") is None, reason="Linux, with the right to make namespaces")
+@pytest.mark.parametrize("split", [(), ("--max-bag-size", "1000000")])
+async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read(
+    node: Node, tool: Any, tmp_path: Path, split: tuple[str, ...]
+) -> None:
+    path = tmp_path / "bag"
+    script = (
+        'mount -t tmpfs -o size=4m none "$1" || exit 77; shift\n'
+        '"$@"; echo "code $?"; "$1" -m rosidl_py_gen.tools bag info "$0"'
+    )
+    process = await tool.start(
+        *("bag", "record", "/words", "-o", str(path), "--compression", "none", "--duration", "60", *split),
+        within=("unshare", "-rm", "sh", "-c", script, str(path), str(tmp_path)),
+    )
+    words = node.create_publisher(String, "words")
+    while not words.subscription_count:
+        if process.returncode is not None:
+            pytest.skip((await tool.end(process)).err)
+        await asyncio.sleep(0.01)
+    while words.subscription_count:
+        words.publish(String(data="x" * 20_000))
+        await asyncio.sleep(0.005)
+    ended = await tool.end(process)
+    assert "Traceback" not in ended.err
+    assert f"error: {path}: No space left on device; what was recorded before can be read" in ended.err
+    assert "code 1\n" in ended.out
+    found = re.search(r"/words\tstd_msgs/msg/String\t(\d+)", ended.out)
+    assert found is not None and 100 < int(found[1]) <= 210, ended.out
 
 
 def test_wrong_words_for_recording_are_told(run_here: Any, tmp_path: Path) -> None:

@@ -112,6 +112,11 @@ def is_foreign(guid: bytes) -> bool:
     return guid.startswith(FAST_DDS_VENDOR)
 
 
+def counts_requests(guid: bytes) -> bool:
+    """Whether a server's middleware knows a request without an identity by its writer and its number."""
+    return guid.startswith(FAST_DDS_VENDOR)
+
+
 def foreign_reason(graph: Graph, endpoint: Endpoint | None, service: str, role: str, refusal: str | None) -> str:
     """What to tell a person about a service peer that cannot be talked to."""
     node = "a node" if endpoint is None else graph.describe_node(endpoint.info)

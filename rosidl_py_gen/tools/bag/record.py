@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
@@ -17,6 +18,7 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
+from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.mcap import BagTopic, BagWriter
 from rosidl_py_gen.mcap.metadata import qos_text
@@ -141,6 +143,7 @@ class _Recorder:
         self._subscriptions: dict[str, Subscription[Any]] = {}
         self._dropped = 0
         self._has_looked = False
+        self._compiling = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
         self.recorded: set[str] = set()
         """Topics that are recorded."""
@@ -221,6 +224,9 @@ class _Recorder:
 
     async def _described(self, topic: str, type_name: str, qos: Sequence[Any]) -> BagTopic:
         """The topic as the bag keeps it; without definition when it cannot be found."""
+        async with self._compiling:
+            with suppress(RosidlError):  # in a thread: what arrives meanwhile is to have its own time
+                await asyncio.to_thread(get_message, type_name, path=tuple(self._wanted.paths))
         try:
             cls = await types.message_class(self._session, topic, type_name, self._wanted.paths)
             return topic_of(topic, cls, qos)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 
 class _Layout(NamedTuple):
-    """Offsets in bytes: of members in structures, and for the tables of functions their index and number."""
+    """Offsets in bytes, and for the tables of functions their index and number; members read together in one go."""
 
     table_words: int = 17
     from_ser: int = 2
@@ -54,15 +54,12 @@ class _Layout(NamedTuple):
     to_sample: int = 9
     references: int = 12
     sertype_table: int = 8
-    fragment_last: int = 20
-    fragment_message: int = 24
+    fragment: struct.Struct = struct.Struct("=Q12xIHH")
+    """The packet, where the fragment ends in the message, where submessage and payload begin in the packet."""
     packet: int = 48
     out_iov: int = 40
-    out_room: int = 8
-    out_size: int = 16
-    out_has_parameters: int = 24
-    out_payload: int = 32
-    out_data: int = 152
+    out: struct.Struct = struct.Struct("=8xQQi4xQ112xQ")
+    """Room, size of the submessages, whether there are parameters, the message if there is one, the data."""
     out_head: int = 40
     entity_reader: int = 632
     reader_flags: int = 256
@@ -73,7 +70,7 @@ _LAYOUTS = {("Linux", "x86_64", "libddsc-ad12c33a.so.11.0.1"): _Layout()}
 
 _SAMPLE_WITH_DATA = 2
 _BAD_PARAMETER = -3
-_two_words = struct.Struct("=QQ").pack
+_two_words, _four_words = struct.Struct("=QQ").pack, struct.Struct("=QQQQ").pack
 _PATIENCE = 4
 """See `FastDds.sweep`."""
 
@@ -85,7 +82,6 @@ _ToSerRef = (_Ptr, _Ptr, _Size, _Size, _Ptr)
 _ToSerUnref = (None, _Ptr, _Ptr)
 _ToSample = (ct.c_bool, _Ptr, _Ptr, _Ptr, _Ptr)
 _Unref = (None, _Ptr)
-_Iov = ct.c_uint64 * 2
 _TwoIov = ct.c_uint64 * 4
 
 _address_of = ct.PYFUNCTYPE(_Ptr, ct.py_object)(("PyBytes_AsString", ct.pythonapi))
@@ -142,10 +138,9 @@ class _Samples:
 
     def prepare_sending(self) -> None:
         """To be called before a sample with an identity is written."""
-        if not self.sends:
-            self.sends = True
-            self.table[self._layout.to_ser_ref] = ct.cast(self._to_ser_ref_function, _Ptr).value
-            self.table[self._layout.to_sample] = ct.cast(self._to_sample_function, _Ptr).value
+        self.sends = True
+        self.table[self._layout.to_ser_ref] = ct.cast(self._to_ser_ref_function, _Ptr).value
+        self.table[self._layout.to_sample] = ct.cast(self._to_sample_function, _Ptr).value
 
     def _receive(self, type_object: int, kind: int, fragment: int, size: int) -> Any:
         """Make a sample of received fragments."""
@@ -154,30 +149,28 @@ class _Samples:
             _thread.is_known = True
             _ensure_thread_state()
         try:
-            part = _bytes_at(fragment, 32)
-            packet = int.from_bytes(part[:8], "little") + layout.packet
-            message_at = layout.fragment_message
-            begin = int.from_bytes(part[message_at : message_at + 2], "little")
-            payload = int.from_bytes(part[message_at + 2 : message_at + 4], "little")
+            packet, last, begin, payload = layout.fragment.unpack(_bytes_at(fragment, layout.fragment.size))
+            packet += layout.packet
             # All of the packet up to the message, and its encapsulation header.
             before = _bytes_at(packet, payload + 4)
-            identity = rtps.read_submessage(before[:20], before[begin:payload], is_reply=self._is_reply)
+            identity = rtps.read_submessage(before, before[begin:payload], is_reply=self._is_reply)
         except Exception as err:  # not to be raised into Cyclone
             owner.distrust(f"a received sample, {err!r}")
             identity = None
         if identity is None or kind != _SAMPLE_WITH_DATA or size <= 4 or owner.refusal is not None:
             return self._plain_receive(type_object, kind, fragment, size)
         head = identified(before[payload:], identity)
-        iov = _TwoIov(_address_of(head), len(head), packet + payload + 4, size - 4)
-        all_at = ct.addressof(iov)
-        if int.from_bytes(part[layout.fragment_last : layout.fragment_last + 4], "little") >= size:
-            return owner.new_sample(type_object, kind, 2, all_at, size + IDENTITY_BYTES)
+        if last >= size:
+            iov = _four_words(_address_of(head), len(head), packet + payload + 4, size - 4)
+            return owner.new_sample(type_object, kind, 2, iov, size + IDENTITY_BYTES)
         joined = self._plain_receive(type_object, kind, fragment, size)
         if not joined:
             return joined
-        self._plain_to_ser_ref(joined, 4, size - 4, all_at + 16)
-        sample = owner.new_sample(type_object, kind, 2, all_at, size + IDENTITY_BYTES)
-        self._give_back(joined, all_at + 16)
+        parts = _TwoIov(_address_of(head), len(head))
+        rest = ct.addressof(parts) + 16
+        self._plain_to_ser_ref(joined, 4, size - 4, rest)
+        sample = owner.new_sample(type_object, kind, 2, parts, size + IDENTITY_BYTES)
+        self._give_back(joined, rest)
         owner.unref(joined)
         return sample
 
@@ -333,8 +326,8 @@ class FastDds:
         """
         packed = rtps.parameter_list(identity) + data
         address: int = _address_of(packed)
-        iov = _Iov(address + rtps.PARAMETERS_BYTES, len(data))
-        sample = self.new_sample(type_object, _SAMPLE_WITH_DATA, 1, ct.addressof(iov), len(data))
+        iov = _two_words(address + rtps.PARAMETERS_BYTES, len(data))
+        sample = self.new_sample(type_object, _SAMPLE_WITH_DATA, 1, iov, len(data))
         if not sample:
             return _BAD_PARAMETER
         samples = self._tables.get(_Ptr.from_address(sample).value or 0)
@@ -342,7 +335,8 @@ class FastDds:
             self.unref(sample)
             self.distrust("a sample made for sending")
             return _BAD_PARAMETER
-        samples.prepare_sending()
+        if not samples.sends:
+            samples.prepare_sending()
         self._ref(sample)
         self.outgoing[sample] = _Outgoing(packed, address, writer_guid[12:], identity)
         code: int = abi.undisturbed(self._write, entity, sample)
@@ -372,13 +366,11 @@ class FastDds:
     def announce_parameters(self, iov: int, writer_id: bytes) -> bool:
         """Set the flag in the packet that `iov` belongs to; False when that does not look like a packet of ours."""
         layout = self.layout
-        out = _bytes_at(iov - layout.out_iov, layout.out_data + 8)
-        size = int.from_bytes(out[layout.out_size : layout.out_size + 8], "little")
-        address = int.from_bytes(out[layout.out_data :], "little")
-        room = int.from_bytes(out[layout.out_room : layout.out_room + 8], "little")
-        if any(out[layout.out_payload : layout.out_payload + 8]) or not rtps.DATA_FRAG_BYTES <= size <= room:
+        out = _bytes_at(iov - layout.out_iov, layout.out.size)
+        room, size, has_parameters, message, address = layout.out.unpack(out)
+        if message or not rtps.DATA_FRAG_BYTES <= size <= room:
             return False  # no packet is being made: the sample is copied for somebody
-        if any(out[layout.out_has_parameters : layout.out_has_parameters + 4]):
+        if has_parameters:
             return False  # Cyclone has put some in, for a reader that wants hashes of keys
         if address:
             data = _bytes_at(address, layout.out_head + size)

@@ -46,7 +46,7 @@ def read_submessage(packet: bytes, submessage: bytes, *, is_reply: bool) -> Iden
     """The identity of a sample: the request it is, or the request it answers.
 
     Args:
-        packet: the first 20 bytes, the RTPS header.
+        packet: begins with the RTPS header of 20 bytes.
         submessage: DATA or DATA_FRAG with its parameters, up to the payload, as Cyclone leaves it: the numbers of the
             header in the byte order of this machine (little-endian), the id of the writer turned round with them.
 
