@@ -1,11 +1,11 @@
 """Latency, CPU and start-up of the runtime beside a bare loop on the same DDS, two processes, loopback only.
 
 Run `python bench/runtime.py` (about four minutes; needs uvloop), `--quick` for a quarter of that, `--rclpy PYTHON` for
-calls to and from rclpy on Fast DDS as well, with a Python that has it. The floor is what cyclonedds-python does without
-us: WaitSet, ddspy_take, ddspy_write. Rounds of floor and runtime alternate, so that both see the same
-machine. Virtual machines have quiet and noisy minutes, up to a factor of three apart; so a ratio is the median over
-rounds of the ratio within one round, and times are shown as the range over all rounds. It prints a table with the
-targets beside the figures and asserts nothing.
+calls to and from rclpy on Fast DDS as well, with a Python that has it, `--transport zenoh` for Zenoh. The floor is what
+cyclonedds-python does without us, WaitSet, ddspy_take, ddspy_write, or eclipse-zenoh, put and recv. Rounds of floor and
+runtime alternate, so that both see the same machine. Virtual machines have quiet and noisy minutes, up to a factor of
+three apart; so a ratio is the median over rounds of the ratio within one round, and times are shown as the range over
+all rounds. It prints a table with the targets beside the figures and asserts nothing.
 """
 
 from __future__ import annotations
@@ -19,13 +19,16 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 
+import runtime_floor
 import runtime_goals as goals
 import runtime_topics as topics
+import runtime_zenoh
 from runtime_common import run_node
-from runtime_floor import floor_call, floor_ping, floor_pong, floor_serve
 from runtime_rclpy import rows as rclpy_rows
 
+FLOOR = runtime_zenoh if runtime_zenoh.is_chosen() else runtime_floor
 BASES = {"floor": "the floor", "service": "a service call", "callback": "one context"}
 START = """
 import time; start = time.perf_counter()
@@ -109,7 +112,8 @@ def table(quick: bool, rclpy: str | None) -> None:
             measured[kind].append(pair(server, client, count, **settings.get(kind, {}))["p50"])
     print("| Figure | Measured | Target |\n|---|---|---|")
     floor = measured["floor"]
-    row("floor: bare WaitSet round trip, String, p50", f"{min(floor):.0f} to {max(floor):.0f} us", "")
+    bare = "put and recv" if runtime_zenoh.is_chosen() else "WaitSet"
+    row(f"floor: bare {bare} round trip, String, p50", f"{min(floor):.0f} to {max(floor):.0f} us", "")
     for kind, name, target, base in (
         ("callback", "round trip, callback style", "1.3x", "floor"),
         ("callback, uvloop", "the same on uvloop", "1.3x", "floor"),
@@ -134,8 +138,13 @@ def table(quick: bool, rclpy: str | None) -> None:
     row("CPU per received message at 1 kHz", f"{paced['cpu_us']:.0f} us", "<= 60 us")
     flood = pair("count_flood", "send_flood", 50_000 if quick else 200_000, reporter=0)
     row("CPU per received message, flood", f"{flood['cpu_us']:.1f} us at {flood['per_s']:.0f}/s", "<= 15 us")
-    cost = pair("listen_cost", "publish_cost", 0)
-    row("publish, 100-byte String", f"{cost['ours']:.1f} us = {cost['ours'] / cost['bare']:.2f}x ddspy_write", "<= 3x")
+    if not runtime_zenoh.is_chosen():
+        cost = pair("listen_cost", "publish_cost", 0)
+        row(
+            "publish, 100-byte String",
+            f"{cost['ours']:.1f} us = {cost['ours'] / cost['bare']:.2f}x ddspy_write",
+            "<= 3x",
+        )
     quiet = figures(child("idle", 5 if quick else 20))
     row("idle node, 20 subscriptions", f"{quiet['percent']:.2f} % CPU, {quiet['threads']:.0f} threads", "<= 0.2 %, 0")
     count = 150 if quick else 900
@@ -150,10 +159,10 @@ def table(quick: bool, rclpy: str | None) -> None:
 
 
 ROLES: dict[str, Callable[[int], None]] = {
-    "floor_pong": lambda count: floor_pong(),
-    "floor_ping": floor_ping,
-    "floor_serve": lambda count: floor_serve(),
-    "floor_call": floor_call,
+    "floor_pong": lambda count: FLOOR.floor_pong(),
+    "floor_ping": lambda count: FLOOR.floor_ping(count),
+    "floor_serve": lambda count: runtime_floor.floor_serve(),
+    "floor_call": runtime_floor.floor_call,
     "stream_pong": lambda count: run_node(topics.stream_pong, "pong"),
     "callback_pong": lambda count: run_node(topics.callback_pong, "pong"),
     "stream_ping": lambda count: run_node(lambda n, s: topics.stream_ping(n, s, count), "ping"),
@@ -183,6 +192,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--rclpy", metavar="PYTHON")
+    parser.add_argument("--transport", choices=["dds", "zenoh"], default="dds")
     parser.add_argument("--role", choices=sorted(ROLES))
     parser.add_argument("--count", type=int, default=0)
     arguments = parser.parse_args()
@@ -190,7 +200,8 @@ def main() -> None:
     if arguments.role:
         ROLES[arguments.role](arguments.count)
     else:
-        table(arguments.quick, arguments.rclpy)
+        with runtime_zenoh.on_zenoh() if arguments.transport == "zenoh" else nullcontext():
+            table(arguments.quick, arguments.rclpy)
 
 
 if __name__ == "__main__":

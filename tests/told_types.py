@@ -14,7 +14,7 @@ from rosidl_py_gen.msgs.type_description_interfaces.srv import (
     GetTypeDescription_Response,
 )
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
+from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 from rosidl_py_gen.spec.find import search_path
 from rosidl_py_gen.spec.model import Source
@@ -57,9 +57,13 @@ class Told:
         """A writer, or the reader of requests, that carries the type, or a part of it."""
         name = self.name + part
         told = self.library.type_hash(name) if announced is None else announced
-        make = node.scope.participant.create_reader if "Request" in part else node.scope.participant.create_writer
-        endpoint = make(topic, type_name(name), QoSProfile(), endpoint_user_data(told))
-        node.scope.own(endpoint, endpoint.guid)
+        participant, described = node.scope.participant, (topic, type_name(name), QoSProfile(), told)
+        if "Request" in part:
+            reader = participant.create_reader(*described, node=node.scope.number)
+            node.scope.own(reader, reader=reader.guid)
+        else:
+            writer = participant.create_writer(*described, node=node.scope.number)
+            node.scope.own(writer, writer=writer.guid)
 
     def __call__(self, request: GetTypeDescription_Request) -> GetTypeDescription_Response:
         for name in (self.name, *self.library.all_hashes(self.name)):

@@ -1,8 +1,9 @@
-"""Worlds for tests with nodes: every test that uses `world` runs on the memory transport and again on real DDS.
+"""Worlds for tests with nodes: every test that uses `world` runs on the memory transport and again on real DDS, those
+of some files on Zenoh, too.
 
-Real DDS stays on this machine: a fixture sets the environment so, and refuses to join a domain that is not loopback
-only or not one of ours. Async test functions run on an event loop of their own. A conftest takes from here what its
-tests need.
+All stay on this machine: a fixture sets the environment so, refuses to join a domain that is not loopback only or not
+one of ours, and to open a session of Zenoh that listens elsewhere. Zenoh's sessions meet at a router in this process.
+Async test functions run on an event loop of their own. A conftest takes from here what its tests need.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import zenoh
 from locks import lock
 
 from rosidl_py_gen.generate import generate
@@ -47,6 +49,24 @@ generate(search_path([interfaces_dir()], ament="", bundled=False), PACKAGES, Pat
 sys.path.insert(0, GENERATED.name)
 
 FIRST_DOMAIN, DOMAINS = 60, 85
+_LOCAL_ENDPOINTS = ("tcp/127.0.0.1:", "tls/127.0.0.1:", "tcp/localhost:", "tls/localhost:", "tcp/[::1]:")
+_open_session = zenoh.open
+ON_ZENOH = {
+    "test_actions.py",
+    "test_action_clients.py",
+    "test_arrays.py",
+    "test_contexts.py",
+    "test_introspection.py",
+    "test_lifecycle.py",
+    "test_node.py",
+    "test_parameter_client.py",
+    "test_parameter_services.py",
+    "test_services.py",
+    "test_sim_time.py",
+    "test_topics.py",
+    "test_type_description.py",
+}
+"""Files of tests that run on Zenoh as well."""
 
 
 @functools.cache
@@ -62,6 +82,22 @@ def second_domain_id() -> int:
     return domain_id() + DOMAINS
 
 
+@functools.cache
+def zenoh_router() -> str:
+    """Where the router of this test process listens, until the process ends."""
+    from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter
+
+    router = ZenohRouter({}, print, listen=["tcp/127.0.0.1:0"])
+    atexit.register(router.close)
+    return router.endpoints[0]
+
+
+def zenoh_environment() -> dict[str, str]:
+    """What makes processes use Zenoh on this machine only."""
+    endpoints = f'connect/endpoints=["{zenoh_router()}"];listen/endpoints=["tcp/127.0.0.1:0"]'
+    return {"RMW_IMPLEMENTATION": "rmw_zenoh_cpp", "ZENOH_CONFIG_OVERRIDE": endpoints}
+
+
 @pytest.fixture(autouse=True)
 def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Force discovery onto localhost, and fail whoever joins DDS any other way."""
@@ -69,23 +105,35 @@ def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id()))
     for name in ("CYCLONEDDS_URI", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY"):
         monkeypatch.delenv(name, raising=False)
+    for name in ("RMW_IMPLEMENTATION", *(name for name in os.environ if name.startswith("ZENOH_"))):
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", "off")
     monkeypatch.setattr(sys, "argv", ["test"])
     from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 
-    original = cyclone.CycloneTransport.open
+    original = cyclone.Domain.join
 
-    def guarded(
-        self: cyclone.CycloneTransport, number: int, user_data: bytes, *, cyclone_xml: str
-    ) -> cyclone.CycloneParticipant:
-        assert 'address="127.0.0.1"' in cyclone_xml, f"not bound to loopback: {cyclone_xml}"
-        assert cyclone_xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {cyclone_xml}"
+    def guarded(api: Any, fast_dds: Any, number: int, xml: str) -> cyclone.Domain:
+        assert 'address="127.0.0.1"' in xml, f"not bound to loopback: {xml}"
+        assert xml.count("<AllowMulticast>false</AllowMulticast>") > 0, f"multicast is on: {xml}"
         assert number in (domain_id(), second_domain_id()), f"domain {number} is not this test run's"
-        return original(self, number, user_data, cyclone_xml=cyclone_xml)
+        return original(api, fast_dds, number, xml)
 
-    monkeypatch.setattr(cyclone.CycloneTransport, "open", guarded)
+    monkeypatch.setattr(cyclone.Domain, "join", guarded)
+    monkeypatch.setattr(zenoh, "open", guarded_open)
     yield
     Context.close_default()
+
+
+def guarded_open(config: Any) -> Any:
+    """Open a session of Zenoh that cannot be reached from elsewhere."""
+    from rosidl_py_gen.runtime.transport.zenoh.config import endpoints_of
+
+    for what in ("listen", "connect"):
+        strange = [one for one in endpoints_of(config, what) if not one.startswith(_LOCAL_ENDPOINTS)]
+        assert not strange, f"not bound to loopback: {what} {strange}"
+    assert config.get_json("scouting/multicast/enabled") == "false"
+    return _open_session(config)
 
 
 class World:
@@ -93,7 +141,7 @@ class World:
 
     def __init__(self, kind: str) -> None:
         self.kind = kind
-        self.transport = MemoryTransport() if kind == "memory" else None
+        self.transport = MemoryTransport() if kind == "memory" else kind
         self.contexts: list[Context] = []
         self.nodes: list[Node] = []
         self._numbers = itertools.count()
@@ -131,12 +179,22 @@ class World:
         assert names == []
 
 
-@pytest.fixture(params=["memory", "dds"])
-def world(request: pytest.FixtureRequest) -> Iterator[World]:
+@pytest.fixture
+def world(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     """See `World`."""
+    for name, value in zenoh_environment().items() if request.param == "zenoh" else ():
+        monkeypatch.setenv(name, value)
     made = World(request.param)
     yield made
     made.close()
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run tests with a `world` on all transports: on Zenoh where that matters, and where it has what they are about."""
+    if "world" in metafunc.fixturenames:
+        refusal = metafunc.definition.get_closest_marker("without_zenoh")
+        zenoh_too = refusal is None and metafunc.definition.path.name in ON_ZENOH
+        metafunc.parametrize("world", ["memory", "dds", *["zenoh"] * zenoh_too], indirect=True)
 
 
 @pytest.fixture

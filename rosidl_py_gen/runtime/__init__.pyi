@@ -28,6 +28,7 @@ from rosidl_py_gen.runtime.endpoints.client import Client as Client
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError as CallTimeoutError
 from rosidl_py_gen.runtime.endpoints.header import ForeignServiceError as ForeignServiceError
 from rosidl_py_gen.runtime.endpoints.header import IntrospectionState as IntrospectionState
+from rosidl_py_gen.runtime.endpoints.header import ServerLostError as ServerLostError
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher as Publisher
 from rosidl_py_gen.runtime.endpoints.scope import WouldDeadlockError as WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError as AlreadyRespondedError

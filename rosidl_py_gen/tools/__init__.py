@@ -39,6 +39,7 @@ _GROUPS = {
     "param": "Parameters: list, get, set, describe, dump, load, delete.",
     "service": "Services: list, type, call, info, echo.",
     "topic": "Topics: list, info, echo, pub, hz, bw, delay, type, find.",
+    "zenoh-router": "A router for nodes on rmw_zenoh.",
 }
 
 
@@ -51,6 +52,7 @@ _EXTRA = {
     "mcap": "mcap",
     "foxglove": "foxglove",
     "websockets": "foxglove",
+    "zenoh": "zenoh",
 }
 """Modules that extras bring. Definitions can be shown without them."""
 
@@ -68,7 +70,8 @@ class _Groups(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _GROUPS:
             return None
-        command = getattr(import_module(f"{__name__}.commands.{cmd_name}"), cmd_name)
+        module = cmd_name.replace("-", "_")
+        command = getattr(import_module(f"{__name__}.commands.{module}"), module)
         assert isinstance(command, click.Command)
         return command
 

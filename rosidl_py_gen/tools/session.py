@@ -167,7 +167,7 @@ def _nothing_there() -> str:
 def names_are_known(graph: Graph) -> bool:
     """Whether every ROS participant has told its nodes, and every endpoint is of one of them."""
     return all(one.nodes for one in graph.participants() if one.is_ros) and not any(
-        graph.node_of(endpoint.info) == UNKNOWN_NODE
+        graph.node_of(endpoint) == UNKNOWN_NODE
         for endpoint in graph.endpoints.values()
-        if endpoint.info.topic != DISCOVERY_TOPIC  # of the participant itself
+        if endpoint.topic != DISCOVERY_TOPIC  # of the participant itself
     )

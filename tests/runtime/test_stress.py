@@ -188,8 +188,8 @@ async def test_create_and_close_a_thousand_times(world: World) -> None:
     assert resources() == before
     assert rss_kb() - memory < 20_000
     assert list(node.scope.owned.values()) == owned
-    ours = [e for e in peer.scope.graph.endpoints.values() if e.info.guid[:12] == node.context.participant.guid[:12]]
-    topics = {endpoint.info.topic for endpoint in ours}
+    ours = [e for e in peer.scope.graph.endpoints.values() if e.participant_guid == node.context.participant.guid]
+    topics = {endpoint.topic for endpoint in ours}
     assert {topic for topic in topics if not topic.startswith(("rq/n/", "rr/n/"))} <= {
         "rt/rosout",
         "rt/parameter_events",

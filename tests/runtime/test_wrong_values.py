@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @pytest.mark.parametrize("bad", [MemoryTransport, 5, "memory"])
 def test_a_transport_is_an_object(bad: Any) -> None:
-    with pytest.raises(TypeError, match=r"transport must be a transport object such as MemoryTransport\(\), got"):
+    with pytest.raises(TypeError, match=r"transport must be .* a transport object such as MemoryTransport\(\), got"):
         Context(transport=bad)
 
 

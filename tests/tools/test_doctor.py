@@ -101,7 +101,6 @@ def test_a_machine_without_network_or_proc_gets_its_answers() -> None:
 @pytest.mark.parametrize(
     ("variables", "word", "level"),
     [
-        ({"RMW_IMPLEMENTATION": "rmw_zenoh_cpp"}, "Zenoh", WARNING),
         ({"RMW_IMPLEMENTATION": "rmw_connextdds"}, "never tried", NOTE),
         ({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}, "RMW_IMPLEMENTATION=", OK),
         ({"ROS_LOCALHOST_ONLY": "1"}, "deprecated", WARNING),

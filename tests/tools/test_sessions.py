@@ -9,8 +9,7 @@ import pytest
 from std_msgs.msg import String
 from worlds import until
 
-from rosidl_py_gen.runtime.graph.state import NodeEntities
-from rosidl_py_gen.runtime.transport.interface import ParticipantFound
+from rosidl_py_gen.runtime.transport.interface import NodeEntities, ParticipantFound
 from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.messages import type_and_values
 from rosidl_py_gen.tools.session import Session, names_are_known
@@ -70,7 +69,7 @@ async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> N
         await until(lambda: "/base" in session.node.get_node_names() and session.node.count_publishers("/speed") == 1)
         await until(lambda: names_are_known(graph))
         participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
-        graph.apply(ParticipantFound(participant, b"enclave=/;"))
+        graph.apply(ParticipantFound(participant, "/"))
         assert not names_are_known(graph)
         graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
         assert names_are_known(graph)

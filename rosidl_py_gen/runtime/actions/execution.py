@@ -31,8 +31,6 @@ T = TypeVar("T")
 
 _PATIENCE_S = 0.1
 _HEARTBEAT_S = 0.01
-_PREFIX_BYTES = 12
-"""The part of a GUID that all endpoints of a participant share."""
 
 
 class FeedbackReadiness:
@@ -66,9 +64,11 @@ class FeedbackReadiness:
         self._known = known
 
     def _missing(self) -> set[bytes]:
-        clients = {guid[:_PREFIX_BYTES] for guid in self._goals.matched_clients()}
+        """The participants that have clients, but no subscription to feedback."""
+        participant_of = self._scope.graph.participant_of
+        clients = {participant_of(guid) or guid for guid in self._goals.matched_clients()}
         self._unreachable &= clients
-        return clients - {guid[:_PREFIX_BYTES] for guid in self._feedback.matched_subscriptions()} - self._unreachable
+        return clients - {participant_of(guid) for guid in self._feedback.matched_subscriptions()} - self._unreachable
 
 
 class HandlerRunner:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.runtime.actions.client_goal import ActionServerLostError
 from rosidl_py_gen.runtime.actions.states import GoalStatus
 from rosidl_py_gen.runtime.endpoints.client import Client
+from rosidl_py_gen.runtime.endpoints.header import ServerLostError
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ class ResultClient:
         wanted.servers = self.client.servers()
         if wanted.servers:
             wanted.sequence = self.client.ask(
-                wanted.request, partial(self._on_reply, wanted), partial(self._end, wanted, wanted.fail)
+                wanted.request, partial(self._on_reply, wanted), partial(self._on_error, wanted)
             )
 
     def _on_reply(self, wanted: _Wanted, response: Any, server: bytes | None) -> bool:
@@ -103,6 +104,12 @@ class ResultClient:
                 return True
         self._end(wanted, wanted.tell, response)
         return False
+
+    def _on_error(self, wanted: _Wanted, error: Exception) -> None:
+        if isinstance(error, ServerLostError):
+            wanted.servers.clear()  # `_look` asks again when there is one
+        else:
+            self._end(wanted, wanted.fail, error)
 
     def _end(self, wanted: _Wanted, say: Callable[[Any], None], what: Any) -> None:
         self._wanted.discard(wanted)

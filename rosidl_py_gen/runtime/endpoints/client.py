@@ -4,12 +4,12 @@ Decides how replies are matched (own id plus sequence number, protocol.md 5.1; n
 when a server counts as available (5.2), and that a request never outlives who made it: an answer, a time limit,
 cancellation and `close` all remove it. `ask` is the core, `call` a future on top of it.
 
-A request goes to all servers of its service, in the way one kind of them understands. As soon as one of them is on Fast
-DDS it is theirs: Cyclone's have to refuse most requests of that kind as too short, ours understand them, whereas Fast
-DDS would take the header of the other kind for the message. In that way requests are numbered by the middleware, 1, 2,
-3 ... for each writer, so they are counted here. The first ones say which reader waits for the reply, so that a server
-waits until it is connected with it. Servers that have answered are; when all have, requests say nothing, which takes
-less time: Fast DDS takes them for those of their writer.
+A request goes to all servers of its service, in the way one kind of them understands. As soon as one of them wants an
+`Identity`, as those on Fast DDS, it is theirs: Cyclone's have to refuse most requests of that kind as too short, ours
+understand them, whereas Fast DDS would take the header of the other kind for the message. In that way requests are
+numbered by the middleware, 1, 2, 3 ... for each writer, so they are counted here. The first ones say which reader waits
+for the reply, so that a server waits until it is connected with it. Servers that have answered are; when all have,
+requests say nothing, which takes less time: Fast DDS takes them for those of their writer.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import (
     CallTimeoutError,
     ForeignServiceError,
-    counts_requests,
+    ServerLostError,
     foreign_reason,
     header_of,
-    is_foreign,
     message_of,
     send,
 )
@@ -34,8 +33,8 @@ from rosidl_py_gen.runtime.endpoints.scope import request_numbers
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_error
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
-from rosidl_py_gen.runtime.names.dds import entity_gid
 from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.transport.interface import is_unanswered
 from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
@@ -46,8 +45,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
-_PREFIX_BYTES = 12
-"""The part of a GUID that all endpoints of a participant share."""
 _PAUSE_S = 0.1
 """See `RequestWindow`."""
 
@@ -71,7 +68,7 @@ class _PendingRequest(Generic[ResponseT]):
         self.on_error = on_error
         self.sequence = next(request_numbers)
         self.number = 0
-        """The middleware's, when it went to a server on Fast DDS."""
+        """The middleware's, when it was sent with an identity."""
         self.has_turn = False
         self.limits: TimeLimits | None = None
         """What watches its time, if that is limited."""
@@ -97,24 +94,25 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         super().__init__(scope, service_type, name, qos, is_client=True)
         self._pending: dict[int, _PendingRequest[ResponseT]] = {}
         self._by_number: dict[int, _PendingRequest[ResponseT]] = {}
-        """Those that went to servers on Fast DDS, by the middleware's numbers."""
+        """Those that were sent with an identity, by the middleware's numbers."""
         self._sent = 0
         self._limits: TimeLimits | None = None
         self._was_asked = False
         """Replies go to functions that may be the user's, and not only to futures."""
         self._matching: Matching[None] = Matching(scope, lambda _: self._find_server())
-        self._serves_fast_dds = False
+        self._always_identified = scope.participant.identifies(self._writer.guid)
+        self._identified = self._always_identified
+        """Requests are numbered by the middleware, and sent with an identity until all servers have answered."""
         self._servers: frozenset[bytes] = frozenset()
         """The participants of all that requests go to, or will a moment later."""
         self._heard: set[bytes] = set()
         """Those that have answered, and so know where replies go."""
         self._kept = 0
-        self._gid = entity_gid(self._id)
         self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
         """By which replies may call us."""
         self._window = scope.request_window(self._request_topic, pause_s)
         self._reader.set_sink(self._on_replies)
-        scope.own(self, self._reader.guid, self._writer.guid)
+        scope.own(self, reader=self._reader.guid, writer=self._writer.guid)
 
     # ------------------------------------------------------------------------------------------------ availability
 
@@ -148,38 +146,40 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             return set()
 
     def _is_available(self) -> bool:
-        if self._serves_fast_dds and self._scope.participant.fast_dds_refusal is not None:
+        if self._identified and self._scope.participant.identity_refusal is not None:
             self._matching.forget()
         return self._matching.is_complete(None)
 
     def _find_server(self) -> bool:
-        """Source: protocol.md 5.2; servers of Fast DDS have no ids, but both endpoints in one participant."""
+        """Source: protocol.md 5.2; servers with identities have no ids, but both endpoints in one participant."""
         graph = self._scope.graph
-        refusal = self._scope.participant.fast_dds_refusal
+        refusal, identifies = self._scope.participant.identity_refusal, self._scope.participant.identifies
         # Matched but not reported yet: what the server keeps, and its id, are known a moment later.
-        readers = [guid for guid in self._writer.matched_readers() if guid in graph.endpoints]
-        writers = [guid for guid in self._reader.matched_writers() if guid in graph.endpoints]
-        foreign = {guid[:_PREFIX_BYTES] for guid in readers if is_foreign(guid)}
-        foreign &= {guid[:_PREFIX_BYTES] for guid in writers if is_foreign(guid)}
-        readers = [guid for guid in readers if not is_foreign(guid)]
-        ids = {graph.endpoints[guid].user_data.get("serviceid") for guid in readers} - {None}
-        replying = {graph.endpoints[guid].user_data.get("serviceid") for guid in writers if not is_foreign(guid)}
+        readers = [graph.endpoints[guid] for guid in self._writer.matched_readers() if guid in graph.endpoints]
+        writers = [graph.endpoints[guid] for guid in self._reader.matched_writers() if guid in graph.endpoints]
+        foreign = {one.participant_guid for one in readers if identifies(one.guid)}
+        foreign &= {one.participant_guid for one in writers if identifies(one.guid)}
+        readers = [one for one in readers if not identifies(one.guid)]
+        ids = {one.service_id for one in readers} - {""}
+        replying = {one.service_id for one in writers if not identifies(one.guid)}
         is_served = bool(readers and replying) and (not ids or not ids.isdisjoint(replying))
         if refusal is not None and not is_served:
             servers = graph.on_topic(self._request_topic, writers=False)
-            if servers and all(is_foreign(server.info.guid) for server in servers):
+            if servers and all(identifies(server.guid) for server in servers):
                 raise ForeignServiceError(foreign_reason(graph, servers[0], self.name, "the server", refusal))
-        self._serves_fast_dds = bool(foreign) and refusal is None
-        reached = {server.info.guid for server in graph.on_topic(self._request_topic, writers=False)}
-        self._servers = frozenset(guid[:_PREFIX_BYTES] for guid in reached.union(self._writer.matched_readers()))
+        is_identified = bool(foreign) and refusal is None
+        self._identified = is_identified or self._always_identified
+        reached = {server.guid for server in graph.on_topic(self._request_topic, writers=False)}
+        reached.update(self._writer.matched_readers())
+        self._servers = frozenset(graph.participant_of(guid) or guid for guid in reached)
         self._heard &= self._servers
         self._kept = self._kept_by_servers()
-        return is_served or self._serves_fast_dds
+        return is_served or is_identified
 
     def _kept_by_servers(self) -> int:
         """How many requests the server that keeps fewest keeps; 0 when all keep all."""
         endpoints = self._scope.graph.endpoints
-        servers = (endpoints[guid].info.qos for guid in self._writer.matched_readers() if guid in endpoints)
+        servers = (endpoints[guid].qos for guid in self._writer.matched_readers() if guid in endpoints)
         return min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
 
     # ------------------------------------------------------------------------------------------------------- calls
@@ -191,6 +191,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
 
         Raises:
             CallTimeoutError: a `TimeoutError`.
+            ServerLostError: the server went away during the call; told by Zenoh only.
             ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
             EncodeError: the request does not fit its type. DecodeError: the response does not.
             ClosedError: the client was closed, also while waiting.
@@ -240,7 +241,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         Args:
             on_reply: gets a response, and the GUID of the reply writer it came from. It answers True to hear what other
                 servers say, too.
-            on_error: gets `DecodeError`, `TransportError`, or `ClosedError` of `close`; nothing comes after that.
+            on_error: gets `DecodeError`, `TransportError`, `ServerLostError`, or `ClosedError` of `close`; nothing
+                comes after that.
 
         Returns:
             The number for `forget`.
@@ -303,10 +305,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         number = self._sent + 1
         client: ClientId = self._writer.handle
         shown = pending.sequence
-        if self._serves_fast_dds:
+        if self._identified:
             client, shown = self._reader.guid, number
         try:
-            if self._serves_fast_dds and self._heard == self._servers:
+            if self._identified and self._servers and self._heard == self._servers:
                 sent = self._writer.write(pending.encoded)
             else:
                 sent = send(self._writer, pending.encoded, client, shown)
@@ -350,16 +352,24 @@ class Client(ServiceEnd[RequestT, ResponseT]):
                 continue
             if client not in self._names:
                 continue
+            if is_unanswered(data):
+                self._lose(sequence)
+                continue
             server = self._reader.writer_guid(handle)
-            if server is not None and is_foreign(server) and not isinstance(client, bytes):
+            if server is not None and not isinstance(client, bytes) and self._scope.participant.identifies(server):
                 continue
             if self._tap is not None:
                 self._tap.received(self._gid, sequence, message_of(data, begin))
-            if server is not None and counts_requests(server):
-                self._heard.add(server[:_PREFIX_BYTES])
+            if server is not None and self._scope.participant.counts_requests(server):
+                self._heard.add(self._scope.graph.participant_of(server) or server)
             pending = (self._by_number if isinstance(client, bytes) else self._pending).get(sequence)
             if pending is not None:
                 self._take_reply(pending, message_of(data, begin), server)
+
+    def _lose(self, number: int) -> None:
+        pending = self._by_number.get(number)
+        if pending is not None:
+            self._fail(pending, ServerLostError(f"the server of {self.name} went away before it answered"))
 
     def _take_reply(self, pending: _PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
         try:

@@ -1,9 +1,9 @@
 """What both ends of a service share: whose a request or reply is, on the wire, who cannot be talked to, who listens.
 
 Two kinds of peers know that differently. Cyclone's put a header of 16 bytes between the 4 encapsulation bytes and the
-message: a number of the client and one of the request. Fast DDS has it beside the message, and the transport gives and
-takes it as an `Identity`: a GUID of the client and the number of the request. Up here both are a client and a number,
-and the type of the client tells which kind it is.
+message: a number of the client and one of the request. Others, as Fast DDS, have it beside the message, and the
+transport gives and takes it as an `Identity`: a GUID of the client and the number of the request. Up here both are a
+client and a number, and the type of the client tells which kind it is.
 
 Source: protocol.md 5.1 to 5.4, fastdds.md 4 and 5.
 """
@@ -15,16 +15,16 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError, RosidlError
-from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, IDENTITY_BYTES, identity_of
+from rosidl_py_gen.runtime.transport.interface import IDENTITY_BYTES, identity_of
 from rosidl_py_gen.runtime.transport.matching import without_best_available
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.graph.state import Endpoint, Graph
-    from rosidl_py_gen.runtime.transport.interface import Payload, Writer
+    from rosidl_py_gen.runtime.graph.state import Graph
+    from rosidl_py_gen.runtime.transport.interface import EndpointFound, Payload, Writer
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 ClientId: TypeAlias = "int | bytes"
-"""Of a peer on Cyclone its number, of one on Fast DDS its GUID: that of its reply reader, or of its request writer."""
+"""Of a peer on Cyclone its number, of others a GUID: that of the client, its reply reader or its request writer."""
 
 HEADER_BYTES = 16
 _LITTLE = struct.Struct("<Qq")
@@ -55,6 +55,12 @@ class Tap(Protocol):
 
 class ForeignServiceError(RosidlError):
     """The peer's middleware puts other bytes on the wire for services; one side has to change it."""
+
+
+class ServerLostError(RosidlError, ConnectionError):
+    """The server went away before it answered; the request may or may not have been handled. Not on DDS, where a call
+    runs into its time limit.
+    """
 
 
 class CallTimeoutError(RosidlError, TimeoutError):
@@ -107,19 +113,9 @@ def request_gid(client: ClientId, handle: int) -> bytes:
     return (client & _MASK).to_bytes(8, "little") + (handle & _MASK).to_bytes(8, "little")
 
 
-def is_foreign(guid: bytes) -> bool:
-    """Whether an endpoint belongs to Fast DDS, whose service payloads differ (protocol.md 5.3)."""
-    return guid.startswith(FAST_DDS_VENDOR)
-
-
-def counts_requests(guid: bytes) -> bool:
-    """Whether a server's middleware knows a request without an identity by its writer and its number."""
-    return guid.startswith(FAST_DDS_VENDOR)
-
-
-def foreign_reason(graph: Graph, endpoint: Endpoint | None, service: str, role: str, refusal: str | None) -> str:
+def foreign_reason(graph: Graph, endpoint: EndpointFound | None, service: str, role: str, refusal: str | None) -> str:
     """What to tell a person about a service peer that cannot be talked to."""
-    node = "a node" if endpoint is None else graph.describe_node(endpoint.info)
+    node = "a node" if endpoint is None else graph.describe_node(endpoint)
     return (
         f"{role} of service {service} is {node} on Fast DDS. Topics work with it, services do not here: {refusal}. "
         "Use the cyclonedds wheel for Linux x86-64 that this version was made for, or start that node with "

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.runtime.endpoints.scope import Owned
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
+from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 from rosidl_py_gen.runtime.transport.qos import History
 
@@ -41,17 +41,17 @@ class Publisher(Owned, Generic[T]):
         """``pkg/msg/Name``."""
         dds_topic = topic_name(topic, prefix=not qos.avoid_ros_namespace_conventions)
         scope.discovery.refresh()
-        peers = [endpoint.info.qos for endpoint in scope.graph.on_topic(dds_topic, writers=False)]
+        peers = [endpoint.qos for endpoint in scope.graph.on_topic(dds_topic, writers=False)]
         self.qos = resolve_best_available(qos, publisher=True, peers=peers)
         """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
         self._encode = message_type.encode
         self._writer: Writer = scope.participant.create_writer(
-            dds_topic, type_name(message_type.ros_name), self.qos, endpoint_user_data(message_type.type_hash)
+            dds_topic, type_name(message_type.ros_name), self.qos, message_type.type_hash, node=scope.number
         )
         self._write = self._writer.write
         keep_all = self.qos.history is History.KEEP_ALL
         self._outbox = Outbox(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
-        scope.own(self, self._writer.guid)
+        scope.own(self, writer=self._writer.guid)
 
     def publish(self, message: T) -> None:
         """Send a message; from any thread. On the event loop's thread it returns at once.

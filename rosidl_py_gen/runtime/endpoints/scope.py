@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.logs.loggers import node_logger, report_failure
 from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
-from rosidl_py_gen.runtime.names.dds import entity_id
 from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterator
+    from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.runtime.endpoints.window import RequestWindows
     from rosidl_py_gen.runtime.graph.discovery import Discovery
@@ -84,12 +83,11 @@ class Scope:
         participant: Participant,
         bridge: Bridge,
         discovery: Discovery,
-        entity_numbers: Iterator[int],
         request_windows: RequestWindows,
         number: int,
         fully_qualified_name: str,
     ) -> None:
-        """`entity_numbers` counts clients and services of the participant, `number` is the node's in `discovery`."""
+        """`number` is the node's in `discovery`."""
         self.participant = participant
         self.bridge = bridge
         self.discovery = discovery
@@ -104,20 +102,19 @@ class Scope:
         """Whether there ever was an endpoint with a function of the user."""
         self.request_window = request_windows.of
         """All clients of a service in one context share its window."""
-        self._entity_numbers = entity_numbers
         self._tasks: set[asyncio.Task[Any]] = set()
 
     # ---------------------------------------------------------------------------------------------------- entities
 
-    def own(self, endpoint: Closable, *guids: bytes) -> None:
-        """Announce `guids`, and close `endpoint` with the node; it lives until then, or until it calls `disown`.
+    def own(self, endpoint: Closable, *, reader: bytes = b"", writer: bytes = b"") -> None:
+        """Announce these GUIDs, and close `endpoint` with the node; it lives until then, or until it calls `disown`.
 
         Raises:
             ClosedError: the node was closed meanwhile, by another thread; then the endpoint is closed, too.
         """
         self.owned[id(endpoint)] = endpoint
-        if guids:
-            self.discovery.change_endpoints(self.number, add=guids)
+        if reader or writer:
+            self.discovery.change_endpoints(self.number, reader=reader, writer=writer)
         if self.closed:
             self.owned.pop(id(endpoint), None)
             endpoint.close()
@@ -128,10 +125,6 @@ class Scope:
         self.owned.pop(id(endpoint), None)
         if guids and not self.closed:
             self.discovery.change_endpoints(self.number, remove=guids)
-
-    def new_entity_id(self) -> str:
-        """Text of a fresh ``clientid`` or ``serviceid`` (protocol.md 5.2)."""
-        return entity_id(self.participant.guid, next(self._entity_numbers))
 
     def require_open(self, closed: bool, what: str) -> None:
         """Raise `ClosedError` when the endpoint or the node is closed."""

@@ -16,7 +16,6 @@ from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.header import (
     foreign_reason,
     header_of,
-    is_foreign,
     message_of,
     request_gid,
     send,
@@ -43,8 +42,6 @@ ResponseT = TypeVar("ResponseT")
 _PATIENCE_S = 0.1
 _FAST_DDS_PATIENCE_S = 5.0
 """Endpoints of a Fast DDS participant are known up to 1.2 s after it knows ours and calls (fastdds.md 7)."""
-_READER_BIT = 0x04
-"""In the last byte of a GUID: it is a reader's."""
 
 
 _Asker: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
@@ -70,7 +67,7 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
         self._service = service
         self.message = message
         self.client_id = client_id
-        """By which the client knows its replies: the number of one on Cyclone DDS, the GUID of one on Fast DDS."""
+        """By which the client knows its replies: the number of one on Cyclone DDS, the GUID of any other."""
         self._respond = respond
         self._responded = False
 
@@ -104,7 +101,7 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
         self._requests: Stream[ServiceRequest[RequestT, ResponseT]] = Stream()
         self._clients: Matching[tuple[ClientId, bytes | None]] = Matching(scope, lambda who: self._listens(*who))
         self._reader.set_sink(self._on_requests)
-        scope.own(self, self._reader.guid, self._writer.guid)
+        scope.own(self, reader=self._reader.guid, writer=self._writer.guid)
 
     # ---------------------------------------------------------------------------------------------------- requests
 
@@ -140,9 +137,10 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
     def _read(self, sample: Sample) -> ServiceRequest[RequestT, ResponseT] | None:
         data, _, handle, _ = sample
         writer_guid = self._reader.writer_guid(handle)
-        if writer_guid is not None and is_foreign(writer_guid) and identity_of(data) is None:
+        participant = self._scope.participant
+        if writer_guid is not None and participant.identifies(writer_guid) and identity_of(data) is None:
             endpoint = self._scope.graph.endpoints.get(writer_guid)
-            refusal = self._scope.participant.fast_dds_refusal
+            refusal = participant.identity_refusal
             words = foreign_reason(self._scope.graph, endpoint, self.name, "a client", refusal)
             if self._throttle.passes():
                 self._scope.logger.error(f"refused a request: {words}")
@@ -190,14 +188,13 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
         Source: protocol.md 5.2 and 5.3.
         """
         if isinstance(client, bytes):
-            return not client[15] & _READER_BIT or client in self._writer.matched_readers()
+            return self._writer.reaches(client)
         endpoints = self._scope.graph.endpoints
         known = None if writer_guid is None else endpoints.get(writer_guid)
-        announced = None if known is None else known.user_data.get("clientid")
-        if announced is None:
+        if known is None or not known.service_id:
             return True
         matched = (endpoints.get(guid) for guid in self._writer.matched_readers())
-        return any(reader is not None and reader.user_data.get("clientid") == announced for reader in matched)
+        return any(reader is not None and reader.service_id == known.service_id for reader in matched)
 
     async def _send_later(self, asker: _Asker, data: bytes) -> None:
         client, _, writer_guid, _ = asker

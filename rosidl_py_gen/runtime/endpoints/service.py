@@ -1,8 +1,4 @@
-"""What clients and servers of a service have in common: names, a pair of endpoints, introspection.
-
-Decides that the endpoint on the reply topic is made first: a server may answer as soon as a client's writer is known
-(protocol.md 5.2).
-"""
+"""What clients and servers of a service have in common: names, a pair of endpoints, introspection."""
 
 from __future__ import annotations
 
@@ -11,7 +7,8 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from rosidl_py_gen.runtime.endpoints.header import carrier_qos
 from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle
 from rosidl_py_gen.runtime.loop.outbox import Outbox
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, reply_name, request_name, type_name
+from rosidl_py_gen.runtime.names.dds import request_name
+from rosidl_py_gen.runtime.transport.interface import Service
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.header import IntrospectionState, Tap
@@ -48,24 +45,16 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         self._events: ServiceEvents | None = None
         self._tap: Tap | None = None
         self._outbox = Outbox(scope.bridge, None, scope.report_failure)
-        self._id = scope.new_entity_id()
-        prefix = not qos.avoid_ros_namespace_conventions
-        self._request_topic, self._reply_topic = request_name(name, prefix=prefix), reply_name(name, prefix=prefix)
-        replies, requests = (
-            (topic, type_name(part.ros_name), carrier_qos(qos), self._user_data(part.type_hash))
-            for topic, part in ((self._reply_topic, service_type.response), (self._request_topic, service_type.request))
+        self._request_topic = request_name(name, prefix=not qos.avoid_ros_namespace_conventions)
+        told = Service(
+            name,
+            service_type.ros_name,
+            service_type.type_hash,
+            service_type.request.type_hash,
+            service_type.response.type_hash,
         )
-        if is_client:
-            self._reader = scope.participant.create_reader(*replies)
-            self._writer = scope.participant.create_writer(*requests)
-        else:
-            self._writer = scope.participant.create_writer(*replies)
-            self._reader = scope.participant.create_reader(*requests)
-
-    def _user_data(self, type_hash: str) -> bytes:
-        if self._is_client:
-            return endpoint_user_data(type_hash, client_id=self._id)
-        return endpoint_user_data(type_hash, service_id=self._id)
+        create = scope.participant.create_client if is_client else scope.participant.create_server
+        self._reader, self._writer, self._gid = create(told, carrier_qos(qos), node=scope.number)
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
         """Publish what passes on ``<service>/_service_event`` from now on; see `introspection.py`.

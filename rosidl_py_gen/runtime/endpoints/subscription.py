@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, topic_name, type_name
+from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 
@@ -79,19 +79,20 @@ class Subscription(Owned, Generic[T]):
         self._throttle = Throttle()
         dds_topic = topic_name(topic, prefix=not qos.avoid_ros_namespace_conventions)
         scope.discovery.refresh()
-        peers = [endpoint.info.qos for endpoint in scope.graph.on_topic(dds_topic, writers=True)]
+        peers = [endpoint.qos for endpoint in scope.graph.on_topic(dds_topic, writers=True)]
         self.qos = resolve_best_available(qos, publisher=False, peers=peers)
         """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
         self._reader: Reader = scope.participant.create_reader(
             dds_topic,
             type_name(message_type.ros_name),
             self.qos,
-            endpoint_user_data(message_type.type_hash),
+            message_type.type_hash,
+            node=scope.number,
             ignore_local=ignore_local,
         )
         self._items = self._reader.queue.items
         self._reader.set_sink(self._on_data)
-        scope.own(self, self._reader.guid)
+        scope.own(self, reader=self._reader.guid)
 
     # --------------------------------------------------------------------------------------------------- receiving
 

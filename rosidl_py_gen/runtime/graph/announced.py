@@ -1,8 +1,8 @@
 """What nodes announce about the type of one topic, service or action.
 
 Decides which DDS topics tell of it, and how the messages they carry lead to the type: a service is announced as its
-request and response, an action as the messages of its two services and its feedback. Nothing announces the hash of a
-service or action itself.
+request and response, an action as the messages of its two services and its feedback. The hash of a service itself is
+announced on Zenoh, in place of those of its messages, and on DDS by nobody; that of an action nowhere.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
-from rosidl_py_gen.runtime.names.dds import demangle_type, reply_name, request_name, topic_name
+from rosidl_py_gen.runtime.names.dds import demangle_service_type, demangle_type, reply_name, request_name, topic_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.runtime.graph.state import Endpoint, Graph
+    from rosidl_py_gen.runtime.graph.state import Graph
+    from rosidl_py_gen.runtime.transport.interface import EndpointFound
 
 TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
 _DESCRIBERS = reply_name("|/get_type_description").split("|")
@@ -57,7 +58,7 @@ def service_subject(name: str, kind: str = "service", behind: str = "") -> Subje
     """Of a service given by its fully qualified name."""
     needed = {request_name(name): f"{behind}_Request", reply_name(name): f"{behind}_Response"}
     # A ROS 2 node describes neither request nor response, but what it publishes for introspection.
-    messages: dict[str, tuple[str, ...]] = {part: (f"{behind}_Event", part) for part in needed.values()}
+    messages: dict[str, tuple[str, ...]] = {part: (behind, f"{behind}_Event", part) for part in needed.values()}
     return Subject(kind, name, needed, {topic_name(f"{name}/_service_event"): f"{behind}_Event"}, messages)
 
 
@@ -66,8 +67,8 @@ def action_subject(name: str, send_goal: str, get_result: str, feedback: str) ->
     halves = (service_subject(send_goal, behind="_SendGoal"), service_subject(get_result, behind="_GetResult"))
     needed = {topic: part for half in halves for topic, part in half.needed.items()}
     messages: dict[str, tuple[str, ...]] = {
-        "_Goal": ("_SendGoal_Event", "_SendGoal_Request"),
-        "_Result": ("_GetResult_Event", "_GetResult_Response"),
+        "_Goal": ("_SendGoal", "_SendGoal_Event", "_SendGoal_Request"),
+        "_Result": ("_GetResult", "_GetResult_Event", "_GetResult_Response"),
         "_Feedback": ("_FeedbackMessage",),
     }
     extra = {topic: part for half in halves for topic, part in half.extra.items()}
@@ -118,10 +119,13 @@ def announced(graph: Graph, subject: Subject) -> dict[str, Announced]:
     for topic, part in (*subject.needed.items(), *subject.extra.items()):
         for writers in (True, False):
             for endpoint in graph.on_topic(topic, writers=writers):
-                told = demangle_type(endpoint.info.type) or endpoint.info.type
+                told = demangle_type(endpoint.type) or endpoint.type
                 name = told[: len(told) - len(part)] if told.endswith(part) else told
-                by_hash = found.setdefault(name, Announced(name)).hashes.setdefault(told, defaultdict(set))
-                by_hash[_hash_of(endpoint)].add(_node_of(graph, endpoint))
+                hashes, node = found.setdefault(name, Announced(name)).hashes, _node_of(graph, endpoint)
+                hashes.setdefault(told, defaultdict(set))[_valid(endpoint.type_hash)].add(node)
+                service = demangle_service_type(endpoint.type)
+                if service is not None and _valid(endpoint.service_hash):
+                    hashes.setdefault(service, defaultdict(set))[endpoint.service_hash].add(node)
     return found
 
 
@@ -136,27 +140,26 @@ def some(texts: Iterable[str]) -> str:
     return ", ".join(listed[:_MOST_SHOWN]) + (f" and {len(listed) - _MOST_SHOWN} more" if listed[_MOST_SHOWN:] else "")
 
 
-def _hash_of(endpoint: Endpoint) -> str:
-    told = endpoint.user_data.get("typehash", "")
-    return told if TYPE_HASH.match(told) else ""
+def _valid(type_hash: str) -> str:
+    return type_hash if TYPE_HASH.match(type_hash) else ""
 
 
-def _node_of(graph: Graph, endpoint: Endpoint) -> str:
+def _node_of(graph: Graph, endpoint: EndpointFound) -> str:
     """The node's name, "" when it cannot be told.
 
     With Fast DDS it may come seconds after the endpoint; but where only one node of the participant serves descriptions
     it can only be that one.
     """
-    namespace, name = graph.node_of(endpoint.info)
+    namespace, name = graph.node_of(endpoint)
     if (namespace, name) not in (UNKNOWN_NODE, BARE_DDS_NODE):
         return fully_qualified_node_name(name, namespace)
-    participant = endpoint.info.participant_guid
+    participant = endpoint.participant_guid
     names = {
-        other.info.topic[len(_DESCRIBERS[0]) : -len(_DESCRIBERS[1])]
+        other.topic[len(_DESCRIBERS[0]) : -len(_DESCRIBERS[1])]
         for other in graph.endpoints.values()
-        if other.info.participant_guid == participant
-        and other.info.is_writer
-        and other.info.topic.startswith(_DESCRIBERS[0])
-        and other.info.topic.endswith(_DESCRIBERS[1])
+        if other.participant_guid == participant
+        and other.is_writer
+        and other.topic.startswith(_DESCRIBERS[0])
+        and other.topic.endswith(_DESCRIBERS[1])
     }
     return names.pop() if len(names) == 1 else ""

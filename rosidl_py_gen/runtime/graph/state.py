@@ -1,6 +1,6 @@
 """The ROS graph: nodes, topics, services and endpoints, as a plain object fed with discovery events.
 
-Decides how DDS endpoints and the `ros_discovery_info` messages combine into what ROS shows (protocol.md 6.3, 6.4). No
+Decides how endpoints and what participants tell of their nodes combine into what ROS shows (protocol.md 6.3, 6.4). No
 I/O, no waiting: `discovery.py` feeds it, `node/graph.py` asks it. `version` grows with every change.
 """
 
@@ -16,15 +16,14 @@ from rosidl_py_gen.runtime.names.dds import (
     demangle_service_type,
     demangle_topic,
     demangle_type,
-    parse_user_data,
 )
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodesFound, ParticipantFound
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 UNKNOWN_NODE = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
@@ -75,16 +74,6 @@ class TopicEndpointInfo:
 
 
 @dataclass(frozen=True, slots=True)
-class NodeEntities:
-    """One entry of a participant's graph message."""
-
-    namespace: str
-    name: str
-    reader_gids: frozenset[bytes]
-    writer_gids: frozenset[bytes]
-
-
-@dataclass(frozen=True, slots=True)
 class ParticipantInfo:
     """One member of the domain; usually a process.
 
@@ -106,31 +95,26 @@ class _Participant:
     nodes: list[NodeEntities] = field(default_factory=list)
 
 
-@dataclass(slots=True)
-class Endpoint:
-    """A discovered endpoint and what its USER_DATA says."""
-
-    info: EndpointFound
-    user_data: dict[str, str]
-
-
 class Graph:
     """The state; every method that asks is a pure function of it."""
 
     def __init__(self) -> None:
         self.version = 0
-        self.endpoints: dict[bytes, Endpoint] = {}
+        self.endpoints: dict[bytes, EndpointFound] = {}
         self._participants: dict[bytes, _Participant] = {}
-        self._by_topic: defaultdict[str, dict[bytes, Endpoint]] = defaultdict(dict)
+        self._by_topic: defaultdict[str, dict[bytes, EndpointFound]] = defaultdict(dict)
 
     # ----------------------------------------------------------------------------------------------------- changes
 
-    def apply(self, event: DiscoveryEvent) -> Endpoint | None:
+    def apply(self, event: DiscoveryEvent) -> EndpointFound | None:
         """Take one event in; returns the endpoint when a new one appeared."""
         match event:
             case ParticipantFound():
                 known = self._participants.setdefault(event.guid, _Participant())
-                known.enclave = parse_user_data(event.user_data).get("enclave")
+                known.enclave = event.enclave
+            case NodesFound():
+                self.set_nodes(event.guid, event.nodes)
+                return None
             case EndpointFound():
                 if event.topic.startswith("DCPS"):
                     return None
@@ -140,34 +124,33 @@ class Graph:
         self.version += 1
         return None
 
-    def _add(self, event: EndpointFound) -> Endpoint | None:
+    def _add(self, event: EndpointFound) -> EndpointFound | None:
         known = event.guid in self.endpoints
-        endpoint = Endpoint(event, parse_user_data(event.user_data))
-        self.endpoints[event.guid] = endpoint
-        self._by_topic[event.topic][event.guid] = endpoint
+        self.endpoints[event.guid] = event
+        self._by_topic[event.topic][event.guid] = event
         self.version += 1
-        return None if known else endpoint
+        return None if known else event
 
     def _remove(self, guid: bytes) -> None:
         endpoint = self.endpoints.pop(guid, None)
         if endpoint is not None:
-            same_topic = self._by_topic[endpoint.info.topic]
+            same_topic = self._by_topic[endpoint.topic]
             same_topic.pop(guid, None)
             if not same_topic:
-                del self._by_topic[endpoint.info.topic]
+                del self._by_topic[endpoint.topic]
         self._participants.pop(guid, None)
 
     def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
-        """Take a graph message in: the whole list of one participant's nodes."""
+        """Take in which nodes a participant has: the whole list."""
         self._participants.setdefault(participant_guid, _Participant()).nodes = list(nodes)
         self.version += 1
 
     # --------------------------------------------------------------------------------------------------- endpoints
 
-    def on_topic(self, dds_topic: str, *, writers: bool) -> list[Endpoint]:
+    def on_topic(self, dds_topic: str, *, writers: bool) -> list[EndpointFound]:
         """The discovered writers or readers of a DDS topic."""
         found = self._by_topic.get(dds_topic, {})
-        return [endpoint for endpoint in found.values() if endpoint.info.is_writer is writers]
+        return [endpoint for endpoint in found.values() if endpoint.is_writer is writers]
 
     def node_of(self, endpoint: EndpointFound) -> tuple[str, str]:
         """Namespace and name of the node an endpoint belongs to, or rmw's two placeholders."""
@@ -178,6 +161,11 @@ class Graph:
             if endpoint.guid in (node.writer_gids if endpoint.is_writer else node.reader_gids):
                 return node.namespace, node.name
         return UNKNOWN_NODE
+
+    def participant_of(self, guid: bytes) -> bytes | None:
+        """The participant of an endpoint; None while the endpoint is not known."""
+        endpoint = self.endpoints.get(guid)
+        return None if endpoint is None else endpoint.participant_guid
 
     def describe_node(self, endpoint: EndpointFound) -> str:
         """The owning node in words, for messages to people."""
@@ -191,11 +179,10 @@ class Graph:
         kind = EndpointType.PUBLISHER if writers else EndpointType.SUBSCRIPTION
         infos = []
         for endpoint in self.on_topic(dds_topic, writers=writers):
-            namespace, name = self.node_of(endpoint.info)
-            shown_type = demangle_type(endpoint.info.type) or endpoint.info.type
-            type_hash = endpoint.user_data.get("typehash", "")
-            gid, profile = endpoint.info.guid, endpoint.info.qos
-            infos.append(TopicEndpointInfo(name, namespace, shown_type, type_hash, kind, gid, profile))
+            namespace, name = self.node_of(endpoint)
+            shown_type = demangle_type(endpoint.type) or endpoint.type
+            gid, profile = endpoint.guid, endpoint.qos
+            infos.append(TopicEndpointInfo(name, namespace, shown_type, endpoint.type_hash, kind, gid, profile))
         return infos
 
     # -------------------------------------------------------------------------------------------------------- lists
@@ -213,8 +200,8 @@ class Graph:
         """Every participant known, our own included."""
         hashed: dict[bytes, bool] = {}
         for one in self.endpoints.values():
-            guid = one.info.participant_guid
-            hashed[guid] = hashed.get(guid, False) or "typehash" in one.user_data
+            guid = one.participant_guid
+            hashed[guid] = hashed.get(guid, False) or bool(one.type_hash or one.service_hash)
         return [
             ParticipantInfo(
                 guid,
@@ -237,7 +224,7 @@ class Graph:
         """Topics of one node's writers or readers; with `services` ``rq`` or ``rr`` the services of its readers."""
         mine = self._endpoints_of(name, namespace, writers)
         if services:
-            mine = (endpoint for endpoint in mine if endpoint.info.topic.startswith(f"{services}/"))
+            mine = (endpoint for endpoint in mine if endpoint.topic.startswith(f"{services}/"))
             return _names_and_types(self._service_pairs(mine))
         return _names_and_types(self._topic_pairs(mine, True))
 
@@ -246,11 +233,13 @@ class Graph:
         found: defaultdict[str, set[str]] = defaultdict(set)
         for writers in (True, False):
             for endpoint in self._endpoints_of(name, namespace, writers):
-                if demangle_type(endpoint.info.type) == type_name:
-                    found[endpoint.user_data.get("typehash", "")].add(endpoint.info.topic)
+                if demangle_type(endpoint.type) == type_name:
+                    found[endpoint.type_hash].add(endpoint.topic)
+                elif endpoint.service_hash and demangle_service_type(endpoint.type) == type_name:
+                    found[endpoint.service_hash].add(endpoint.topic)
         return dict(found)
 
-    def _endpoints_of(self, name: str, namespace: str, writers: bool) -> Iterator[Endpoint]:
+    def _endpoints_of(self, name: str, namespace: str, writers: bool) -> Iterator[EndpointFound]:
         for participant in self._participants.values():
             for node in participant.nodes:
                 if (node.name, node.namespace) == (name, namespace):
@@ -260,19 +249,19 @@ class Graph:
                             yield self.endpoints[guid]
 
     @staticmethod
-    def _topic_pairs(endpoints: Iterable[Endpoint], demangle: bool) -> Iterator[tuple[str, str]]:
+    def _topic_pairs(endpoints: Iterable[EndpointFound], demangle: bool) -> Iterator[tuple[str, str]]:
         for endpoint in endpoints:
-            topic, type_name = endpoint.info.topic, endpoint.info.type
+            topic, type_name = endpoint.topic, endpoint.type
             if not demangle:
                 yield topic, type_name
             elif (name := demangle_topic(topic)) is not None:
                 yield name, demangle_type(type_name) or type_name
 
     @staticmethod
-    def _service_pairs(endpoints: Iterable[Endpoint]) -> Iterator[tuple[str, str]]:
+    def _service_pairs(endpoints: Iterable[EndpointFound]) -> Iterator[tuple[str, str]]:
         for endpoint in endpoints:
-            name = demangle_service(endpoint.info.topic)
-            service_type = demangle_service_type(endpoint.info.type)
+            name = demangle_service(endpoint.topic)
+            service_type = demangle_service_type(endpoint.type)
             if name is not None and service_type is not None:
                 yield name, service_type
 

@@ -1,4 +1,4 @@
-"""A context: one DDS participant, its graph, and the event loop its nodes live on.
+"""A context: one participant of a domain, its graph, and the event loop its nodes live on.
 
 Decides how arguments, environment and defaults become a participant. Nodes share the default context unless they are
 given another one; it is opened by the first node and closed with the last. Decides what becomes of contexts when the
@@ -8,7 +8,6 @@ process ends or is forked, too.
 from __future__ import annotations
 
 import atexit
-import itertools
 import os
 import sys
 import threading
@@ -22,10 +21,8 @@ from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
-from rosidl_py_gen.runtime.names.dds import participant_user_data
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
-from rosidl_py_gen.runtime.node.environment import read_environment
-from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
+from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
 
 if TYPE_CHECKING:
     import asyncio
@@ -38,20 +35,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.interface import DomainSettings, Transport
 
 T = TypeVar("T")
-
-_TUNING = (
-    '<Internal><SocketReceiveBufferSize max="32MiB"/></Internal><Compatibility><IgnoreTypeInformation>'
-    f"{','.join(f'1.{vendor}' for vendor in range(2, 33))}</IgnoreTypeInformation></Compatibility>"
-)
-"""XML below ``<Domain>`` for every domain of ours; the user's CYCLONEDDS_URI wins over it.
-
-- The kernel grants at most net.core.rmem_max. With Cyclone's own 1 MiB a fifth of 6 MB images was lost on loopback,
-  with 4 MiB none.
-- Type information of peers, of all vendors that Cyclone can name here: ours have none to compare it with. Cyclone
-  takes definitions of arrays and sequences of Kilted's Fast DDS for invalid when it hears one peer ask another for
-  them, and from then on ignores all endpoints of these types.
-"""
-
 
 _FORKED = (
     "made before this process was forked, and works in the parent process only: start processes with multiprocessing's "
@@ -69,7 +52,7 @@ class OpenNode(Protocol):
 
 
 class Context:
-    """One participant of a DDS domain.
+    """One participant of a domain.
 
     All contexts of one process and domain need the same settings. After a fork a context belongs to the parent process
     alone: in the child it is closed, and so are its nodes.
@@ -78,7 +61,8 @@ class Context:
         domain_id: None means ``ROS_DOMAIN_ID``, else 0.
         discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None means the environment (protocol.md 10.6).
         args: a command line that may contain ``--ros-args``; None means `sys.argv`.
-        transport: None means DDS; a `MemoryTransport` stays inside this process.
+        transport: ``"dds"`` or ``"zenoh"``; None means what ``RMW_IMPLEMENTATION`` says, else DDS where cyclonedds is
+            installed. A `MemoryTransport` stays inside this process.
 
     Raises:
         EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError: as their names say.
@@ -95,33 +79,28 @@ class Context:
         *,
         discovery: str | None = None,
         args: Sequence[str] | None = None,
-        transport: Transport | None = None,
+        transport: Transport | str | None = None,
     ) -> None:
-        if isinstance(transport, type) or not (transport is None or callable(getattr(transport, "open", None))):
-            raise TypeError(f"transport must be a transport object such as MemoryTransport(), got {transport!r:.100}")
+        chosen = chosen_transport(transport)
         settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
         self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
         self.arguments = list(self.ros_arguments.program)
         """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
         outputs.open(self.ros_arguments.logs, next(iter(self.arguments), ""), os.environ)
         try:
-            self._open(settings, transport)
+            self._open(settings, chosen)
         except BaseException:
             outputs.close()
             raise
 
-    def _open(self, settings: DomainSettings, transport: Transport | None) -> None:
+    def _open(self, settings: DomainSettings, transport: Transport) -> None:
         for sentence in (*settings.warnings, *self.ros_arguments.warnings):
             get_root_logger().warning(sentence)
         self.domain_id = settings.domain_id
         self.settings = settings
-        xml = cyclone_xml(settings, process_id=os.getpid(), extra=_TUNING)
-        chosen = transport if transport is not None else _dds()
-        user_data = participant_user_data(self.ros_arguments.enclave)
-        self.participant = chosen.open(settings.domain_id, user_data, cyclone_xml=xml)
+        self.participant = transport.open(settings, self.ros_arguments.enclave)
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
-        self.entity_numbers = itertools.count(1)
         self.request_windows = RequestWindows()
         self._closed = ""
         """Why it is closed, for errors; empty while it is open."""
@@ -156,7 +135,6 @@ class Context:
             self.participant,
             self.bridge,
             self.discovery,
-            self.entity_numbers,
             self.request_windows,
             number,
             names.fully_qualified_name,
@@ -270,10 +248,26 @@ class Context:
         outputs.after_fork()
 
 
-def _dds() -> Transport:
-    from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
+def chosen_transport(transport: Transport | str | None) -> Transport:
+    """The transport that an argument means; None: the environment decides.
 
-    return CycloneTransport()
+    Raises:
+        TypeError: there is no such transport. BackendMissingError: it is not installed.
+    """
+    name = middleware(os.environ, get_root_logger().warning) if transport is None else transport
+    if name == DDS:
+        from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
+
+        return CycloneTransport()
+    if name == ZENOH:
+        from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
+
+        return ZenohTransport()
+    if isinstance(name, (str, type)) or not callable(getattr(name, "open", None)):
+        raise TypeError(
+            f"transport must be 'dds', 'zenoh' or a transport object such as MemoryTransport(), got {name!r:.100}"
+        )
+    return name
 
 
 _open_contexts: set[Context] = set()

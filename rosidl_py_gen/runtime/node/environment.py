@@ -1,11 +1,12 @@
 """What the ROS and Cyclone environment variables mean.
 
-Decides domain id, discovery range and static peers (protocol.md 10.6). It reads a mapping, never `os.environ` or a
-file, so that every case is a value in a test.
+Decides domain id, discovery range and static peers (protocol.md 10.6), and which middleware is meant. It reads a
+mapping, never `os.environ` or a file, so that every case is a value in a test.
 """
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from numbers import Integral
 from typing import TYPE_CHECKING
 
@@ -13,11 +14,20 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
 MAX_DOMAIN_ID = 232
 """The highest id whose UDP ports fit: 7400 + 250 * id + 11 + 2 * 32 must stay below 65536."""
 MAX_PEER_LENGTH = 255
+DDS, ZENOH = "dds", "zenoh"
+_MEANT = {
+    "rmw_connextdds": DDS,
+    "rmw_cyclonedds_cpp": DDS,
+    "rmw_fastrtps_cpp": DDS,
+    "rmw_fastrtps_dynamic_cpp": DDS,
+    "rmw_zenoh_cpp": ZENOH,
+}
+"""All that speak DDS understand each other, so any of them means DDS."""
 
 
 class EnvironmentSettingError(RosidlError, ValueError):
@@ -48,6 +58,16 @@ def read_environment(
         environ.get("CYCLONEDDS_URI", ""),
         tuple(warnings),
     )
+
+
+def middleware(environ: Mapping[str, str], warn: Callable[[str], None]) -> str:
+    """``"dds"`` or ``"zenoh"``: what RMW_IMPLEMENTATION means, else what is installed."""
+    wanted = environ.get("RMW_IMPLEMENTATION", "")
+    if wanted in _MEANT:
+        return _MEANT[wanted]
+    if wanted:
+        warn(f"RMW_IMPLEMENTATION={wanted!r:.100} is not known and has no effect; known are {', '.join(_MEANT)}")
+    return ZENOH if find_spec("cyclonedds") is None and find_spec("zenoh") is not None else DDS
 
 
 def _domain_variable(text: str) -> int:

@@ -118,9 +118,9 @@ class _Describer:
         discovery.refresh()
         for guid in discovery.endpoints_of(self._scope.number):
             endpoint = graph.endpoints.get(guid)
-            name = None if endpoint is None else demangle_type(endpoint.info.type)
+            name = None if endpoint is None else demangle_type(endpoint.type)
             if endpoint is not None and name is not None:
-                yield name, endpoint.user_data.get("typehash", "")
+                yield name, endpoint.type_hash
 
 
 def _failure(reason: str) -> srv.GetTypeDescription_Response:

@@ -1,8 +1,8 @@
 """The narrow contract between ROS things (publishers, services, the graph) and whatever carries their bytes.
 
-Bytes go in, bytes and discovery events come out; names and types are already the DDS ones, messages are never seen.
-`cyclone/participant.py` carries them over DDS, `memory.py` inside one process; nothing above this file can tell which
-one it is.
+Bytes go in, bytes and discovery events come out; messages are never seen. Names of topics and types are spelled as DDS
+spells them (`names/dds.py`), whatever carries them. `cyclone/participant.py` carries bytes over DDS, `memory.py` inside
+one process; nothing above this file can tell which one it is.
 
 Threads: `write` may be called from any thread. A sink is called by the bridge on the event loop's thread, perhaps while
 the loop still waits, and takes what it wants from the queue of its reader.
@@ -14,13 +14,13 @@ import struct
 from collections import deque
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, Durability, History, Liveliness, QoSProfile, Reliability
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
 Payload: TypeAlias = "bytes | memoryview"
 """A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""
@@ -34,19 +34,15 @@ A plain tuple: this is made once per message, and a named one costs ten times as
 Sink: TypeAlias = "Callable[[], Callable[[], None] | None]"
 """Takes in what arrived. It calls no function of the user: what does that it answers, to be called a moment later."""
 
-FAST_DDS_VENDOR = b"\x01\x0f"
-"""First bytes of every GUID that Fast DDS makes (RTPS vendor id)."""
-
-
 Identity: TypeAlias = "tuple[bytes, int]"
-"""Which request a sample of a Fast DDS service is or answers: a GUID of the client, its request's sequence number."""
+"""Which request a sample is or answers, where that is said beside the message: a GUID of the client, its request's
+sequence number, which each client counts from 1."""
 
 IDENTITY_BYTES = 24
 _IDENTIFIED = b"\xfd\x5d"
 """Stands in the two option bytes of the encapsulation header, which are zero otherwise."""
 _identity = struct.Struct("<16sq")
-
-
+_NOTHING = b"\0\1\0\0"
 _FILL = (b"", b"\0\0\0", b"\0\0", b"\0")
 
 
@@ -68,15 +64,22 @@ def identity_of(data: Payload) -> Identity | None:
     return guid, sequence
 
 
+def unanswered(identity: Identity) -> bytes:
+    """The sample that tells a client: no server is left that could answer this request."""
+    return identified(_NOTHING, identity)
+
+
+def is_unanswered(data: Payload) -> bool:
+    """Whether it is what `unanswered` makes: a response has at least one byte."""
+    return len(data) == len(_NOTHING) + IDENTITY_BYTES and data[2:4] == _IDENTIFIED
+
+
 class TransportError(RosidlError):
     """The middleware refused something; the message carries its own words."""
 
 
 class BackendMissingError(RosidlError, ImportError):
-    """The user has to install the extra that brings DDS."""
-
-
-# ---------------------------------------------------------------------------------------------------------- settings
+    """The user has to install the extra that brings the middleware."""
 
 
 class DiscoveryRange(Enum):
@@ -110,10 +113,32 @@ class DomainSettings:
 
 @dataclass(frozen=True, slots=True)
 class ParticipantFound:
-    """A participant was discovered (own ones included)."""
+    """A participant was discovered (own ones included).
+
+    Attributes:
+        enclave: None when it does not say that it is a ROS participant.
+    """
 
     guid: bytes
-    user_data: bytes
+    enclave: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class NodeEntities:
+    """One node of a participant, and the GUIDs of its endpoints."""
+
+    namespace: str
+    name: str
+    reader_gids: frozenset[bytes]
+    writer_gids: frozenset[bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class NodesFound:
+    """A participant, of that GUID, told which nodes it has: all of them, each time."""
+
+    guid: bytes
+    nodes: tuple[NodeEntities, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +150,9 @@ class EndpointFound:
         participant_guid: of the participant it belongs to.
         topic: DDS topic name.
         type: DDS type name.
+        type_hash: RIHS01 text of the message; empty when the endpoint does not tell.
+        service_id: of a service, what both endpoints of one client or server have in common; may be empty.
+        service_hash: RIHS01 text of the service, where that is told in place of those of its messages.
     """
 
     guid: bytes
@@ -133,7 +161,9 @@ class EndpointFound:
     topic: str
     type: str
     qos: QoSProfile
-    user_data: bytes
+    type_hash: str = ""
+    service_id: str = ""
+    service_hash: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +173,7 @@ class Lost:
     guid: bytes
 
 
-DiscoveryEvent: TypeAlias = "ParticipantFound | EndpointFound | Lost"
+DiscoveryEvent: TypeAlias = "ParticipantFound | NodesFound | EndpointFound | Lost"
 
 
 # ------------------------------------------------------------------------------------------------------- reader queue
@@ -194,7 +224,7 @@ class ReceiveQueue:
 
 
 class Writer(Protocol):
-    """One DDS writer."""
+    """What sends the samples of one endpoint."""
 
     @property
     def guid(self) -> bytes:
@@ -202,13 +232,13 @@ class Writer(Protocol):
 
     @property
     def handle(self) -> int:
-        """Unsigned 64-bit number that is unique among the writers of this machine's process (protocol.md 5.1)."""
+        """Unsigned number that is unique among the writers of this machine's process (protocol.md 5.1)."""
 
     def write(self, data: Payload, identity: Identity | None = None) -> bool:
         """Send a sample. Never blocks and never holds the GIL inside the middleware.
 
         Args:
-            identity: for services of Fast DDS peers; only where `Participant.fast_dds_refusal` is None.
+            identity: for services of peers that want it so (`Participant.identifies`).
 
         Returns:
             False when a reliable reader is so far behind that the middleware wants us to wait; nothing was sent.
@@ -219,6 +249,9 @@ class Writer(Protocol):
 
     def has_readers(self) -> bool:
         """Whether anybody receives what is written; cheaper than listing them."""
+
+    def reaches(self, client: bytes) -> bool:
+        """Whether a response would arrive at the client of an `Identity`, as far as that can be told."""
 
     def all_acknowledged(self) -> bool:
         """True when every matched reliable reader confirmed everything written so far. Never blocks."""
@@ -231,7 +264,7 @@ class Writer(Protocol):
 
 
 class Reader(Protocol):
-    """One DDS reader with its receive queue."""
+    """What receives the samples of one endpoint, with its queue."""
 
     @property
     def guid(self) -> bytes:
@@ -257,24 +290,85 @@ class Reader(Protocol):
         """Delete it; may be called twice."""
 
 
+@dataclass(frozen=True, slots=True)
+class Service:
+    """A service as its clients and servers announce it.
+
+    Attributes:
+        name: fully qualified.
+        type: ``pkg/srv/Name``.
+        type_hash: RIHS01 text of the service; may be empty, as those of its messages.
+    """
+
+    name: str
+    type: str
+    type_hash: str
+    request_hash: str
+    response_hash: str
+
+
+class ServiceEndpoints(NamedTuple):
+    """The two halves of a client or a server.
+
+    Attributes:
+        gid: 16 bytes by which ROS names it.
+    """
+
+    reader: Reader
+    writer: Writer
+    gid: bytes
+
+
 class Participant(Protocol):
-    """One member of a domain: makes endpoints, reports discovery, and says when something arrived."""
+    """One member of a domain: makes endpoints, reports discovery, and says when something arrived.
+
+    `node` is the number of the node that an endpoint belongs to, one of those announced; 0 means none.
+    """
 
     @property
     def guid(self) -> bytes:
-        """16 bytes, network order; the first 12 are the prefix of all its endpoints."""
+        """16 bytes, network order."""
 
     @property
-    def fast_dds_refusal(self) -> str | None:
-        """Why services of Fast DDS peers cannot be used; None when they can. Samples of them then have an identity."""
+    def middleware(self) -> str:
+        """``DDS`` or what else it is, for people."""
 
-    def create_writer(self, topic: str, type: str, qos: QoSProfile, user_data: bytes) -> Writer:
+    @property
+    def identity_refusal(self) -> str | None:
+        """Why services of peers that want an `Identity` cannot be used; None when they can."""
+
+    def identifies(self, guid: bytes) -> bool:
+        """Whether a service with that endpoint has an `Identity` beside its samples, and not a header in them."""
+
+    def counts_requests(self, guid: bytes) -> bool:
+        """Whether such a server that has answered once knows requests without an `Identity` by writer and number."""
+
+    def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
+        """Why a writer and a reader of these profiles are not connected; empty when they are."""
+
+    def create_writer(self, topic: str, type: str, qos: QoSProfile, type_hash: str = "", *, node: int = 0) -> Writer:
         """Raises `TransportError` when the middleware refuses."""
 
     def create_reader(
-        self, topic: str, type: str, qos: QoSProfile, user_data: bytes, *, ignore_local: bool = False
+        self,
+        topic: str,
+        type: str,
+        qos: QoSProfile,
+        type_hash: str = "",
+        *,
+        node: int = 0,
+        ignore_local: bool = False,
     ) -> Reader:
         """`ignore_local`: no samples of writers of this participant. Raises `TransportError`."""
+
+    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+        """What reads replies and writes requests. Raises `TransportError`."""
+
+    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+        """What reads requests and writes replies. Raises `TransportError`."""
+
+    def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
+        """Tell others which nodes we have, by number: all of them, each time. From any thread."""
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         """Report discovery to `sink`, on the loop's thread, beginning with all that is known already."""
@@ -301,5 +395,5 @@ class Participant(Protocol):
 class Transport(Protocol):
     """Something that can join a domain."""
 
-    def open(self, domain_id: int, user_data: bytes, *, cyclone_xml: str) -> Participant:
-        """Join `domain_id`; `cyclone_xml` is configuration for Cyclone DDS that other transports ignore."""
+    def open(self, settings: DomainSettings, enclave: str = "/") -> Participant:
+        """Join the domain; settings that the transport does not know have no effect."""

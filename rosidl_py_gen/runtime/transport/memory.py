@@ -15,6 +15,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.transport.dds import DdsParticipant, reaches
 from rosidl_py_gen.runtime.transport.interface import (
     EndpointFound,
     Lost,
@@ -30,7 +31,14 @@ from rosidl_py_gen.runtime.transport.qos import Durability, History
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Identity, Payload, Sample, Sink
+    from rosidl_py_gen.runtime.transport.interface import (
+        DiscoveryEvent,
+        DomainSettings,
+        Identity,
+        Payload,
+        Sample,
+        Sink,
+    )
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _VENDOR = b"\x01\x10"
@@ -52,38 +60,38 @@ class MemoryTransport:
         self._counter = itertools.count(1)
         self._domains: dict[int, list[MemoryParticipant]] = {}
 
-    def open(self, domain_id: int, user_data: bytes, *, cyclone_xml: str = "") -> MemoryParticipant:
+    def open(self, settings: DomainSettings, enclave: str = "/") -> MemoryParticipant:
         """Join a domain of this world."""
-        del cyclone_xml
         with self._lock:
             number = next(self._counter)
             prefix = _VENDOR + bytes(2) + self._number.to_bytes(4, "big") + number.to_bytes(4, "big")
-            peers = self._domains.setdefault(domain_id, [])
-            participant = MemoryParticipant(self._lock, peers, prefix, user_data, self._counter)
+            peers = self._domains.setdefault(settings.domain_id, [])
+            participant = MemoryParticipant(self._lock, peers, prefix, enclave, self._counter)
             peers.append(participant)
             for peer in peers:
-                peer.tell(ParticipantFound(participant.guid, user_data))
+                peer.tell(ParticipantFound(participant.guid, enclave))
             return participant
 
 
-class MemoryParticipant:
+class MemoryParticipant(DdsParticipant):
     """A member of a `MemoryTransport`; see `transport.Participant`."""
 
-    fast_dds_refusal: str | None = None
+    identity_refusal: str | None = None
 
     def __init__(
         self,
         lock: threading.RLock,
         peers: list[MemoryParticipant],
         prefix: bytes,
-        user_data: bytes,
+        enclave: str,
         counter: itertools.count[int],
     ) -> None:
+        super().__init__()
         self.lock = lock
         self.peers = peers
         self.prefix = prefix
         self.guid = prefix + b"\x00\x00\x01\xc1"
-        self.user_data = user_data
+        self.enclave = enclave
         self.counter = counter
         self.writers: list[MemoryWriter] = []
         self.readers: list[MemoryReader] = []
@@ -95,21 +103,40 @@ class MemoryParticipant:
 
     # ------------------------------------------------------------------------------------------------ endpoints
 
-    def create_writer(self, topic: str, type: str, qos: QoSProfile, user_data: bytes) -> MemoryWriter:
+    def create_writer(
+        self,
+        topic: str,
+        type: str,
+        qos: QoSProfile,
+        type_hash: str = "",
+        *,
+        node: int = 0,
+        client_id: str = "",
+        service_id: str = "",
+    ) -> MemoryWriter:
         with self.lock:
-            writer = MemoryWriter(
-                self, self._next_guid(b"\x03"), topic, type, effective(qos, is_writer=True), user_data
-            )
+            told = (topic, type, effective(qos, is_writer=True), type_hash, service_id or client_id)
+            writer = MemoryWriter(self, EndpointFound(self._next_guid(b"\x03"), self.guid, True, *told))
             self.writers.append(writer)
             self._announce(writer.info)
             return writer
 
     def create_reader(
-        self, topic: str, type: str, qos: QoSProfile, user_data: bytes, *, ignore_local: bool = False
+        self,
+        topic: str,
+        type: str,
+        qos: QoSProfile,
+        type_hash: str = "",
+        *,
+        node: int = 0,
+        client_id: str = "",
+        service_id: str = "",
+        ignore_local: bool = False,
     ) -> MemoryReader:
         with self.lock:
-            profile = effective(qos, is_writer=False)
-            reader = MemoryReader(self, self._next_guid(b"\x04"), topic, type, profile, user_data, ignore_local)
+            told = (topic, type, effective(qos, is_writer=False), type_hash, service_id or client_id)
+            info = EndpointFound(self._next_guid(b"\x04"), self.guid, False, *told)
+            reader = MemoryReader(self, info, ignore_local)
             self.readers.append(reader)
             self._announce(reader.info)
             for peer in self.peers:
@@ -127,20 +154,24 @@ class MemoryParticipant:
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         with self.lock:
-            self._discovery_sink = sink
+            self._discovery_sink = self.listen_for_nodes(sink)
             self._events.clear()
             for peer in self.peers:
-                self._events.append(ParticipantFound(peer.guid, peer.user_data))
+                self._events.append(ParticipantFound(peer.guid, peer.enclave))
                 self._events += [endpoint.info for endpoint in (*peer.writers, *peer.readers)]
-            self.ready(self.report_discovery)
+            self.ready(self._report)
 
     def tell(self, event: DiscoveryEvent) -> None:
         """Report one event; nothing is kept while nobody listens."""
         if self._discovery_sink is not None:
             self._events.append(event)
-            self.ready(self.report_discovery)
+            self.ready(self._report)
 
     def report_discovery(self) -> None:
+        self._report()
+        self.read_nodes()
+
+    def _report(self) -> None:
         with self.lock:
             events, self._events = self._events, []
         if events and self._discovery_sink is not None:
@@ -188,6 +219,7 @@ class MemoryParticipant:
         with self.lock:
             if self.closed:
                 return
+            self.forget_nodes()
             for endpoint in (*self.writers, *self.readers):
                 endpoint.close()
             self.closed = True
@@ -198,14 +230,12 @@ class MemoryParticipant:
 
 
 class _Endpoint:
-    def __init__(
-        self, owner: MemoryParticipant, guid: bytes, topic: str, type: str, qos: QoSProfile, user_data: bytes
-    ) -> None:
+    def __init__(self, owner: MemoryParticipant, info: EndpointFound) -> None:
         self.owner = owner
-        self.guid = guid
-        self.qos = qos
+        self.guid = info.guid
+        self.qos = info.qos
         self.closed = False
-        self.info = EndpointFound(guid, owner.guid, guid[-1] == 3, topic, type, qos, user_data)
+        self.info = info
 
     def close(self) -> None:
         """Delete it; may be called twice."""
@@ -217,11 +247,10 @@ class _Endpoint:
 class MemoryWriter(_Endpoint):
     """See `transport.Writer`."""
 
-    def __init__(
-        self, owner: MemoryParticipant, guid: bytes, topic: str, type: str, qos: QoSProfile, user_data: bytes
-    ) -> None:
-        super().__init__(owner, guid, topic, type, qos, user_data)
-        self.handle = int.from_bytes(guid[8:], "big")  # `MemoryReader.writer_guid` is the way back
+    def __init__(self, owner: MemoryParticipant, info: EndpointFound) -> None:
+        super().__init__(owner, info)
+        qos = info.qos
+        self.handle = int.from_bytes(info.guid[8:], "big")  # `MemoryReader.writer_guid` is the way back
         keeps = qos.durability is Durability.TRANSIENT_LOCAL
         depth = (None if qos.history is History.KEEP_ALL else max(1, qos.depth)) if keeps else 0
         self._history: deque[Sample] = deque(maxlen=depth)
@@ -255,6 +284,9 @@ class MemoryWriter(_Endpoint):
         with self.owner.lock:
             return [reader.guid for peer in self.owner.peers for reader in peer.readers if matches(self, reader)]
 
+    def reaches(self, client: bytes) -> bool:
+        return reaches(client, self.matched_readers)
+
     def all_acknowledged(self) -> bool:
         """Delivery is immediate."""
         return True
@@ -266,18 +298,9 @@ class MemoryWriter(_Endpoint):
 class MemoryReader(_Endpoint):
     """See `transport.Reader`."""
 
-    def __init__(
-        self,
-        owner: MemoryParticipant,
-        guid: bytes,
-        topic: str,
-        type: str,
-        qos: QoSProfile,
-        user_data: bytes,
-        ignore_local: bool,
-    ) -> None:
-        super().__init__(owner, guid, topic, type, qos, user_data)
-        self.queue = ReceiveQueue(qos)
+    def __init__(self, owner: MemoryParticipant, info: EndpointFound, ignore_local: bool) -> None:
+        super().__init__(owner, info)
+        self.queue = ReceiveQueue(info.qos)
         self.ignore_local = ignore_local
         self._sink: Sink | None = None
 

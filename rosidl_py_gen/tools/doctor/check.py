@@ -100,8 +100,11 @@ async def _answers(network: Network) -> list[Finding]:
 
 
 def _fast_dds(session: Session) -> Iterator[Finding]:
-    refusal = session.context.participant.fast_dds_refusal
-    if refusal is None:
+    participant = session.context.participant
+    refusal = participant.identity_refusal
+    if participant.middleware != "DDS":
+        yield Finding(OK, f"this program and all it sees are on {participant.middleware}")
+    elif refusal is None:
         yield Finding(OK, "topics and services work with nodes on Cyclone DDS and Fast DDS")
     else:
         advice = "services with Fast DDS need the wheel of cyclonedds 11.0.1 on Linux x86-64"

@@ -110,12 +110,7 @@ def _ports(domain_id: int, file: Path = Path("/proc/sys/net/ipv4/ip_local_port_r
 
 def _pitfalls(environ: Mapping[str, str]) -> Iterator[Finding]:
     rmw = environ.get("RMW_IMPLEMENTATION", "")
-    if rmw == "rmw_zenoh_cpp":
-        advice = "nodes that shall be seen here need RMW_IMPLEMENTATION=rmw_fastrtps_cpp or rmw_cyclonedds_cpp"
-        yield Finding(
-            WARNING, "nodes started with this RMW_IMPLEMENTATION talk over Zenoh, this program over DDS", advice
-        )
-    elif rmw and rmw not in _DDS:
+    if rmw and rmw not in (*_DDS, "rmw_zenoh_cpp"):
         yield Finding(NOTE, f"whether nodes on {rmw} and this program understand each other was never tried")
     if environ.get("ROS_DISCOVERY_SERVER"):
         advice = "start nodes that shall be seen here without it, or with ROS_SUPER_CLIENT and a common network"

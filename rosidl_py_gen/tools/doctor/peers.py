@@ -63,7 +63,7 @@ class SelfTest:
             stderr=subprocess.DEVNULL,
         )
         self.participant = b""
-        """The first 12 bytes of its GUIDs, once it was found."""
+        """Its participant, once it was found."""
 
     async def result(self) -> Finding:
         """Wait for it."""
@@ -74,7 +74,8 @@ class SelfTest:
         if not (await out.wait_for_subscribers(_FOUND_S) and await answers.wait_for_publishers(_FOUND_S)):
             return self._failed(f"two processes of this machine did not find each other within {_FOUND_S:.0f} s")
         found_s = monotonic() - began
-        self.participant = node.get_publishers_info_by_topic(back)[0].endpoint_gid[:12]
+        found = node.get_publishers_info_by_topic(back)[0].endpoint_gid
+        self.participant = node.scope.graph.participant_of(found) or b""
         try:
             for number in range(2):  # the first may wait until the other side has found us, too
                 began = monotonic()
@@ -110,22 +111,22 @@ class SelfTest:
 
 def peers(session: Session, without: bytes) -> Iterator[Finding]:
     """Who is in the domain, by make; `without` is the participant of the self-test."""
-    own = session.context.participant.guid[:12]
-    found = [one for one in session.node.scope.graph.participants() if one.guid[:12] not in (own, without)]
+    own = session.context.participant
+    found = [one for one in session.node.scope.graph.participants() if one.guid not in (own.guid, without)]
     if not found:
         yield _nobody(session)
         return
     groups: defaultdict[str, list[ParticipantInfo]] = defaultdict(list)
     for one in found:
-        groups[make(one)].append(one)
+        groups[make(one, own.middleware)].append(one)
     for name, members in sorted(groups.items()):
         yield _group(name, members)
 
 
-def make(one: ParticipantInfo) -> str:
+def make(one: ParticipantInfo, middleware: str = "DDS") -> str:
     """The middleware, and what is known of the distribution."""
     vendor = _VENDORS.get(one.guid[1]) if one.guid[0] == 1 else None
-    name = vendor or f"DDS of vendor {one.guid[:2].hex('.')}"
+    name = middleware if middleware != "DDS" else vendor or f"DDS of vendor {one.guid[:2].hex('.')}"
     if not one.is_ros:
         return f"{name}, no ROS"
     return f"{name}, {_ROS[one.announces_hashes]}"

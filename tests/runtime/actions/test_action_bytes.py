@@ -24,7 +24,7 @@ class Tap:
     """Readers beside the real ones, which keep every sample of a service or topic."""
 
     def __init__(self, node: NodeActions, topic: str, dds_type: str) -> None:
-        self.reader = node.scope.participant.create_reader(topic, dds_type, DEEP, b"")
+        self.reader = node.scope.participant.create_reader(topic, dds_type, DEEP)
 
     def take(self, *, service: bool = True) -> list[str]:
         """Samples as hex; of services only the part behind the 16-byte header, which is checked apart."""
@@ -102,7 +102,7 @@ def test_names_types_and_qos_are_those_of_ros(world: World) -> None:
     node = world.node("server")
     node.create_action_server(Fibonacci, "fib", until_canceled)
     node.scope.discovery.refresh()
-    endpoints = [e.info for e in node.scope.graph.endpoints.values() if "/_action/" in e.info.topic]
+    endpoints = [e for e in node.scope.graph.endpoints.values() if "/_action/" in e.topic]
     found = {
         (e.topic, e.type, e.is_writer): (e.qos.reliability.name, e.qos.durability.name, e.qos.depth) for e in endpoints
     }

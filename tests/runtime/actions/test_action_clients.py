@@ -221,7 +221,7 @@ def test_wrong_arguments_of_a_server(world: World, options: Any, error: type[Exc
     with pytest.raises(error, match=words):
         node.create_action_server(Fibonacci, "fib", **{"execute": fibonacci, **options})
     node.scope.discovery.refresh()
-    assert not [e for e in node.scope.graph.endpoints.values() if "_action/" in e.info.topic]
+    assert not [e for e in node.scope.graph.endpoints.values() if "_action/" in e.topic]
 
 
 @pytest.mark.parametrize(("options", "error", "words"), CLIENT_ARGUMENTS)
@@ -230,7 +230,7 @@ def test_wrong_arguments_of_a_client(world: World, options: Any, error: type[Exc
     with pytest.raises(error, match=words):
         node.create_action_client(Fibonacci, "fib", **options)
     node.scope.discovery.refresh()
-    assert not [e for e in node.scope.graph.endpoints.values() if "_action/" in e.info.topic]
+    assert not [e for e in node.scope.graph.endpoints.values() if "_action/" in e.topic]
 
 
 @pytest.mark.parametrize(
@@ -304,7 +304,7 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
         results = client._result
         things = (server, server._goals, server._goals.book, server._runner, client, results, results.client, *scopes)
         before = [sizes(thing) for thing in things]
-        await some(1000 if world.transport is not None else 100)
+        await some(1000 if world.kind == "memory" else 100)
         assert [sizes(thing) for thing in things] == before
         assert before[1]["active"] == before[2]["_goals"] == before[4]["_goals"] == 0
         assert before[5]["_wanted"] == before[6]["_pending"] == 0

@@ -288,6 +288,7 @@ async def test_a_service_that_comes_later_is_waited_for(world: World) -> None:
     assert (await client.call(Request(a=1, b=2), timeout_s=5)).sum == 3
 
 
+@pytest.mark.without_zenoh("there clients and servers announce their service, not its messages")
 async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None:
     alice, bob = world.pair()
     server = alice.create_service(AddTwoInts, "add", add)
@@ -295,17 +296,17 @@ async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None
     assert await client.wait_for_service(timeout_s=5)
     await asyncio.sleep(0.05)
     graph = bob.scope.graph
-    data = {guid: graph.endpoints[guid].user_data for guid in (server._reader.guid, server._writer.guid)}
-    assert len({item["serviceid"] for item in data.values()}) == 1
-    assert data[server._reader.guid]["typehash"] == AddTwoInts.Request._TYPE.hash
-    assert data[server._writer.guid]["typehash"] == AddTwoInts.Response._TYPE.hash
-    own = {graph.endpoints[guid].user_data["clientid"] for guid in (client._reader.guid, client._writer.guid)}
-    assert len(own) == 1
+    reads, writes = graph.endpoints[server._reader.guid], graph.endpoints[server._writer.guid]
+    assert reads.service_id == writes.service_id != ""
+    assert reads.type_hash == AddTwoInts.Request._TYPE.hash
+    assert writes.type_hash == AddTwoInts.Response._TYPE.hash
+    own = {graph.endpoints[guid].service_id for guid in (client._reader.guid, client._writer.guid)}
+    assert len(own) == 1 and own.isdisjoint({"", reads.service_id})
 
 
 async def test_fast_dds_servers_are_refused_instead_of_hanging_where_they_cannot_be_called(memory: World) -> None:
     bob = memory.node("bob")
-    bob.context.participant.fast_dds_refusal = "this build is not known"  # type: ignore[misc]
+    bob.context.participant.identity_refusal = "this build is not known"  # type: ignore[misc]
     client = bob.create_client(AddTwoInts, "add")
     prefix = b"\x01\x0f" + bytes(10)
     for number, (topic, kind) in enumerate((("rq/addRequest", "Request"), ("rr/addReply", "Response")), 1):
@@ -317,7 +318,6 @@ async def test_fast_dds_servers_are_refused_instead_of_hanging_where_they_cannot
                 topic,
                 f"example_interfaces::srv::dds_::AddTwoInts_{kind}_",
                 SERVICES_DEFAULT,
-                b"",
             )
         )
     started = time.monotonic()

@@ -102,6 +102,7 @@ async def test_keep_last_drops_the_oldest_and_counts(world: World) -> None:
     assert await publisher.wait_for_subscribers(timeout_s=5)
     for number in range(100):
         publisher.publish(Int32(data=number))
+    await until(lambda: subscription.dropped == 95)
     seen = [(await subscription.receive(timeout_s=5)).data for _ in range(5)]
     assert seen == [95, 96, 97, 98, 99]
     assert subscription.dropped == 95

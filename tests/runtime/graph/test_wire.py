@@ -6,12 +6,12 @@ import pytest
 
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
-from rosidl_py_gen.runtime.graph import message as graph_message
-from rosidl_py_gen.runtime.graph.discovery import _TYPE_HASH
-from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE, Graph, NodeEntities
+from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE, Graph
 from rosidl_py_gen.runtime.names import dds as ddsnames
+from rosidl_py_gen.runtime.transport import nodes_message
 from rosidl_py_gen.runtime.transport.cyclone.topics import OPAQUE
-from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.dds import _TYPE_HASH
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodeEntities, ParticipantFound
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 PREFIX = bytes.fromhex("0110f307 0a0b0c0d 01020304")
@@ -69,9 +69,9 @@ def test_user_data_is_read_or_ignored_as_a_whole(data: bytes, pairs: dict[str, s
     assert ddsnames.parse_user_data(data) == pairs
 
 
-def test_the_graph_message_is_what_the_generated_class_writes() -> None:
+def test_the_nodes_message_is_what_the_generated_class_writes() -> None:
     reader, writer = PREFIX + b"\0\0\5\4", PREFIX + b"\0\0\6\3"
-    data = graph_message.encode(GUID, [NodeEntities("/ns", "n", frozenset([reader]), frozenset([writer]))])
+    data = nodes_message.encode(GUID, [NodeEntities("/ns", "n", frozenset([reader]), frozenset([writer]))])
     expected = ParticipantEntitiesInfo(
         gid=Gid(data=GUID),
         node_entities_info_seq=[
@@ -80,7 +80,7 @@ def test_the_graph_message_is_what_the_generated_class_writes() -> None:
     )
     assert data == expected.encode()
     assert ParticipantEntitiesInfo._TYPE.hash == _TYPE_HASH
-    assert graph_message.decode(data, PREFIX).nodes[0].writer_gids == {writer}
+    assert nodes_message.decode(data, PREFIX).nodes[0].writer_gids == {writer}
 
 
 @pytest.mark.parametrize("pad", [b"", b"\0\0"])
@@ -97,7 +97,7 @@ def test_both_gid_sizes_are_understood(gid_bytes: int, pad: bytes) -> None:
         + (number(1) + reader + tail)
         + number(0)
     ) + pad
-    message = graph_message.decode(data, PREFIX)
+    message = nodes_message.decode(data, PREFIX)
     assert message.participant_guid == GUID
     assert message.nodes == [NodeEntities("/", "ab", frozenset([reader]), frozenset())]
 
@@ -105,7 +105,7 @@ def test_both_gid_sizes_are_understood(gid_bytes: int, pad: bytes) -> None:
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + GUID, b"\0\1\0\0" + GUID + b"\xff" * 30])
 def test_other_bytes_are_refused(data: bytes) -> None:
     with pytest.raises(DecodeError):
-        graph_message.decode(data, PREFIX)
+        nodes_message.decode(data, PREFIX)
 
 
 def test_the_opaque_type_is_what_cyclonedds_itself_would_announce() -> None:
@@ -120,10 +120,10 @@ def test_the_opaque_type_is_what_cyclonedds_itself_would_announce() -> None:
 
 def test_endpoints_find_their_node_or_a_placeholder() -> None:
     graph = Graph()
-    writer = EndpointFound(PREFIX + b"\0\0\6\3", GUID, True, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT, b"")
+    writer = EndpointFound(PREFIX + b"\0\0\6\3", GUID, True, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
     graph.apply(writer)
     assert graph.node_of(writer) == BARE_DDS_NODE
-    graph.apply(ParticipantFound(GUID, b"enclave=/;"))
+    graph.apply(ParticipantFound(GUID, "/"))
     assert graph.node_of(writer) == UNKNOWN_NODE
     stale = PREFIX + b"\0\0\7\3"
     graph.set_nodes(GUID, [NodeEntities("/ns", "n", frozenset(), frozenset([writer.guid, stale]))])

@@ -205,7 +205,7 @@ async def test_a_reader_that_was_named_for_nothing_calls_nobody(dds: World) -> N
     await eventually(lambda: heard)
     participant: Any = bob.context.participant
     for entity in (*participant._readers, 12345):
-        participant.announce(entity)
+        participant.wake(entity)
     await asyncio.sleep(0.05)
     assert heard == [1]
 

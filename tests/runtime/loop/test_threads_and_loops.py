@@ -133,7 +133,7 @@ def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(world: W
     for number in range(50):
         other.create_publisher(String, f"t{number}")
     one.get_node_names()
-    assert len(one.context.discovery._reader.queue.items) == 0
+    assert len(one.context.participant._nodes._reader.queue.items) == 0
 
 
 def test_threads_may_take_turns_in_waiting_calls(world: World) -> None:

@@ -95,8 +95,8 @@ async def test_an_answer_that_is_too_long_is_not_even_decoded(memory: World) -> 
 
 async def test_names_that_are_none_are_errors_of_ours(memory: World) -> None:
     robot = teller(memory, "robot", lambda request: GetTypeDescription_Response())
-    writer = robot.scope.participant.create_writer("rt/t", "no::such \x1bdds_::Name_", QoSProfile(), b"typehash=x;")
-    robot.scope.own(writer, writer.guid)
+    writer = robot.scope.participant.create_writer("rt/t", "no::such \x1bdds_::Name_", QoSProfile(), "x")
+    robot.scope.own(writer, writer=writer.guid)
     with pytest.raises(
         TypeDescriptionError, match=r"^the type of the topic /t is none of ROS: no/such \ufffdName without a hash"
     ):

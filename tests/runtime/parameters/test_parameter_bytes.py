@@ -21,12 +21,12 @@ def wire(*parts: str) -> str:
 async def test_setting_one_integer_and_the_event_it_causes(world: World) -> None:
     watcher = world.node("watcher").scope.participant
     dds = "rcl_interfaces::srv::dds_::SetParameters_"
-    requests = watcher.create_reader(request_name("/n/set_parameters"), f"{dds}Request_", DEEP, b"")
-    replies = watcher.create_reader(reply_name("/n/set_parameters"), f"{dds}Response_", DEEP, b"")
+    requests = watcher.create_reader(request_name("/n/set_parameters"), f"{dds}Request_", DEEP)
+    replies = watcher.create_reader(reply_name("/n/set_parameters"), f"{dds}Response_", DEEP)
     node = world.node("n")
     node.declare_parameter("ab", 1)
     remote = world.node("other").create_parameter_client("/n")
-    events = watcher.create_reader("rt/parameter_events", "rcl_interfaces::msg::dds_::ParameterEvent_", DEEP, b"")
+    events = watcher.create_reader("rt/parameter_events", "rcl_interfaces::msg::dds_::ParameterEvent_", DEEP)
     node.clock.enable_ros_time_override()
     node.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
     await remote.set({"ab": 7}, timeout_s=5)
@@ -54,7 +54,7 @@ async def test_setting_one_integer_and_the_event_it_causes(world: World) -> None
 async def test_asking_for_an_unknown_parameter_is_answered_with_nothing(world: World) -> None:
     watcher = world.node("watcher").scope.participant
     dds = "rcl_interfaces::srv::dds_::GetParameters_Response_"
-    replies = watcher.create_reader(reply_name("/n/get_parameters"), dds, DEEP, b"")
+    replies = watcher.create_reader(reply_name("/n/get_parameters"), dds, DEEP)
     world.node("n")
     remote = world.node("other").create_parameter_client("/n")
     with pytest.raises(ParameterNotDeclaredError):

@@ -31,8 +31,8 @@ class Wiretap:
     def __init__(self, world: World, service: str, type_name: str) -> None:
         self._participant = world.node("watcher").scope.participant
         dds = f"rcl_interfaces::srv::dds_::{type_name}_"
-        self._requests = self._participant.create_reader(request_name(f"/n/{service}"), f"{dds}Request_", DEEP, b"")
-        self._replies = self._participant.create_reader(reply_name(f"/n/{service}"), f"{dds}Response_", DEEP, b"")
+        self._requests = self._participant.create_reader(request_name(f"/n/{service}"), f"{dds}Request_", DEEP)
+        self._replies = self._participant.create_reader(reply_name(f"/n/{service}"), f"{dds}Response_", DEEP)
         self.node: Node = world.node("n")
         self.remote: ParameterClient = world.node("other").create_parameter_client("/n")
 

@@ -46,12 +46,11 @@ READER = -1
 """Stands for a reader of participants; no real one has that handle."""
 AS_FAST_DDS = """
 import asyncio, os, sys
-import rosidl_py_gen.runtime.endpoints.client as client
 from rosidl_py_gen.runtime import Node
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
-client.is_foreign = lambda guid: True  # every server is taken for one on Fast DDS
+cyclone.CycloneParticipant.identifies = lambda self, guid: True  # every server is taken for one on Fast DDS
 cyclone._fast_dds.notice(-1)  # and there may be clients
 
 def answer(request):
@@ -120,7 +119,7 @@ def program(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 @pytest.fixture
 def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Clients of this test take every server for one on Fast DDS, and received samples are looked into."""
-    monkeypatch.setattr("rosidl_py_gen.runtime.endpoints.client.is_foreign", lambda guid: True)
+    monkeypatch.setattr(cyclone.CycloneParticipant, "identifies", lambda self, guid: True)
     cyclone._fast_dds.notice(READER)
     yield
     cyclone._fast_dds.forget(READER)
@@ -179,7 +178,7 @@ def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there
         fast_dds.notice(READER)
         assert receiver(node) != plain
         fast_dds.look(READER)
-        fast_dds.settle(READER, [ParticipantFound(guid, b"")])
+        fast_dds.settle(READER, [ParticipantFound(guid, None)])
         assert (receiver(node) != plain) is is_looked_into
     fast_dds.settle(READER, [Lost(FAST_GUID)])
     assert receiver(node) == plain
@@ -326,9 +325,9 @@ def test_an_unknown_build_is_refused_and_left_alone(dds: World) -> None:
 
 def test_a_refusal_is_told_once_and_only_where_fast_dds_peers_are() -> None:
     fast_dds = unknown()
-    fast_dds.settle(READER, [ParticipantFound(CYCLONE_GUID, b"")])
+    fast_dds.settle(READER, [ParticipantFound(CYCLONE_GUID, None)])
     assert fast_dds.complaint() is None
-    fast_dds.settle(READER, [ParticipantFound(FAST_GUID, b"")])
+    fast_dds.settle(READER, [ParticipantFound(FAST_GUID, None)])
     told = fast_dds.complaint()
     assert told is not None and told.startswith("services of Fast DDS nodes cannot be used here, topics can: ")
     assert fast_dds.complaint() is None
@@ -348,9 +347,7 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
     for number, (topic, kind) in enumerate((("rq/set_boolRequest", "Request"), ("rr/set_boolReply", "Response")), 1):
         last = b"\x03" if kind == "Response" else b"\x04"
         guid, type_name = FAST_GUID[:12] + bytes((0, 0, number)) + last, f"std_srvs::srv::dds_::SetBool_{kind}_"
-        bob.scope.graph.apply(
-            EndpointFound(guid, FAST_GUID, kind == "Response", topic, type_name, SERVICES_DEFAULT, b"")
-        )
+        bob.scope.graph.apply(EndpointFound(guid, FAST_GUID, kind == "Response", topic, type_name, SERVICES_DEFAULT))
     with pytest.raises(ForeignServiceError, match=r"Topics work with it.*this build is not known"):
         await client.call(SetBool.Request(), timeout_s=10)
 

@@ -105,8 +105,8 @@ async def test_two_types_on_one_topic_name_stay_apart(dds: World) -> None:
 
 async def test_the_end_of_a_sample_is_zeros_not_memory(world: World) -> None:
     participant, names = world.context().participant, ("rt/odd", "pkg::msg::dds_::Odd_")
-    reader = participant.create_reader(*names, DEFAULT, b"")
-    writer = participant.create_writer(*names, DEFAULT, b"")
+    reader = participant.create_reader(*names, DEFAULT)
+    writer = participant.create_writer(*names, DEFAULT)
     for length in range(5, 9):
         writer.write(b"\0\1\0\0" + b"\7" * (length - 4))
     assert [sample[0] for sample in reader.queue.items] == [

@@ -1,8 +1,8 @@
 """What Cyclone's builtin topics say about participants and endpoints, as discovery events.
 
-Decides nothing about ROS: names, types and USER_DATA are passed on as they are. It also remembers which GUID belongs to
-which local instance handle, because samples and matched lists carry handles only; the handle of an endpoint's builtin
-sample is the publication handle of its samples.
+Decides nothing about ROS: names, types and what USER_DATA says are passed on as they are. It also remembers which GUID
+belongs to which local instance handle, because samples and matched lists carry handles only; the handle in the builtin
+sample of an endpoint is the publication handle of its samples.
 
 Source: protocol.md 11.7.
 """
@@ -16,6 +16,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.names.dds import parse_user_data
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_user_data
 from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
@@ -107,7 +108,9 @@ class DiscoveryReaders:
         if topic == abi.DCPS_PARTICIPANT:
             participant = abi.BuiltinParticipant.from_address(pointer)
             guid = bytes(participant.key)
-            return ParticipantFound(guid, read_user_data(self._api, participant.qos)) if valid else Lost(guid)
+            if not valid:
+                return Lost(guid)
+            return ParticipantFound(guid, parse_user_data(read_user_data(self._api, participant.qos)).get("enclave"))
         endpoint = abi.BuiltinEndpoint.from_address(pointer)
         guid = bytes(endpoint.key)
         if not valid:
@@ -115,6 +118,7 @@ class DiscoveryReaders:
             return Lost(guid)
         self.guids[handle] = guid
         is_writer = topic == abi.DCPS_PUBLICATION
+        told = parse_user_data(read_user_data(self._api, endpoint.qos))
         return EndpointFound(
             guid,
             bytes(endpoint.participant_key),
@@ -122,7 +126,8 @@ class DiscoveryReaders:
             endpoint.topic_name.decode(errors="replace"),
             endpoint.type_name.decode(errors="replace"),
             read_profile(self._api, endpoint.qos, is_writer=is_writer),
-            read_user_data(self._api, endpoint.qos),
+            told.get("typehash", ""),
+            told.get("serviceid") or told.get("clientid") or "",
         )
 
     def _forget_later(self, handle: int) -> None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_about_socket_buffers
+from rosidl_py_gen.runtime.transport.dds import reaches
 from rosidl_py_gen.runtime.transport.interface import in_fours
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class Host(Protocol):
     def unwatch(self, entity: int) -> None:
         """Undo `watch`."""
 
-    def announce(self, entity: int) -> None:
+    def wake(self, entity: int) -> None:
         """Tell the sink of that reader: something is in its queue already."""
 
 
@@ -119,6 +120,9 @@ class CycloneWriter:
     def has_readers(self) -> bool:
         status = abi.MatchedStatus()
         return self._api.bare_matched(self._entity, _by_reference(status)) == 0 and status.current > 0
+
+    def reaches(self, client: bytes) -> bool:
+        return reaches(client, self.matched_readers)
 
     def all_acknowledged(self) -> bool:
         code = self._api.wait_for_acks(self._entity, 0)
@@ -190,7 +194,7 @@ class CycloneReader:
     def set_sink(self, sink: Sink | None) -> None:
         self.sink = sink
         if sink is not None and (self.fetch() or self.queue.items):
-            self._owner.announce(self.entity)
+            self._owner.wake(self.entity)
 
     def fetch(self) -> bool:
         """Move all samples from DDS into the queue; returns whether there were any. From any thread."""

@@ -36,7 +36,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from rosidl_py_gen.runtime.transport.cyclone import abi, rtps
 from rosidl_py_gen.runtime.transport.cyclone.pipe import putw
-from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, IDENTITY_BYTES, Lost, identified
+from rosidl_py_gen.runtime.transport.dds import FAST_DDS_VENDOR
+from rosidl_py_gen.runtime.transport.interface import IDENTITY_BYTES, Lost, identified
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -17,6 +17,7 @@ Rules a newcomer would otherwise break:
 from __future__ import annotations
 
 import ctypes as ct
+import os
 import sys
 import threading
 from contextlib import ExitStack
@@ -26,21 +27,24 @@ from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.names.dds import endpoint_user_data, participant_user_data
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.catchup import EarlySamples
+from rosidl_py_gen.runtime.transport.cyclone.config import TUNING, cyclone_xml
 from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
 from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
+from rosidl_py_gen.runtime.transport.dds import DdsParticipant
 from rosidl_py_gen.runtime.transport.interface import BackendMissingError, ReceiveQueue, effective
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import ModuleType
 
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Sink
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, DomainSettings, Sink
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _MAX_IDLE_TOPICS = 256
@@ -80,18 +84,20 @@ _fast_dds = FastDds(_library)
 class CycloneTransport:
     """Joins DDS domains; see `transport.Transport`. Stateless."""
 
-    def open(self, domain_id: int, user_data: bytes, *, cyclone_xml: str) -> CycloneParticipant:
-        """Join `domain_id`, which all participants of a process configure alike; see `domain.py`."""
-        return CycloneParticipant(domain_id, user_data, cyclone_xml)
+    def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
+        """Join the domain, which all participants of a process configure alike; see `domain.py`."""
+        xml = cyclone_xml(settings, process_id=os.getpid(), extra=TUNING)
+        return CycloneParticipant(settings.domain_id, participant_user_data(enclave), xml)
 
 
 # --------------------------------------------------------------------------------------------------------- participant
 
 
-class CycloneParticipant:
+class CycloneParticipant(DdsParticipant):
     """See `transport.Participant`."""
 
     def __init__(self, domain_id: int, user_data: bytes, xml: str) -> None:
+        super().__init__()
         self.api = _api
         self.fast_dds = _fast_dds
         self.domain_id = domain_id
@@ -122,7 +128,7 @@ class CycloneParticipant:
             self._undo = undo.pop_all()
 
     @property
-    def fast_dds_refusal(self) -> str | None:
+    def identity_refusal(self) -> str | None:
         return self.fast_dds.refusal
 
     # ------------------------------------------------------------------------------------------------ endpoints
@@ -133,15 +139,36 @@ class CycloneParticipant:
         _api.check(_api.get_guid(entity, buffer), "read a GUID")
         return buffer.raw
 
-    def create_writer(self, topic: str, type: str, qos: QoSProfile, user_data: bytes) -> CycloneWriter:
+    def create_writer(
+        self,
+        topic: str,
+        type: str,
+        qos: QoSProfile,
+        type_hash: str = "",
+        *,
+        node: int = 0,
+        client_id: str = "",
+        service_id: str = "",
+    ) -> CycloneWriter:
+        user_data = endpoint_user_data(type_hash, client_id=client_id, service_id=service_id)
         profile = effective(qos, is_writer=True)
         with endpoint_qos(_api, profile, user_data, is_writer=True) as cqos:
             entity = self._create(_api.create_writer, self._publisher, topic, type, cqos, None)
         return CycloneWriter(self, entity, topic, type)
 
     def create_reader(
-        self, topic: str, type: str, qos: QoSProfile, user_data: bytes, *, ignore_local: bool = False
+        self,
+        topic: str,
+        type: str,
+        qos: QoSProfile,
+        type_hash: str = "",
+        *,
+        node: int = 0,
+        client_id: str = "",
+        service_id: str = "",
+        ignore_local: bool = False,
     ) -> CycloneReader:
+        user_data = endpoint_user_data(type_hash, client_id=client_id, service_id=service_id)
         profile = effective(qos, is_writer=False)
         with endpoint_qos(_api, profile, user_data, is_writer=False, ignore_local=ignore_local) as cqos:
             entity = self._early.create_reader(
@@ -201,16 +228,17 @@ class CycloneParticipant:
         """Undo `watch`."""
         self._readers.pop(entity, None)
 
-    def announce(self, entity: int) -> None:
+    def wake(self, entity: int) -> None:
         """Let `collect` look at a reader that nothing may arrive for any more."""
         self._pipe.put(entity)
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        self.discovery.sink = sink
+        self.discovery.sink = self.listen_for_nodes(sink)
         self._pipe.put(self.discovery.entities[0])
 
     def report_discovery(self) -> None:
         self.discovery.report()
+        self.read_nodes()
 
     def fileno(self) -> int | None:
         return self._pipe.fileno()
@@ -240,6 +268,7 @@ class CycloneParticipant:
     def close(self) -> None:
         if self._closed:
             return
+        self.forget_nodes()
         self._closed = True
         for reader in list(self._readers.values()):
             reader.close()

@@ -10,7 +10,8 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.interface import FAST_DDS_VENDOR, IDENTITY_BYTES
+from rosidl_py_gen.runtime.transport.dds import FAST_DDS_VENDOR
+from rosidl_py_gen.runtime.transport.interface import IDENTITY_BYTES
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.interface import Identity

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import DecodeError
-from rosidl_py_gen.runtime.graph.state import NodeEntities
+from rosidl_py_gen.runtime.transport.interface import NodeEntities
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -1,0 +1,225 @@
+"""Publishers and subscribers of topics.
+
+Decides what a quality of service means to Zenoh (zenoh.md 5): only endpoints that are transient local are "advanced"
+ones, with a cache or a history; everybody else's are on the same key and exchange samples with them all the same.
+
+Samples arrive on a thread of Zenoh, or on that of whoever publishes in this process. They go into the queue there, and
+nothing else happens: whoever blocks that thread stops everything that arrives.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import time
+from typing import TYPE_CHECKING, Any, Protocol
+
+import zenoh
+import zenoh.ext
+import zenoh.handlers
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.logs.loggers import internal_logger
+from rosidl_py_gen.runtime.transport.interface import ReceiveQueue, TransportError
+from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
+from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
+from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.transport.interface import EndpointFound, Identity, Payload, Sink
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
+    from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph
+
+_HEARTBEAT_S = 0.5
+_time_ns = time.time_ns
+
+
+class Host(Protocol):
+    """What endpoints need of their participant."""
+
+    arrivals: Arrivals
+    graph: TokenGraph
+    session: Any
+
+    def withdraw(self, guid: bytes) -> None:
+        """An endpoint is about to be undeclared."""
+
+
+def handler(function: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
+    """A function that Zenoh calls on its own thread; otherwise there would be a thread for each."""
+    return zenoh.handlers.Callback(function, drop=drop, indirect=False)
+
+
+def keep(*things: object) -> None:
+    """Never delete these: in a forked child that would wait for threads which are not there."""
+    for thing in things:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(thing))
+
+
+def read_attachment(thing: Any) -> tuple[int, int, bytes] | None:
+    """Number, time and GID beside a sample or query; None, and a word in the log, when they are not there."""
+    attached = thing.attachment
+    try:
+        if attached is None:
+            raise AttachmentError("expected an attachment of 33 bytes, found none")
+        return unpack(attached.to_bytes())
+    except AttachmentError as error:
+        internal_logger().warning(f"dropped what came on {thing.key_expr}: {error}", throttle_s=1.0)
+        return None
+
+
+# -------------------------------------------------------------------------------------------------------------- topics
+
+
+def declare_publisher(session: Any, key: str, qos: QoSProfile) -> Any:
+    """What publishes on a key with that profile."""
+    is_reliable = qos.reliability is Reliability.RELIABLE
+    reliability = zenoh.Reliability.RELIABLE if is_reliable else zenoh.Reliability.BEST_EFFORT
+    blocks = is_reliable and qos.history is History.KEEP_ALL
+    congestion_control = zenoh.CongestionControl.BLOCK if blocks else zenoh.CongestionControl.DROP
+    if qos.durability is not Durability.TRANSIENT_LOCAL:
+        return session.declare_publisher(key, reliability=reliability, congestion_control=congestion_control)
+    misses = zenoh.ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=_HEARTBEAT_S) if is_reliable else None
+    return zenoh.ext.declare_advanced_publisher(
+        session,
+        key,
+        reliability=reliability,
+        congestion_control=congestion_control,
+        cache=zenoh.ext.CacheConfig(qos.depth or DEFAULT_DEPTH),
+        sample_miss_detection=misses,
+        publisher_detection=True,
+    )
+
+
+def declare_subscriber(
+    session: Any, key: str, qos: QoSProfile, take: Callable[[Any], None], *, ignore_local: bool
+) -> Any:
+    """What receives the samples of a key, with that profile."""
+    origin = zenoh.Locality.REMOTE if ignore_local else zenoh.Locality.ANY
+    if qos.durability is not Durability.TRANSIENT_LOCAL:
+        return session.declare_subscriber(key, handler(take), allowed_origin=origin)
+    is_reliable = qos.reliability is Reliability.RELIABLE
+    return zenoh.ext.declare_advanced_subscriber(
+        session,
+        key,
+        handler(take),
+        allowed_origin=origin,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True, max_samples=qos.depth or DEFAULT_DEPTH),
+        recovery=zenoh.ext.RecoveryConfig(periodic_queries=None, heartbeat=True) if is_reliable else None,
+        subscriber_detection=True,
+    )
+
+
+class ZenohWriter:
+    """See `transport.Writer`."""
+
+    def __init__(self, owner: Host, info: EndpointFound, key: str) -> None:
+        self._owner = owner
+        self.info = info
+        self.guid = info.guid
+        self.handle = int.from_bytes(info.guid, "little")
+        self._key = key
+        self._numbers = itertools.count(1)
+        self._publisher = declare_publisher(owner.session, key, info.qos)
+        self._put = self._publisher.put
+        self._closed = False
+
+    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+        """See `transport.Writer`. A reliable keep-all writer waits here for slow peers, without the GIL."""
+        if self._closed:
+            raise ClosedError(f"the writer of {self.info.topic} is closed")
+        attachment = pack(next(self._numbers), _time_ns(), self.guid)
+        try:
+            self._put(data if data.__class__ is bytes else bytes(data), attachment=attachment)
+        except zenoh.ZError as error:
+            raise TransportError(f"write {len(data)} bytes to {self.info.topic}: {error}") from None
+        return True
+
+    def matched_readers(self) -> list[bytes]:
+        return list(self._owner.graph.connected(self.info))
+
+    def has_readers(self) -> bool:
+        return bool(self._owner.graph.connected(self.info))
+
+    def reaches(self, client: bytes) -> bool:
+        """Replies are not written here."""
+        return True
+
+    def all_acknowledged(self) -> bool:
+        """Zenoh tells nothing of that; reliable links pass on what they took."""
+        return True
+
+    def assert_liveliness(self) -> None:
+        """Nobody looks for it."""
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed = True
+            self._owner.withdraw(self.guid)
+            self._publisher.undeclare()
+
+    def abandon(self) -> None:
+        """In a forked child: touch nothing."""
+        self._closed = True
+        keep(self._publisher, self._put)
+
+
+class ZenohReader:
+    """See `transport.Reader`; the queue is filled by `take`."""
+
+    def __init__(self, owner: Host, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+        self._owner = owner
+        self.info = info
+        self.guid = info.guid
+        self.queue = ReceiveQueue(info.qos)
+        self._ignore_local = ignore_local
+        self._sink: Sink | None = None
+        self._closed = False
+        self._subscriber = self._declare(key)
+
+    def _declare(self, key: str) -> Any:
+        session, qos = self._owner.session, self.info.qos
+        return declare_subscriber(session, key, qos, self._take, ignore_local=self._ignore_local)
+
+    def _take(self, sample: Any) -> None:
+        """Called by Zenoh with each sample."""
+        told = read_attachment(sample)
+        data = sample.payload.to_bytes()
+        if told is not None and data:
+            self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns()))
+
+    def receive(self, sample: tuple[Payload, int, int, int]) -> None:
+        """Take a sample into the queue."""
+        self.queue.push(sample)
+        if self._sink is not None:
+            self._owner.arrivals.put(self._sink)
+
+    def set_sink(self, sink: Sink | None) -> None:
+        self._sink = sink
+        if sink is not None and self.queue.items:
+            self._owner.arrivals.put(sink)
+
+    def fetch(self) -> bool:
+        """Everything is in the queue already."""
+        return bool(self.queue.items)
+
+    def matched_writers(self) -> list[bytes]:
+        return [guid for guid, zid in self._owner.graph.connected(self.info).items() if zid or not self._ignore_local]
+
+    def writer_guid(self, handle: int) -> bytes | None:
+        """The handle is the GUID as a number, 0 where it is not known."""
+        return handle.to_bytes(16, "little") if handle else None
+
+    def close(self) -> None:
+        if not self._closed:
+            self._closed, self._sink = True, None
+            self._owner.withdraw(self.guid)
+            self._subscriber.undeclare()
+
+    def abandon(self) -> None:
+        """In a forked child: touch nothing."""
+        self._closed, self._sink = True, None
+        keep(self._subscriber)

@@ -1,0 +1,216 @@
+"""Who is there, by the liveliness tokens of a domain, as discovery events.
+
+Decides how tokens become what the graph above the transport knows: a session is a participant, a client or a server is
+two endpoints, and a node is there as long as its own token or one of its endpoints'. Tokens come more than once and in
+any order; the whole text of one is its identity. Endpoints of our own session are told by who makes them, at once.
+
+Who is connected with whom follows from names: everybody with the same key, whatever the quality of service.
+
+Source: zenoh.md 3 and 8.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import defaultdict, deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.names.dds import reply_name, request_name, topic_name
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodeEntities, NodesFound, ParticipantFound
+from rosidl_py_gen.runtime.transport.zenoh.keys import known_hash
+from rosidl_py_gen.runtime.transport.zenoh.tokens import EndpointToken, EntityKind, NodeToken, gid_of, read_token
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent
+
+_FLIPPED = (1 << 128) - 1
+
+
+def twin(gid: bytes) -> bytes:
+    """The GUID of the other half of a client or server: its GID is that of the half that reads."""
+    return (int.from_bytes(gid, "big") ^ _FLIPPED).to_bytes(16, "big")
+
+
+def participant_guid(zid: str) -> bytes:
+    """The GUID of a session, given by its id as Zenoh prints it."""
+    return int(zid, 16).to_bytes(16, "big")
+
+
+@dataclass(slots=True)
+class _Node:
+    token: NodeToken
+    is_announced: bool = False
+    readers: set[bytes] = field(default_factory=set)
+    writers: set[bytes] = field(default_factory=set)
+
+
+@dataclass(slots=True)
+class _Session:
+    guid: bytes
+    nodes: dict[int, _Node] = field(default_factory=dict)
+
+
+Key = tuple[str, str, str, bool]
+"""Topic, type and hash of those who are connected with each other, and whether the writers or the readers are meant."""
+
+
+def endpoints_of(token: EndpointToken, gid: bytes) -> tuple[EndpointFound, ...]:
+    """What the graph knows of an endpoint: one of a topic, two of a client or server, the reading one first."""
+    participant = participant_guid(token.node.zid)
+    told = known_hash(token.type_hash)
+    if token.kind in (EntityKind.PUBLISHER, EntityKind.SUBSCRIPTION):
+        is_writer = token.kind is EntityKind.PUBLISHER
+        found = EndpointFound(gid, participant, is_writer, topic_name(token.name), token.type, token.qos, told)
+        return (found,)
+    request, reply = (
+        (request_name(token.name), f"{token.type}Request_"),
+        (reply_name(token.name), f"{token.type}Response_"),
+    )
+    read, written = (request, reply) if token.kind is EntityKind.SERVER else (reply, request)
+    service = ("", gid.hex(), told)
+    return (
+        EndpointFound(gid, participant, False, *read, token.qos, *service),
+        EndpointFound(twin(gid), participant, True, *written, token.qos, *service),
+    )
+
+
+class TokenGraph:
+    """The endpoints of a domain; for any thread."""
+
+    def __init__(self, own_zid: str, enclave: str) -> None:
+        self._own_zid = own_zid
+        self._news: deque[tuple[bool, str]] = deque()
+        self._lock = threading.RLock()
+        self._sessions: dict[str, _Session] = {}
+        self._tokens: dict[str, tuple[EndpointFound, ...]] = {}
+        self._connected: defaultdict[Key, dict[bytes, str]] = defaultdict(dict)
+        """The GUIDs of those who are there, and the sessions they belong to."""
+        self._events: list[DiscoveryEvent] = [ParticipantFound(participant_guid(own_zid), enclave)]
+        self._gone_clients: list[bytes] = []
+
+    def hear(self, is_there: bool, token: str) -> None:
+        """Note that a token appeared or disappeared, to be read later."""
+        self._news.append((is_there, token))
+
+    # ------------------------------------------------------------------------------------------------------- changes
+
+    def add_own(self, endpoints: Iterable[EndpointFound]) -> None:
+        """An endpoint of ours is there."""
+        with self._lock:
+            for endpoint in endpoints:
+                self._connect(endpoint, self._own_zid)
+                self._events.append(endpoint)
+
+    def remove_own(self, endpoints: Iterable[EndpointFound]) -> None:
+        """Undo `add_own`."""
+        with self._lock:
+            for endpoint in endpoints:
+                self._disconnect(endpoint)
+                self._events.append(Lost(endpoint.guid))
+
+    def _connect(self, endpoint: EndpointFound, zid: str) -> None:
+        self._connected[_key(endpoint, endpoint.is_writer)][endpoint.guid] = zid
+
+    def _disconnect(self, endpoint: EndpointFound) -> None:
+        key = _key(endpoint, endpoint.is_writer)
+        same = self._connected[key]
+        same.pop(endpoint.guid, None)
+        if not same:
+            del self._connected[key]
+
+    def read(self) -> None:
+        """Take in all tokens that were heard of."""
+        with self._lock:
+            changed: dict[str, None] = {}
+            while self._news:
+                is_there, text = self._news.popleft()
+                token = read_token(text)
+                if token is None:
+                    continue
+                zid = (token if isinstance(token, NodeToken) else token.node).zid
+                if zid != self._own_zid and (self._add if is_there else self._remove)(text, token, zid):
+                    changed[zid] = None
+            for zid in changed:
+                self._settle(zid)
+
+    def _add(self, text: str, token: NodeToken | EndpointToken, zid: str) -> bool:
+        if text in self._tokens:
+            return False
+        owner = token if isinstance(token, NodeToken) else token.node
+        session = self._sessions.get(zid)
+        if session is None:
+            session = self._sessions[zid] = _Session(participant_guid(zid))
+            self._events.append(ParticipantFound(session.guid, owner.enclave))
+        node = session.nodes.setdefault(owner.node_id, _Node(owner))
+        if isinstance(token, NodeToken):
+            node.is_announced = True
+            self._tokens[text] = ()
+            return True
+        endpoints = self._tokens[text] = endpoints_of(token, gid_of(text))
+        for endpoint in endpoints:
+            (node.writers if endpoint.is_writer else node.readers).add(endpoint.guid)
+            self._connect(endpoint, zid)
+            self._events.append(endpoint)
+        return True
+
+    def _remove(self, text: str, token: NodeToken | EndpointToken, zid: str) -> bool:
+        endpoints = self._tokens.pop(text, None)
+        if endpoints is None:
+            return False
+        owner = token if isinstance(token, NodeToken) else token.node
+        node = self._sessions[zid].nodes[owner.node_id]
+        if isinstance(token, NodeToken):
+            node.is_announced = False
+        elif token.kind is EntityKind.CLIENT:
+            self._gone_clients.append(endpoints[0].guid)
+        for endpoint in endpoints:
+            node.readers.discard(endpoint.guid)
+            node.writers.discard(endpoint.guid)
+            self._disconnect(endpoint)
+            self._events.append(Lost(endpoint.guid))
+        return True
+
+    def _settle(self, zid: str) -> None:
+        """Tell which nodes a session has, or that it is gone."""
+        session = self._sessions[zid]
+        nodes = session.nodes = {
+            number: node for number, node in session.nodes.items() if node.is_announced or node.readers or node.writers
+        }
+        if not nodes:
+            del self._sessions[zid]
+            self._events.append(Lost(session.guid))
+            return
+        told = tuple(
+            NodeEntities(node.token.namespace, node.token.name, frozenset(node.readers), frozenset(node.writers))
+            for node in nodes.values()
+        )
+        self._events.append(NodesFound(session.guid, told))
+
+    # ----------------------------------------------------------------------------------------------------- questions
+
+    def events(self) -> list[DiscoveryEvent]:
+        """What was not reported yet."""
+        self.read()
+        with self._lock:
+            events, self._events = self._events, []
+        return events
+
+    def take_gone_clients(self) -> list[bytes]:
+        """GIDs of the clients that disappeared since the last time."""
+        with self._lock:
+            gone, self._gone_clients = self._gone_clients, []
+        return gone
+
+    def connected(self, endpoint: EndpointFound) -> dict[bytes, str]:
+        """The GUIDs of those at the other side of an endpoint, and the sessions they belong to."""
+        if self._news:
+            self.read()
+        with self._lock:
+            return dict(self._connected.get(_key(endpoint, not endpoint.is_writer), ()))
+
+
+def _key(endpoint: EndpointFound, is_writer: bool) -> Key:
+    return endpoint.topic, endpoint.type, endpoint.service_hash or endpoint.type_hash, is_writer

@@ -1,0 +1,242 @@
+"""The member of a domain that Zenoh sees: one session, with the endpoints and liveliness tokens of our nodes.
+
+Rules a newcomer would otherwise break:
+
+- An endpoint is there before its token, and its token is gone before it is; so with a node and its endpoints.
+- Every function that Zenoh calls is a "direct" one. It puts what came into a queue and says that something did; it
+  never waits and never undeclares anything, which would stop or deadlock the session.
+- No lock of ours is held during a call into Zenoh.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import zenoh
+
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.names.dds import demangle_topic, type_name
+from rosidl_py_gen.runtime.transport.interface import ServiceEndpoints
+from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
+from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, handler, keep
+from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid
+from rosidl_py_gen.runtime.transport.zenoh.keys import data_key
+from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
+from rosidl_py_gen.runtime.transport.zenoh.services import ReplyReader, ReplyWriter, RequestReader, RequestWriter
+from rosidl_py_gen.runtime.transport.zenoh.tokens import EndpointToken, EntityKind, NodeToken, gid_of, tokens_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, EndpointFound, NodeEntities, Service, Sink
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+_NOBODY = "_"
+"""Stands for the node of endpoints that have none; they have no token, so nobody reads it."""
+
+
+class _Description(NamedTuple):
+    """A new endpoint: its key, its token (empty when it belongs to no node), and what the graph shall know of it."""
+
+    key: str
+    token: str
+    endpoints: tuple[EndpointFound, ...]
+
+
+class _Owned(NamedTuple):
+    """An endpoint of ours, its liveliness token, and what the graph knows of it."""
+
+    endpoint: ZenohReader | ZenohWriter
+    token: Any
+    told: tuple[EndpointFound, ...]
+
+
+class ZenohParticipant:
+    """See `transport.Participant`."""
+
+    middleware = "Zenoh"
+    identity_refusal: str | None = None
+
+    def __init__(self, session: Any, domain_id: int, enclave: str) -> None:
+        self.session = session
+        self._domain_id = domain_id
+        self._enclave = enclave
+        self._zid = str(session.zid())
+        self.guid = participant_guid(self._zid)
+        self._closed = False
+        self._ids = itertools.count()
+        """Of nodes and endpoints alike, as in rmw_zenoh_cpp."""
+        self._nodes: dict[int, NodeToken] = {}
+        self._nobody = NodeToken(domain_id, self._zid, 0, _NOBODY)
+        self._node_tokens: dict[int, Any] = {}
+        self._owned: dict[bytes, _Owned] = {}
+        self.arrivals = Arrivals()
+        self._discovery_sink: Callable[[list[DiscoveryEvent]], None] | None = None
+        self.graph = TokenGraph(self._zid, enclave)
+        self._liveliness = session.liveliness()
+        self._listener = self._liveliness.declare_subscriber(tokens_of(domain_id), handler(self._hear), history=True)
+
+    # ------------------------------------------------------------------------------------------------ endpoints
+
+    def create_writer(
+        self, topic: str, type: str, qos: QoSProfile, type_hash: str = "", *, node: int = 0
+    ) -> ZenohWriter:
+        told = self._describe(EntityKind.PUBLISHER, _name(topic), type, type_hash, qos, node)
+        writer = ZenohWriter(self, told.endpoints[0], told.key)
+        self._adopt(writer, told)
+        return writer
+
+    def create_reader(
+        self,
+        topic: str,
+        type: str,
+        qos: QoSProfile,
+        type_hash: str = "",
+        *,
+        node: int = 0,
+        ignore_local: bool = False,
+    ) -> ZenohReader:
+        told = self._describe(EntityKind.SUBSCRIPTION, _name(topic), type, type_hash, qos, node)
+        reader = ZenohReader(self, told.endpoints[0], told.key, ignore_local=ignore_local)
+        self._adopt(reader, told)
+        return reader
+
+    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+        told = self._describe_service(EntityKind.CLIENT, service, qos, node)
+        replies, requests = told.endpoints
+        reader = ReplyReader(self, replies, told.key)
+        self._adopt(reader, told)
+        return ServiceEndpoints(reader, RequestWriter(self, requests, reader), replies.guid)
+
+    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+        told = self._describe_service(EntityKind.SERVER, service, qos, node)
+        requests, replies = told.endpoints
+        reader = RequestReader(self, requests, told.key)
+        self._adopt(reader, told)
+        return ServiceEndpoints(reader, ReplyWriter(self, replies, reader, told.key), requests.guid)
+
+    def _describe(
+        self, kind: EntityKind, name: str, type: str, type_hash: str, qos: QoSProfile, node: int
+    ) -> _Description:
+        if self._closed:
+            raise ClosedError("this participant is closed")
+        profile = read_qos(qos_text(qos))
+        assert profile is not None
+        owner = self._nodes.get(node)
+        token = EndpointToken(owner or self._nobody, next(self._ids), kind, name, type, type_hash, profile)
+        text = str(token)
+        key = data_key(self._domain_id, name, type, type_hash)
+        return _Description(key, text if owner else "", endpoints_of(token, gid_of(text)))
+
+    def _describe_service(self, kind: EntityKind, service: Service, qos: QoSProfile, node: int) -> _Description:
+        """As `_describe`; our own graph knows the hashes of the messages, which no token tells."""
+        told = self._describe(kind, service.name, type_name(service.type), service.type_hash, qos, node)
+        halves = [service.request_hash, service.response_hash]
+        if kind is EntityKind.CLIENT:
+            halves.reverse()
+        endpoints = tuple(replace(one, type_hash=half) for one, half in zip(told.endpoints, halves, strict=True))
+        return told._replace(endpoints=endpoints)
+
+    def _adopt(self, endpoint: ZenohReader | ZenohWriter, told: _Description) -> None:
+        """Tell others of an endpoint that is ready."""
+        token = self._liveliness.declare_token(told.token) if told.token else None
+        self._owned[endpoint.guid] = _Owned(endpoint, token, told.endpoints)
+        self.graph.add_own(told.endpoints)
+        self.arrivals.put(self.report_discovery)
+
+    def withdraw(self, guid: bytes) -> None:
+        """That endpoint of ours will be undeclared."""
+        owned = self._owned.pop(guid, None)
+        if owned is not None:
+            if owned.token is not None:
+                owned.token.undeclare()
+            self.graph.remove_own(owned.told)
+            self.arrivals.put(self.report_discovery)
+
+    def identifies(self, guid: bytes) -> bool:
+        """See `transport.Participant`; everybody does here."""
+        return True
+
+    def counts_requests(self, guid: bytes) -> bool:
+        """See `transport.Participant`; nobody does here."""
+        return False
+
+    def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
+        """See `transport.Participant`; nobody looks at profiles here."""
+        return ""
+
+    # ---------------------------------------------------------------------------------------------------- nodes
+
+    def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
+        for number in self._nodes.keys() - nodes.keys():
+            del self._nodes[number]
+            self._node_tokens.pop(number).undeclare()
+        for number, node in nodes.items():
+            if number not in self._nodes and not self._closed:
+                token = NodeToken(self._domain_id, self._zid, next(self._ids), node.name, node.namespace, self._enclave)
+                self._nodes[number] = token
+                self._node_tokens[number] = self._liveliness.declare_token(str(token))
+
+    # ------------------------------------------------------------------------------------------------ discovery
+
+    def _hear(self, sample: Any) -> None:
+        """Called by Zenoh with each token that appears or disappears."""
+        self.graph.hear(sample.kind == zenoh.SampleKind.PUT, str(sample.key_expr))
+        self.arrivals.put(self.report_discovery)
+
+    def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
+        self._discovery_sink = sink
+        self.arrivals.put(self.report_discovery)
+
+    def report_discovery(self) -> None:
+        if self._discovery_sink is None:
+            return
+        events = self.graph.events()
+        for client in self.graph.take_gone_clients():
+            for owned in list(self._owned.values()):
+                if isinstance(owned.endpoint, RequestReader):
+                    owned.endpoint.forget(client)
+        if events:
+            self._discovery_sink(events)
+
+    # -------------------------------------------------------------------------------------------------- waiting
+
+    def set_notify(self, notify: Callable[[], None] | None) -> None:
+        self.arrivals.set_notify(notify)
+
+    def fileno(self) -> int | None:
+        return self.arrivals.fileno()
+
+    def collect(self) -> list[Sink]:
+        return self.arrivals.take()
+
+    # -------------------------------------------------------------------------------------------------- closing
+
+    def abandon(self) -> None:
+        self._closed = True
+        self._discovery_sink = None
+        for owned in self._owned.values():
+            owned.endpoint.abandon()
+            keep(owned.token)
+        keep(self.session, self._liveliness, self._listener, *self._node_tokens.values())
+
+    def close(self) -> None:
+        if self._closed:
+            return
+        for owned in list(self._owned.values()):
+            owned.endpoint.close()
+        self._closed = True
+        self.announce({})
+        self._discovery_sink = None
+        self._listener.undeclare()
+        with contextlib.suppress(zenoh.ZError):  # it gives up after a while when the machine is too busy
+            self.session.close()
+        self.arrivals.close()
+
+
+def _name(topic: str) -> str:
+    """The fully qualified name of a topic; one that is not mangled as ROS does is taken as it is."""
+    return demangle_topic(topic) or f"/{topic.removeprefix('/')}"

@@ -1,0 +1,121 @@
+"""Topics and services with each peer, both ways; and with the one that speaks as rmw_zenoh_cpp everything else."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+from worlds import until
+
+from rosidl_py_gen.runtime import QoSProfile, ServerLostError
+from rosidl_py_gen.runtime.transport.zenoh.tokens import gid_of
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Awaitable, Callable
+
+    from conftest import Peer
+    from worlds import World
+
+    Start = Callable[..., Awaitable[Peer]]
+
+STRING = "std_msgs::msg::dds_::String_/RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+LATCHED = QoSProfile().keep_last(5).transient_local()
+
+
+@asynccontextmanager
+async def running(start: Start, name: str, *arguments: str) -> AsyncIterator[Peer]:
+    """A peer that is ready."""
+    peer = await start(name, *arguments)
+    try:
+        await peer.hears("ready")
+        yield peer
+    finally:
+        await peer.end()
+
+
+@pytest.mark.parametrize("name", ["raw", "sdk", "zeros"])
+async def test_topics_and_services_work_both_ways(world: World, start_peer: Start, name: str) -> None:
+    node = world.node("ours")
+    heard = node.create_subscription(String, "/from/peer")
+    publisher = node.create_publisher(String, "/to/peer")
+    node.create_service(SetBool, "/ours/set", lambda request: SetBool.Response(success=request.data, message="ours"))
+    client = node.create_client(SetBool, "/peer/set")
+    async with running(start_peer, name) as peer:
+        first, second = (await heard.receive(15)).data, (await heard.receive(5)).data
+        assert (first.split()[0], int(second.split()[1])) == (name, int(first.split()[1]) + 1)
+        assert await publisher.wait_for_subscribers(10)
+        publisher.publish(String(data="hello"))
+        assert (await peer.hears("heard"))[0].startswith("hello ")
+        assert await client.wait_for_service(10)
+        for value in (True, False):
+            response = await client.call(SetBool.Request(data=value), timeout_s=10)
+            assert (response.success, response.message) == (value, name)
+        assert await peer.hears("asked", 2) == ["1", "0"]
+        peer.tell("call 1")
+        assert await peer.hears("answered") == ["1 ours"]
+        (info,) = node.get_publishers_info_by_topic("/from/peer")
+        assert (info.topic_type, info.topic_type_hash[:15]) == ("std_msgs/msg/String", "RIHS01_df668c74")
+        if name != "sdk":  # whose GID has nothing to do with its token
+            assert [bytes(info.endpoint_gid).hex()] == peer.said("ready")
+    await until(lambda: node.count_publishers("/from/peer") == 0)
+
+
+async def test_late_joiners_get_what_is_kept(world: World, start_peer: Start) -> None:
+    node = world.node("ours")
+    publisher = node.create_publisher(String, "/latched/by_us", LATCHED)
+    for number in range(8):
+        publisher.publish(String(data=f"ours {number}"))
+    async with running(start_peer, "raw") as peer:
+        late = node.create_subscription(String, "/latched/by_peer", qos=LATCHED)
+        assert [(await late.receive(10)).data for _ in range(5)] == [f"latched {number}" for number in range(4, 9)]
+        peer.tell("latch")
+        assert await peer.hears("latched", 5) == [f"ours {number}" for number in range(3, 8)]
+
+
+async def test_the_peer_reads_our_tokens(world: World, start_peer: Start) -> None:
+    node = world.node("ours", "/arm")
+    publisher = node.create_publisher(String, "/to/peer", LATCHED.deadline(0.5))
+    async with running(start_peer, "raw") as peer:
+        peer.tell("tokens")
+        await until(lambda: any("/%to%peer/" in token and "/MP/" in token for token in peer.said("token")), 10)
+        (token,) = [token for token in peer.said("token") if "/MP/" in token and "/%to%peer/" in token]
+        assert f"/MP/%/%arm/ours/%to%peer/{STRING}/" in token
+        assert token.endswith(":1:,5:0,500000000:,:,,")
+        assert any(other.endswith("/NN/%/%arm/ours") for other in peer.said("token"))
+        assert await publisher.wait_for_subscribers(10)
+        publisher.publish(String(data="first"))
+        publisher.publish(String(data="second"))
+        gid = gid_of(token).hex()
+        assert await peer.hears("heard", 2) == [f"first 1 {gid}", f"second 2 {gid}"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+async def test_a_peer_that_dies_is_gone_and_ends_its_calls(world: World, start_peer: Start, number: int) -> None:
+    node = world.node("ours")
+    client = node.create_client(SetBool, "/peer/set")
+    async with running(start_peer, "raw", "silent") as peer:
+        assert await client.wait_for_service(10)
+        call = asyncio.ensure_future(client.call(SetBool.Request(data=True), timeout_s=20))
+        await peer.hears("asked")
+        assert "/raw" in node.get_node_names()
+        peer.process.send_signal(number)
+        with pytest.raises(ServerLostError):
+            await call
+        await until(lambda: "/raw" not in node.get_node_names() and node.count_publishers("/from/peer") == 0, 5)
+
+
+async def test_a_frozen_peer_is_gone_after_its_lease_and_comes_back(world: World, start_peer: Start) -> None:
+    node = world.node("ours")
+    async with running(start_peer, "raw", "2000") as peer:
+        await until(lambda: node.count_publishers("/from/peer") == 1, 10)
+        peer.process.send_signal(signal.SIGSTOP)
+        try:
+            await until(lambda: node.count_publishers("/from/peer") == 0, 10)
+        finally:
+            peer.process.send_signal(signal.SIGCONT)
+        await until(lambda: node.count_publishers("/from/peer") == 1, 10)

@@ -1,0 +1,283 @@
+"""Liveliness tokens, their QoS and GIDs: zenoh.md 3."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen.runtime.transport import qos
+from rosidl_py_gen.runtime.transport.qos import (
+    DEFAULT,
+    INFINITE_NS,
+    MAX_DEPTH,
+    Durability,
+    History,
+    InvalidQoSError,
+    Liveliness,
+    QoSProfile,
+    Reliability,
+)
+from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
+from rosidl_py_gen.runtime.transport.zenoh.tokens import (
+    CPU_BACKEND,
+    EndpointToken,
+    EntityKind,
+    NodeToken,
+    gid_of,
+    read_token,
+    tokens_of,
+)
+
+ZID = "8b20917502ee955ac4476e0266340d5c"
+HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+STRING = "std_msgs::msg::dds_::String_"
+# The example of rmw_zenoh's docs/design.md.
+TALKER = f"@ros2_lv/0/{ZID}/0/10/MP/%/%/talker/%chatter/{STRING}/{HASH}/::,7:,:,:,,"
+NODE = NodeToken(0, ZID, 0, "talker")
+WRITER = EndpointToken(NODE, 10, EntityKind.PUBLISHER, "/chatter", STRING, HASH, DEFAULT.keep_last(7))
+
+
+# --------------------------------------------------------------------------------------------------------------- qos
+
+
+def announced(profile: QoSProfile) -> QoSProfile:
+    """The profile with what rmw_zenoh_cpp puts in place of what was left open."""
+    return replace(
+        profile,
+        history=profile.history or History.KEEP_LAST,
+        depth=profile.depth or 42,
+        reliability=profile.reliability or Reliability.RELIABLE,
+        durability=profile.durability or Durability.VOLATILE,
+        liveliness=profile.liveliness or Liveliness.AUTOMATIC,
+        deadline_ns=profile.deadline_ns or INFINITE_NS,
+        lifespan_ns=profile.lifespan_ns or INFINITE_NS,
+        liveliness_lease_ns=profile.liveliness_lease_ns or INFINITE_NS,
+    )
+
+
+@pytest.mark.parametrize(
+    ("profile", "text"),
+    [
+        (DEFAULT, "::,10:,:,:,,"),
+        (qos.SERVICES_DEFAULT, "::,10:,:,:,,"),
+        (qos.SENSOR_DATA, "2::,5:,:,:,,"),
+        (qos.PARAMETERS, "::,1000:,:,:,,"),
+        (qos.PARAMETER_EVENTS, "::,1000:,:,:,,"),
+        (qos.ACTION_STATUS, ":1:,1:,:,:,,"),
+        (qos.ROSOUT, ":1:,1000:,:10,0:,,"),
+        (DEFAULT.keep_all(), "::2,:,:,:,,"),
+        (DEFAULT.keep_last(42), "::,:,:,:,,"),
+        (qos.SYSTEM_DEFAULT, "::,:,:,:,,"),
+        (DEFAULT.deadline(0.5), "::,10:0,500000000:,:,,"),
+        (DEFAULT.manual_liveliness(2), "::,10:,:,:3,2,0"),
+        (qos.BEST_AVAILABLE, "4:4:,10:,854775806:,:5,,854775806"),
+    ],
+)
+def test_numbers_that_are_the_default_are_left_out(profile: QoSProfile, text: str) -> None:
+    assert qos_text(profile) == text
+    assert read_qos(text) == announced(profile)
+
+
+@pytest.mark.parametrize(
+    ("text", "profile"),
+    [
+        # As other implementations write them: defaults written out, and what no profile can hold.
+        ("1:2:1,42:9223372036,854775807:9223372036,854775807:1,9223372036,854775807", announced(DEFAULT.keep_last(42))),
+        ("::,0:,:,:,,", announced(DEFAULT.keep_last(42))),
+        ("::,18446744073709551615:,:,:,,", announced(DEFAULT.keep_last(MAX_DEPTH))),
+        ("::,10:18446744073709551615,18446744073709551615:,:,,", announced(DEFAULT)),
+        ("::,10:0,0:,:,,", replace(announced(DEFAULT), deadline_ns=0)),
+        (
+            "3:3:3,10:,:,:4,,",
+            replace(
+                announced(DEFAULT),
+                reliability=Reliability.UNKNOWN,
+                durability=Durability.UNKNOWN,
+                history=History.UNKNOWN,
+                liveliness=Liveliness.UNKNOWN,
+            ),
+        ),
+        ("::,10:,:,:,,,later:later", announced(DEFAULT)),
+    ],
+)
+def test_a_text_of_others_is_read_as_rmw_zenoh_reads_it(text: str, profile: QoSProfile) -> None:
+    assert read_qos(text) == profile
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "::,10:,:,:,",
+        ":,:10:,:,:,,",
+        "5::,10:,:,:,,",
+        ":5:,10:,:,:,,",
+        "::4,10:,:,:,,",
+        "::,10:,:,:2,,",  # MANUAL_BY_NODE: rmw_zenoh_cpp drops the token, too
+        "::,-1:,:,:,,",
+        "::,+1:,:,:,,",
+        "::, 1:,:,:,,",
+        "::,1_0:,:,:,,",
+        "::,\u0661:,:,:,,",
+        "::,\u00b2:,:,:,,",
+        "::," + "9" * 5000 + ":,:,:,,",
+    ],
+)
+def test_what_is_no_profile_is_not_read(text: str) -> None:
+    assert read_qos(text) is None
+
+
+def test_an_unknown_policy_is_not_written() -> None:
+    with pytest.raises(InvalidQoSError, match=r"Durability\.UNKNOWN cannot be announced"):
+        qos_text(replace(DEFAULT, durability=Durability.UNKNOWN))
+
+
+PERIODS = st.one_of(st.integers(0, INFINITE_NS), st.sampled_from([0, INFINITE_NS, INFINITE_NS - 1]))
+PROFILES = st.builds(
+    QoSProfile,
+    st.sampled_from([one for one in History if one.name != "UNKNOWN"]),
+    st.integers(0, MAX_DEPTH),
+    st.sampled_from([one for one in Reliability if one.name != "UNKNOWN"]),
+    st.sampled_from([one for one in Durability if one.name != "UNKNOWN"]),
+    PERIODS,
+    PERIODS,
+    st.sampled_from([one for one in Liveliness if one.name != "UNKNOWN"]),
+    PERIODS,
+)
+
+
+@given(PROFILES)
+def test_a_written_profile_is_read_again(profile: QoSProfile) -> None:
+    text = qos_text(profile)
+    assert read_qos(text) == announced(profile)
+    assert qos_text(announced(profile)) == text
+
+
+# ------------------------------------------------------------------------------------------------------------ tokens
+
+
+@pytest.mark.parametrize(
+    ("token", "text"),
+    [
+        (WRITER, TALKER),
+        (NODE, f"@ros2_lv/0/{ZID}/0/0/NN/%/%/talker"),
+        (
+            NodeToken(5, "1a", 12, "arm", "/robot1/left", "/one/two"),
+            "@ros2_lv/5/1a/12/12/NN/%one%two/%robot1%left/arm",
+        ),
+        (
+            EndpointToken(NODE, 1, EntityKind.SERVER, "/robot1/add", "p::srv::dds_::Add_", "", DEFAULT),
+            f"@ros2_lv/0/{ZID}/0/1/SS/%/%/talker/%robot1%add/p::srv::dds_::Add_/TypeHashNotSupported/::,10:,:,:,,",
+        ),
+        (
+            replace(WRITER, kind=EntityKind.SUBSCRIPTION, qos=qos.SENSOR_DATA, backends=CPU_BACKEND),
+            f"@ros2_lv/0/{ZID}/0/10/MS/%/%/talker/%chatter/{STRING}/{HASH}/2::,5:,:,:,,/backends:cpu:",
+        ),
+        (
+            EndpointToken(NODE, 2, EntityKind.CLIENT, "/fib/_action/get_result", "p::F_", HASH, DEFAULT),
+            f"@ros2_lv/0/{ZID}/0/2/SC/%/%/talker/%fib%_action%get_result/p::F_/{HASH}/::,10:,:,:,,",
+        ),
+    ],
+)
+def test_tokens_are_written_as_rmw_zenoh_writes_them(token: NodeToken | EndpointToken, text: str) -> None:
+    assert str(token) == text
+    read = read_token(text)
+    assert read is not None and str(read) == text
+
+
+def test_a_token_tells_all_of_an_endpoint() -> None:
+    assert read_token(TALKER) == replace(WRITER, qos=announced(WRITER.qos))
+
+
+def test_later_chunks_are_left_alone() -> None:
+    assert read_token(TALKER + "/backends:cpu:/later") == replace(
+        WRITER, qos=announced(WRITER.qos), backends=CPU_BACKEND
+    )
+    assert read_token(f"@ros2_lv/0/{ZID}/0/0/NN/%/%/talker/later") == NODE
+
+
+@pytest.mark.parametrize("place", range(13))
+@pytest.mark.parametrize("chunk", ["", None])
+def test_a_token_without_one_of_its_chunks_is_not_read(place: int, chunk: str | None) -> None:
+    chunks = TALKER.split("/")
+    chunks[place : place + 1] = [] if chunk is None else [chunk]
+    assert read_token("/".join(chunks)) is None
+
+
+@pytest.mark.parametrize(
+    ("place", "chunk"),
+    [
+        (0, "@ros2_lw"),
+        (1, "-1"),
+        (1, "x"),
+        (1, "\u0663"),
+        (2, "8B20"),
+        (2, "0" * 33),
+        (2, "0x1"),
+        (3, "1.0"),
+        (4, "9" * 5000),
+        (5, "XX"),
+        (5, "mp"),
+        (12, "::,10"),
+    ],
+)
+def test_a_token_with_a_wrong_chunk_is_not_read(place: int, chunk: str) -> None:
+    chunks = TALKER.split("/")
+    chunks[place] = chunk
+    assert read_token("/".join(chunks)) is None
+
+
+@pytest.mark.parametrize("text", ["", "/", "@ros2_lv", "@ros2_lv/0/**", TALKER + "/", "/" * 5000, "@ros2_lv/" * 5000])
+def test_what_is_no_token_is_not_read(text: str) -> None:
+    assert read_token(text) is None
+
+
+CHUNKS = st.one_of(st.sampled_from(sorted({*TALKER.split("/"), "NN", "", "%"})), st.text(max_size=20))
+
+
+@given(st.one_of(st.text(), st.lists(CHUNKS, max_size=16).map("/".join)))
+def test_no_text_raises_anything(text: str) -> None:
+    read_token(text)
+
+
+WORDS = st.from_regex(r"[a-z][a-z0-9_]{0,8}", fullmatch=True)
+NAMES = st.lists(WORDS, min_size=1, max_size=3).map(lambda parts: "/" + "/".join(parts))
+NODES = st.builds(
+    NodeToken,
+    st.integers(0, 232),
+    st.integers(1, 2**128 - 1).map("{:x}".format),
+    st.integers(0, 2**32),
+    WORDS,
+    st.one_of(st.just("/"), NAMES),
+    st.one_of(st.just("/"), NAMES),
+)
+ENDPOINTS = st.builds(
+    EndpointToken,
+    NODES,
+    st.integers(0, 2**32),
+    st.sampled_from([kind for kind in EntityKind if kind is not EntityKind.NODE]),
+    NAMES,
+    st.just(STRING),
+    st.sampled_from([HASH, "TypeHashNotSupported"]),
+    PROFILES.map(announced),
+    st.sampled_from(["", CPU_BACKEND]),
+)
+
+
+@given(st.one_of(NODES, ENDPOINTS))
+def test_a_written_token_is_read_again(token: NodeToken | EndpointToken) -> None:
+    assert read_token(str(token)) == token
+
+
+def test_all_tokens_of_a_domain_have_one_key_expression() -> None:
+    assert tokens_of(3) == "@ros2_lv/3/**"
+
+
+# -------------------------------------------------------------------------------------------------------------- gids
+
+
+def test_the_gid_is_the_hash_of_the_token() -> None:
+    assert gid_of(TALKER).hex() == "eb85fa883b7846dc448a4501890ad062"

@@ -1,0 +1,336 @@
+"""What nodes on Zenoh do that others do not, or do differently: choice of the transport, threads, ends of calls and
+processes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from example_interfaces.srv import AddTwoInts
+from std_msgs.msg import String
+from worlds import ROOT, World, until, zenoh_environment, zenoh_router
+
+from rosidl_py_gen import compile_text, type_hash
+from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, ServerLostError
+from rosidl_py_gen.runtime.node.context import chosen_transport
+from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
+from rosidl_py_gen.runtime.transport.interface import TransportError
+from rosidl_py_gen.runtime.transport.zenoh import services
+from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+@pytest.fixture
+def zenoh(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+    """A world on Zenoh."""
+    for name, value in zenoh_environment().items():
+        monkeypatch.setenv(name, value)
+    made = World("zenoh")
+    yield made
+    made.close()
+
+
+def program(text: str, **environment: str) -> subprocess.Popen[str]:
+    """A process on Zenoh that runs `text`."""
+    path = os.pathsep.join((str(ROOT), *(entry for entry in sys.path if "runtime-tests-" in entry)))
+    variables = {**os.environ, **zenoh_environment(), "PYTHONPATH": path, **environment}
+    return subprocess.Popen(
+        [sys.executable, "-c", text], env=variables, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+# -------------------------------------------------------------------------------------------------------------- choice
+
+
+@pytest.mark.parametrize(
+    ("transport", "variable", "kind"),
+    [
+        (None, "", CycloneTransport),
+        (None, "rmw_fastrtps_cpp", CycloneTransport),
+        (None, "rmw_cyclonedds_cpp", CycloneTransport),
+        (None, "rmw_zenoh_cpp", ZenohTransport),
+        ("zenoh", "rmw_cyclonedds_cpp", ZenohTransport),
+        ("dds", "rmw_zenoh_cpp", CycloneTransport),
+    ],
+)
+def test_the_argument_wins_over_the_variable(
+    transport: str | None, variable: str, kind: type[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", variable)
+    assert type(chosen_transport(transport)) is kind
+
+
+def test_zenoh_is_taken_where_only_zenoh_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "rosidl_py_gen.runtime.node.environment.find_spec", lambda name: None if name == "cyclonedds" else object()
+    )
+    assert isinstance(chosen_transport(None), ZenohTransport)
+
+
+def test_an_unknown_middleware_is_a_warning_and_an_unknown_transport_an_error(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_desert")
+    assert isinstance(chosen_transport(None), CycloneTransport)
+    assert "RMW_IMPLEMENTATION='rmw_desert' is not known" in caplog.text
+    with pytest.raises(TypeError, match=r"transport must be 'dds', 'zenoh' or .* got 'zenho'"):
+        Context(transport="zenho")
+
+
+@pytest.mark.parametrize(
+    ("text", "unwanted"),
+    [
+        ("import rosidl_py_gen.generate, rosidl_py_gen.cli", ("zenoh", "xxhash", "cyclonedds._clayer")),
+        ("from rosidl_py_gen.runtime import Context; Context(transport='dds')", ("zenoh", "xxhash")),
+        ("from rosidl_py_gen.runtime import Context; Context(transport='zenoh')", ("cyclonedds._clayer",)),
+    ],
+)
+def test_only_the_middleware_that_is_used_is_imported(text: str, unwanted: tuple[str, ...]) -> None:
+    process = program(f"{text}\nimport sys\nprint(sorted(sys.modules.keys() & set({unwanted!r})))")
+    output, errors = process.communicate(timeout=30)
+    assert (process.returncode, output) == (0, "[]\n"), errors
+
+
+def test_without_a_router_a_context_opens_and_says_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", 'connect/endpoints=["tcp/127.0.0.1:1"];listen/endpoints=[]')
+    Context(transport="zenoh").close()
+    assert "no Zenoh router answers at tcp/127.0.0.1:1" in caplog.text and "rosidl-py zenoh-router" in caplog.text
+    caplog.clear()
+    monkeypatch.setenv("ZENOH_ROUTER_CHECK_ATTEMPTS", "-1")
+    Context(transport="zenoh").close()
+    assert caplog.text == ""
+
+
+def test_a_client_without_router_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    override = 'mode="client";connect/endpoints=["tcp/127.0.0.1:1"];listen/endpoints=[]'
+    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", override)
+    with pytest.raises(TransportError, match=r"It was told to connect with tcp/127\.0\.0\.1:1"):
+        Context(transport="zenoh")
+
+
+# --------------------------------------------------------------------------------------------------------------- calls
+
+
+async def test_a_call_ends_early_when_its_server_closes(zenoh: World) -> None:
+    alice, bob = zenoh.pair()
+    server = alice.create_service(AddTwoInts, "add")
+    client = bob.create_client(AddTwoInts, "add")
+    calling = asyncio.ensure_future(client.call(AddTwoInts.Request(a=1, b=2), timeout_s=20))
+    await anext(server)
+    server.close()
+    with pytest.raises(ServerLostError, match="the server of /add went away before it answered"):
+        await calling
+    assert client.pending_count == 0
+
+
+async def test_a_call_ends_early_when_the_process_of_its_server_is_killed(zenoh: World) -> None:
+    process = program(
+        "import asyncio\nfrom example_interfaces.srv import AddTwoInts\nfrom rosidl_py_gen.runtime import Node\n"
+        "async def main():\n"
+        "    async with Node('server') as node:\n"
+        "        async for request in node.create_service(AddTwoInts, 'add'):\n"
+        "            print('asked', flush=True)\n"
+        "asyncio.run(main())\n"
+    )
+    try:
+        client = zenoh.node().create_client(AddTwoInts, "add")
+        calling = asyncio.ensure_future(client.call(AddTwoInts.Request(a=1, b=2), timeout_s=25))
+        assert process.stdout is not None and await asyncio.to_thread(process.stdout.readline) == "asked\n"
+        process.kill()
+        with pytest.raises(ServerLostError):
+            await calling
+    finally:
+        process.kill()
+        process.communicate()
+
+
+async def test_without_server_a_call_runs_into_its_time_limit(zenoh: World) -> None:
+    client = zenoh.node().create_client(AddTwoInts, "add")
+    with pytest.raises(CallTimeoutError, match="no server of /add"):
+        await client.call(AddTwoInts.Request(), timeout_s=0.1)
+
+
+async def test_of_two_servers_the_first_answer_counts(zenoh: World) -> None:
+    for name, factor in (("one", 1), ("two", 2)):
+        zenoh.node(name).create_service(
+            AddTwoInts, "add", lambda request, factor=factor: AddTwoInts.Response(sum=request.a * factor)
+        )
+    client = zenoh.node().create_client(AddTwoInts, "add")
+    await until(lambda: client._scope.graph is not None and len(client._reader.matched_writers()) == 2)
+    assert (await client.call(AddTwoInts.Request(a=5), timeout_s=5)).sum in (5, 10)
+    assert client.pending_count == 0
+
+
+async def test_requests_that_nobody_answers_go_with_their_client(zenoh: World) -> None:
+    server = zenoh.node("server").create_service(AddTwoInts, "add")
+    caller = zenoh.node("caller")
+    client = caller.create_client(AddTwoInts, "add")
+    calling = asyncio.ensure_future(client.call(AddTwoInts.Request(), timeout_s=20))
+    await anext(server)
+    reader: Any = server._reader
+    assert len(reader._queries) == 1
+    caller.context.close()
+    await until(lambda: not reader._queries)
+    with pytest.raises(Exception, match="closed"):
+        await calling
+
+
+async def test_of_many_requests_that_nobody_answers_the_oldest_are_given_up(
+    zenoh: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(services, "_MOST_QUERIES", 3)
+    server = zenoh.node("server").create_service(AddTwoInts, "add")
+    client = zenoh.node("caller").create_client(AddTwoInts, "add")
+    assert await client.wait_for_service(5)
+    calls = [asyncio.ensure_future(client.call(AddTwoInts.Request(a=number), timeout_s=20)) for number in range(5)]
+    requests = [await anext(server) for _ in range(5)]
+    for call in calls[:2]:
+        with pytest.raises(ServerLostError):
+            await call
+    for request in requests:
+        request.respond(AddTwoInts.Response(sum=request.message.a))
+    assert [(await call).sum for call in calls[2:]] == [2, 3, 4]
+
+
+async def test_types_of_services_and_actions_that_only_others_have_are_described_by_their_own_hash(
+    zenoh: World,
+) -> None:
+    robot, asker = zenoh.pair()
+    ask: Any = compile_text("robot_msgs/srv/Ask", "string question\n---\nint32 answer")
+    go: Any = compile_text("robot_msgs/action/Go", "float64 far\n---\nbool arrived\n---\nfloat64 left")
+    robot.create_service(ask, "ask", lambda request: ask.Response(answer=len(request.question)))
+    robot.create_action_server(go, "go", lambda goal: None)
+    found = await asker.resolve_service_type("ask", timeout_s=10)
+    assert type_hash(found) == type_hash(ask)
+    response = await asker.create_client(found, "ask").call(found.Request(question="four"), timeout_s=5)
+    assert response.answer == 4
+    assert type_hash(await asker.resolve_action_type("go", timeout_s=10)) == type_hash(go)
+    description = await asker.get_type_description("/alice", "robot_msgs/srv/Ask", timeout_s=5)
+    assert description.type_description.type_description.type_name == "robot_msgs/srv/Ask"
+
+
+# --------------------------------------------------------------------------------------------------- threads, processes
+
+
+async def test_no_endpoint_has_a_thread_of_its_own(zenoh: World) -> None:
+    alice, bob = zenoh.pair()
+    before = threading.active_count()
+    for number in range(20):
+        alice.create_subscription(String, f"t{number}", lambda message: None)
+        alice.create_service(AddTwoInts, f"s{number}", lambda request: AddTwoInts.Response())
+    client = bob.create_client(AddTwoInts, "s3")
+    await client.call(AddTwoInts.Request(), timeout_s=5)
+    assert threading.active_count() == before
+
+
+NODE = """
+import asyncio, os, signal, sys, threading
+from std_msgs.msg import String
+from rosidl_py_gen.runtime import Context, Node, run
+node = Node("left")
+node.create_subscription(String, "t", lambda message: None)
+node.create_publisher(String, "t", qos=10).publish(String(data="x"))
+latched = node.create_publisher(String, "t2")
+"""
+ENDS = {
+    "nothing is closed": ("", 0),
+    "an exception": ("raise SystemExit(3)", 3),
+    "an exception in the loop": ("async def main():\n    raise SystemExit(4)\nasyncio.run(main())", 4),
+    "a forked child that ends": ("pid = os.fork()\nif pid: sys.exit(os.waitpid(pid, 0)[1])", 0),
+    "a forked child that opens a context": (
+        "pid = os.fork()\n"
+        "if pid: sys.exit(os.waitpid(pid, 0)[1] >> 8)\n"
+        "try: Context()\nexcept Exception as error: sys.exit(5 if 'forked' in str(error) else 6)",
+        5,
+    ),
+    "SIGTERM": ("os.kill(os.getpid(), signal.SIGTERM)\nimport time; time.sleep(20)", -signal.SIGTERM),
+    "SIGTERM of run": (
+        "async def main():\n    os.kill(os.getpid(), signal.SIGTERM)\n    await asyncio.sleep(20)\nrun(main)",
+        None,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_processes_end_at_once_however_they_end(name: str) -> None:
+    text, expected = ENDS[name]
+    began = time.monotonic()
+    process = program(f"{NODE}\n{text}")
+    try:
+        _, errors = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert expected is None or process.returncode == expected, errors
+    assert "Traceback" not in errors and "panicked" not in errors
+    assert time.monotonic() - began < 15
+
+
+async def test_a_node_that_died_is_gone_from_the_graph(zenoh: World) -> None:
+    process = program(f"{NODE}\nimport time\nprint('ready', flush=True)\ntime.sleep(30)")
+    try:
+        node = zenoh.node("watcher")
+        assert await node.wait_for_node("/left", 20)
+        await until(lambda: len(node.get_publishers_info_by_topic("t")) == 1)
+        process.kill()
+        await until(lambda: "/left" not in node.get_node_names(), 10)
+        assert node.get_publishers_info_by_topic("t") == []
+    finally:
+        process.kill()
+        process.communicate()
+
+
+# ----------------------------------------------------------------------------------------------------------------- QoS
+
+
+async def test_endpoints_of_any_quality_of_service_exchange_messages(zenoh: World) -> None:
+    alice, bob = zenoh.pair()
+    best_effort = alice.create_publisher(String, "t", qos=QoSProfile().best_effort())
+    subscription = bob.create_subscription(String, "t", qos=QoSProfile().reliable().transient_local().deadline(1))
+    assert await best_effort.wait_for_subscribers(5) and await subscription.wait_for_publishers(5)
+    best_effort.publish(String(data="arrives"))
+    assert (await subscription.receive(5)).data == "arrives"
+
+
+async def test_a_late_subscription_of_a_transient_local_topic_gets_what_both_keep(zenoh: World) -> None:
+    alice, bob = zenoh.pair()
+    publisher = alice.create_publisher(String, "t", qos=QoSProfile().keep_last(3).transient_local())
+    for number in range(5):
+        publisher.publish(String(data=str(number)))
+    late = bob.create_subscription(String, "t", qos=QoSProfile().keep_last(2).transient_local())
+    assert [(await late.receive(10)).data for _ in range(2)] == ["3", "4"]
+    publisher.publish(String(data="5"))
+    assert (await late.receive(5)).data == "5"
+
+
+async def test_samples_without_attachment_are_dropped_with_a_word(
+    zenoh: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = zenoh.node("n")
+    subscription = node.create_subscription(String, "t")
+    session: Any = node.scope.participant.session  # type: ignore[attr-defined]
+    key = f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{String._TYPE.hash}"
+    session.put(key, String(data="stray").encode())
+    session.put(key, String(data="stray").encode(), attachment=b"\x01" * 33)
+    session.put(key, b"", attachment=bytes(16) + b"\x10" + bytes(16))
+    session.put(key, String(data="good").encode(), attachment=bytes(16) + b"\x10" + bytes(16))
+    assert (await subscription.receive(5)).data == "good"
+    assert "expected an attachment of 33 bytes, found none" in caplog.text
+
+
+def test_the_router_of_the_tests_cannot_be_reached_from_elsewhere() -> None:
+    assert zenoh_router().startswith("tcp/127.0.0.1:")
+    with pytest.raises(AssertionError, match="not bound to loopback"), pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ZENOH_CONFIG_OVERRIDE", 'listen/endpoints=["tcp/[::]:0"]')
+        Node("n", context=Context(transport="zenoh"))

@@ -1,0 +1,80 @@
+"""``rosidl-py zenoh-router``, as users run it. Routers listen on loopback, on a free port."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import signal
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+import zenoh
+from worlds import until
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+    from conftest import Tool
+
+LOOPBACK = "tcp/127.0.0.1:0"
+
+
+@asynccontextmanager
+async def router(
+    tool: Tool, *arguments: str, number: int = signal.SIGINT, err: str = "", **environment: str
+) -> AsyncIterator[str]:
+    """The endpoint of a router that listens on a free port; it ends with `number` and must have said `err`."""
+    process = await tool.start("zenoh-router", "--listen", LOOPBACK, *arguments, **environment)
+    assert process.stdout is not None
+    line = (await asyncio.wait_for(process.stdout.readline(), 20)).decode()
+    found = re.fullmatch(r"Zenoh router [0-9a-f]{1,32} listens on (tcp/127\.0\.0\.1:[1-9]\d*)\n", line)
+    assert found is not None, line
+    yield found[1]
+    process.send_signal(number)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out) == (0, "")
+    assert re.match(err + r"\Z", ended.err), ended.err
+
+
+def client(endpoint: str) -> zenoh.Session:
+    """A session that exchanges all through the router."""
+    config = zenoh.Config()
+    for key, value in {"mode": '"client"', "connect/endpoints": f'["{endpoint}"]'}.items():
+        config.insert_json5(key, value)
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+async def test_a_router_serves_until_a_signal_ends_it(tool: Tool, number: signal.Signals) -> None:
+    async with router(tool, number=number) as endpoint:
+        with client(endpoint) as asking:
+            assert len(asking.info.routers_zid()) == 1
+
+
+async def test_routers_in_a_line_carry_data_from_end_to_end(tool: Tool) -> None:
+    async with (
+        router(tool) as left,
+        router(tool, "--connect", left) as middle,
+        router(tool, "--connect", middle) as right,
+    ):
+        with client(left) as first, client(right) as last:
+            received = first.declare_subscriber("a/b")
+            publisher = last.declare_publisher("a/b")
+            await until(lambda: publisher.matching_status.matching, 10)
+            publisher.put(b"hello")
+            assert (await asyncio.to_thread(received.recv)).payload.to_bytes() == b"hello"
+
+
+async def test_a_second_router_says_why_it_cannot_listen(tool: Tool) -> None:
+    async with router(tool) as endpoint:
+        ended = await tool("zenoh-router", "--listen", endpoint)
+        assert ended.code == 1
+        assert re.match(f"error: no Zenoh router on {endpoint}: .*Address already in use", ended.err)
+
+
+async def test_wrong_pairs_of_the_override_variable_are_told(tool: Tool) -> None:
+    warning = r"warning: ZENOH_CONFIG_OVERRIDE: mode='peer': expected .*\n"
+    async with router(tool, err=warning, ZENOH_CONFIG_OVERRIDE="mode=peer"):
+        pass
