@@ -552,7 +552,7 @@ async def test_a_busy_loop_still_serves_dds_and_an_idle_one_costs_nothing(dds: W
 
 def test_importing_the_package_needs_no_cyclonedds_and_using_dds_without_it_says_what_to_do() -> None:
     program = (
-        "import sys; sys.modules['cyclonedds'] = None\n"
+        "import sys; sys.modules['cyclonedds'] = sys.modules['zenoh'] = None\n"
         "import rosidl_py_gen, rosidl_py_gen.runtime\n"
         "from rosidl_py_gen.runtime import Context, MemoryTransport, Node\n"
         "with Context(transport=MemoryTransport()) as c, Node('n', context=c): pass\n"
