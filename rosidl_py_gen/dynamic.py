@@ -294,6 +294,14 @@ def _from_definitions(name: RosName, path: tuple[str, ...]) -> type:
 # --- compile in memory ------------------------------------------------------------------------------------------------
 
 
+def load_compiler() -> None:
+    """Import what making a class of a definition needs, which else the first of them waits for. In any thread."""
+    from rosidl_py_gen.codegen import render, sources  # noqa: F401
+    from rosidl_py_gen.spec import definition, find  # noqa: F401
+
+    render.load()
+
+
 def _class(library: Library, name: RosName, find: Find) -> type:
     """The class of a checked type: in use already, importable, or compiled now."""
     return find(library, name) or _compile(library, name, find)
@@ -324,7 +332,7 @@ def _says_the_same(library: Library, full_name: str, cls: type) -> bool:
 
 
 def _compile(library: Library, name: RosName, find: Find) -> type:
-    from rosidl_py_gen.codegen import Layouts, Target, module_path, module_source
+    from rosidl_py_gen.codegen.sources import Layouts, Target, module_path, module_source
     from rosidl_py_gen.spec.model import messages_of
 
     global _worlds

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from rosidl_py_gen.codegen import Target, module_name, module_path, package_sources
+from rosidl_py_gen.codegen.sources import Target, module_name, module_path, package_sources
 from rosidl_py_gen.codegen.write import Changes, apply_changes, our_packages, ours_below, plan_changes
 from rosidl_py_gen.errors import DefinitionError, Problem, shown_path
 from rosidl_py_gen.names import RosName, py_name

@@ -1,4 +1,4 @@
-"""Where the files that are not Python live: grammars beside the code, templates and interfaces in wheel or checkout.
+"""Where the files that are not Python live: the grammar beside the code, templates and interfaces in wheel or checkout.
 
 In a wheel `templates/` and `interfaces/` travel inside the package; in a checkout (editable install) they are at the
 top.
@@ -19,6 +19,11 @@ def grammar_text(name: str) -> str:
 def templates_dir() -> Path:
     """The folder of the jinja templates."""
     return _find("templates")
+
+
+def compiled_templates_dir() -> Path:
+    """The folder of what jinja2 makes of them; only wheels have one."""
+    return _PACKAGE / "compiled_templates"
 
 
 def interfaces_dir() -> Path:

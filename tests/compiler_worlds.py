@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from rosidl_py_gen.codegen import Layouts, Target, module_source
+from rosidl_py_gen.codegen.sources import Layouts, Target, module_source
 from rosidl_py_gen.errors import DefinitionError
 from rosidl_py_gen.generate import Run, generate
 from rosidl_py_gen.names import split_ros_name

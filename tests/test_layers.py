@@ -88,6 +88,7 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "graph": (),
     "service": ("topic",),
     "bag": ("topic",),
+    "foxglove": ("topic", "node"),
     "action": ("service",),
     "node": ("topic", "action"),
     "param": ("node",),
@@ -111,6 +112,8 @@ SEAMS = {
     "xxhash": ("runtime.transport.zenoh.tokens",),
     "yaml": ("runtime.parameters.files", "tools.messages", "mcap.metadata"),
     "mcap": ("mcap",),
+    "foxglove": ("tools.foxglove.server",),
+    "websockets": ("tools.foxglove.own_viewer",),
     "pytest": ("runtime.pytest_plugin",),
 }
 # Only these may import the node: everything else gets a transport and a resolved name.

@@ -7,7 +7,7 @@ byte in the data, 4 more than the position the plan speaks of. While it is known
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.codegen.naming import Locals, singular
 from rosidl_py_gen.codegen.plan import (
@@ -61,8 +61,7 @@ _SUPPORT = "rosidl_py_gen.cdr.support"
 _HEADER_BYTES = 4
 
 
-@dataclass(frozen=True, slots=True)
-class DecoderView:
+class DecoderView(NamedTuple):
     """The decoder as the template prints it.
 
     Attributes:
@@ -341,7 +340,7 @@ class _Reader:
                 targets.append(local)
                 body.append(Assign(self.attribute(item.ref), local))
         for block in blocks:
-            view = self.view(block.code, str(block.count), plus("pos", block.offset))
+            view = self.view(block.code, str(block.length), plus("pos", block.offset))
             body.append(Assign(self.attribute(block.ref), view))
         if blocks:
             body.append(Move("+=", str(step.stride)))

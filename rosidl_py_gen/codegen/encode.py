@@ -7,7 +7,7 @@ the position behind what was written so far, counted from the alignment origin; 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.codegen.naming import Locals, singular
 from rosidl_py_gen.codegen.plan import (
@@ -62,8 +62,7 @@ _HEADER_CODE = "Hxx"
 _HEADER_VALUE = "256"  # the bytes 00 01: plain CDR, little endian
 
 
-@dataclass(frozen=True, slots=True)
-class EncoderView:
+class EncoderView(NamedTuple):
     """The encoder as the template prints it.
 
     Attributes:

@@ -6,10 +6,13 @@ what makes the formatter keep it. Works on single logical lines of code, never o
 
 from __future__ import annotations
 
+import re
 from itertools import pairwise
 
 WIDTH = 88
 _OPEN = {"(": ")", "[": "]", "{": "}"}
+_SIGNS = frozenset("()[]{},")
+_TOKEN = re.compile(r"""[()\[\]{},]|"(?:\\.|[^"\\])*"?|'(?:\\.|[^'\\])*'?""")
 _PRAGMA = "  # type: ignore[assignment]"
 
 
@@ -128,23 +131,8 @@ def _is_not_a_list(line: str, start: int, end: int) -> bool:
 
 
 def _code(line: str) -> list[tuple[int, str]]:
-    """The characters of a line outside string literals."""
-    result: list[tuple[int, str]] = []
-    quote = ""
-    index = 0
-    while index < len(line):
-        char = line[index]
-        if quote:
-            if char == "\\":
-                index += 1
-            elif char == quote:
-                quote = ""
-        elif char in "\"'":
-            quote = char
-        else:
-            result.append((index, char))
-        index += 1
-    return result
+    """The brackets and commas of a line, those in string literals left out."""
+    return [(found.start(), found[0]) for found in _TOKEN.finditer(line) if found[0] in _SIGNS]
 
 
 def _split(content: str) -> list[str]:

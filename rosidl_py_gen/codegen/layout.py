@@ -7,7 +7,6 @@ never count bytes. A struct has no alignment of its own, so a nested message is 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.codegen.growing import MAX_ALIGN, OpenRun, repeat, struct_code, up
@@ -337,13 +336,13 @@ class _Builder:
         self.objects = inner.objects
         body = tuple(inner.steps)
         self.steps.append(Loop(ref, kind, number, LoopMode.INLINE, body, 0, least, 0, 1, begin, fixed, records))
-        self.now = replace(entry, static=None)
+        self.now = entry._replace(static=None)
 
     def _packed(self, ref: Ref, kind: FieldType, number: int, least: int) -> Loop | None:
         """The loop over elements of one run at a fixed stride, None when the elements are not like that."""
         if not self.layouts.is_fixed(kind.base) or self.layouts.is_heavy(kind.base):
             return None
-        entries = [(replace(self.now, static=None), (0, 1))]
+        entries = [(self.now._replace(static=None), (0, 1))]
         entries += [
             (Start(None, align, 0), self._before(align)) for align in (8, 4, 2) if self._first_needs(kind.base, align)
         ]
@@ -365,7 +364,7 @@ class _Builder:
 
     def _after_packed(self, kind: FieldType, entry: Start, loop: Loop) -> None:
         if kind.arity is not Arity.ARRAY:
-            self.now = replace(_meet(self.now, entry), static=None)
+            self.now = _meet(self.now, entry)._replace(static=None)
             return
         if loop.align > 1:
             self.now = entry

@@ -73,4 +73,6 @@ def visible(lines: tuple[str, ...]) -> tuple[str, ...]:
 def _doc_line(line: str) -> str:
     """One line that cannot end the docstring, start an escape, or hide characters."""
     line = line.expandtabs(4).rstrip().replace("\\", "\\\\").replace('"""', '\\"\\"\\"')
-    return "".join(char if char.isprintable() else " " for char in line).rstrip()
+    if not line.isprintable():
+        line = "".join(char if char.isprintable() else " " for char in line).rstrip()
+    return line

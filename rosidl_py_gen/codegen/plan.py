@@ -6,16 +6,14 @@ messages, loop elements) are numbered; a `Ref` is an attribute of one of them. O
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 if TYPE_CHECKING:
     from rosidl_py_gen.fieldtype import FieldType
 
 
-@dataclass(frozen=True, slots=True)
-class Ref:
+class Ref(NamedTuple):
     """The attribute `name` of object `owner`; `path` is how a user writes it."""
 
     owner: int
@@ -23,8 +21,7 @@ class Ref:
     path: str
 
 
-@dataclass(frozen=True, slots=True)
-class Scalar:
+class Scalar(NamedTuple):
     """A primitive inside a run."""
 
     ref: Ref
@@ -32,26 +29,23 @@ class Scalar:
     offset: int
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(NamedTuple):
     """A fixed numeric array inside a run: bytes when packed, a view at `offset` of the run when read."""
 
     ref: Ref
     code: str
-    count: int
+    length: int
     offset: int
 
 
-@dataclass(frozen=True, slots=True)
-class Count:
+class Count(NamedTuple):
     """The u32 in front of a string or sequence; `ref` is the field whose content follows the run."""
 
     ref: Ref
     offset: int
 
 
-@dataclass(frozen=True, slots=True)
-class Dummy:
+class Dummy(NamedTuple):
     """The one byte of an empty message."""
 
     offset: int
@@ -60,8 +54,7 @@ class Dummy:
 Item = Scalar | Block | Count | Dummy
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
+class Start(NamedTuple):
     """What is known of the position where a step begins, counted from the alignment origin.
 
     Attributes:
@@ -75,8 +68,7 @@ class Start:
     remainder: int
 
 
-@dataclass(frozen=True, slots=True)
-class Enter:
+class Enter(NamedTuple):
     """A nested message is written in line from here on as object `number`; `empty`: it has no fields."""
 
     ref: Ref
@@ -85,8 +77,7 @@ class Enter:
     empty: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
+class Run(NamedTuple):
     """Fixed-size values packed by one struct call.
 
     Attributes:
@@ -108,8 +99,7 @@ class Run:
     start: Start
 
 
-@dataclass(frozen=True, slots=True)
-class Text:
+class Text(NamedTuple):
     """The characters of a string; its count is in a run before, its NUL in the run behind or in a `Nul`."""
 
     ref: Ref
@@ -117,15 +107,13 @@ class Text:
     start: Start
 
 
-@dataclass(frozen=True, slots=True)
-class Nul:
+class Nul(NamedTuple):
     """The terminator of a string that no run follows."""
 
     start: Start
 
 
-@dataclass(frozen=True, slots=True)
-class Numbers:
+class Numbers(NamedTuple):
     """The elements of a numeric sequence, or of a fixed array too large for a run.
 
     Attributes:
@@ -142,8 +130,7 @@ class Numbers:
     start: Start
 
 
-@dataclass(frozen=True, slots=True)
-class Strings:
+class Strings(NamedTuple):
     """The elements of a sequence or array of strings."""
 
     ref: Ref
@@ -161,8 +148,7 @@ class LoopMode(Enum):
     CALL = "call"  # the element's class is called
 
 
-@dataclass(frozen=True, slots=True)
-class Loop:
+class Loop(NamedTuple):
     """The elements of a sequence or array of messages; `number` is the element as an object.
 
     Attributes:
@@ -188,8 +174,7 @@ class Loop:
     records: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Call:
+class Call(NamedTuple):
     """A nested message that is too large to write in line: its class is called; `records` as in `Loop`."""
 
     ref: Ref
@@ -201,8 +186,7 @@ class Call:
 Step = Enter | Run | Text | Nul | Numbers | Strings | Loop | Call
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
+class Plan(NamedTuple):
     """How one message class is written and read.
 
     Attributes:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.codegen.literals import py_literal, visible
 from rosidl_py_gen.descriptions import default_text
@@ -20,8 +19,7 @@ SUPPORT = "rosidl_py_gen.cdr.support"
 _ZERO = {"bool": "False", "int": "0", "float": "0.0"}
 
 
-@dataclass(frozen=True, slots=True)
-class FieldView:
+class FieldView(NamedTuple):
     """One field as the template prints it.
 
     Attributes:
@@ -38,8 +36,7 @@ class FieldView:
     ignore: str
 
 
-@dataclass(frozen=True, slots=True)
-class ConstantView:
+class ConstantView(NamedTuple):
     """One constant as the template prints it."""
 
     name: str

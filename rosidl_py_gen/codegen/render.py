@@ -1,19 +1,28 @@
-"""Fill the templates. The only file that imports jinja2."""
+"""Fill the templates. The only file that imports jinja2, and only when there is something to print: that takes 30 ms.
+
+A wheel holds the templates as jinja2 compiled them (`hatch_build.py`) and their texts, for a jinja2 that cannot use
+those; a checkout holds the texts.
+"""
 
 from __future__ import annotations
 
 from functools import lru_cache
-
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context, select_autoescape
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen import resources
 from rosidl_py_gen.codegen.fold import Folder
 from rosidl_py_gen.codegen.literals import docstring, py_string
-from rosidl_py_gen.codegen.view import AliasView, KindView, ModuleView
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+    from rosidl_py_gen.codegen.view import AliasView, KindView, ModuleView
 
 
-@lru_cache(maxsize=1)
-def _environment() -> Environment:
+def environment_of_texts() -> Environment:
+    """What templates may call, and their texts."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context, select_autoescape
+
     environment = Environment(
         loader=FileSystemLoader(resources.templates_dir()),
         undefined=StrictUndefined,
@@ -29,6 +38,22 @@ def _environment() -> Environment:
         "code": pass_context(lambda context, text, indent=0: context["folder"].code(text, indent)),
     }
     return environment
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    from jinja2 import ChoiceLoader, ModuleLoader
+
+    environment = environment_of_texts()
+    assert environment.loader is not None
+    compiled = ModuleLoader(resources.compiled_templates_dir())
+    environment.loader = ChoiceLoader([compiled, environment.loader])
+    return environment
+
+
+def load() -> None:
+    """Import jinja2 and read the template of modules, which the first page else waits for."""
+    _environment().get_template("module.py.jinja")
 
 
 def _render(template: str, **values: object) -> str:

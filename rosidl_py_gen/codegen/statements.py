@@ -7,203 +7,182 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Literal, NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class Load:
+class Load(NamedTuple):
     """Fetch a nested message or loop element and make sure of its class; `expression` empty: it is there already."""
 
-    kind: ClassVar[str] = "load"
     var: str
     expression: str
     cls: str
+    kind: Literal["load"] = "load"
 
 
-@dataclass(frozen=True, slots=True)
-class LoadList:
+class LoadList(NamedTuple):
     """Fetch the messages of a sequence or array and make sure that they are in a list or tuple."""
 
-    kind: ClassVar[str] = "load_list"
     var: str
     expression: str
+    kind: Literal["load_list"] = "load_list"
 
 
-@dataclass(frozen=True, slots=True)
-class LoadRecords:
+class LoadRecords(NamedTuple):
     """The same for messages of fixed size, for which a structured array may stand too."""
 
-    kind: ClassVar[str] = "load_records"
     var: str
     expression: str
+    kind: Literal["load_records"] = "load_records"
 
 
-@dataclass(frozen=True, slots=True)
-class Either:
+class Either(NamedTuple):
     """What is done when elements are, or shall be, a structured array, and what else."""
 
-    kind: ClassVar[str] = "either"
     condition: str
     body: tuple[Statement, ...]
     otherwise: tuple[Statement, ...]
+    kind: Literal["either"] = "either"
 
 
-@dataclass(frozen=True, slots=True)
-class Assign:
-    kind: ClassVar[str] = "assign"
+class Assign(NamedTuple):
     target: str
     expression: str
+    kind: Literal["assign"] = "assign"
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
+class Limit(NamedTuple):
     """Refuse more than `most`."""
 
-    kind: ClassVar[str] = "limit"
-    count: str
+    number: str
     most: int
+    kind: Literal["limit"] = "limit"
 
 
-@dataclass(frozen=True, slots=True)
-class Exactly:
+class Exactly(NamedTuple):
     """Refuse another number than `wanted`."""
 
-    kind: ClassVar[str] = "exactly"
-    count: str
+    number: str
     wanted: int
+    kind: Literal["exactly"] = "exactly"
 
 
-@dataclass(frozen=True, slots=True)
-class LimitEach:
-    kind: ClassVar[str] = "limit_each"
+class LimitEach(NamedTuple):
     values: str
     most: int
+    kind: Literal["limit_each"] = "limit_each"
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
+class Part(NamedTuple):
     """Bytes that are appended now (in a function that collects parts)."""
 
-    kind: ClassVar[str] = "part"
     expression: str
+    kind: Literal["part"] = "part"
 
 
-@dataclass(frozen=True, slots=True)
-class Write:
+class Write(NamedTuple):
     """A heavy nested message writes itself."""
 
-    kind: ClassVar[str] = "write"
     cls: str
     var: str
+    kind: Literal["write"] = "write"
 
 
-@dataclass(frozen=True, slots=True)
-class Move:
+class Move(NamedTuple):
     """`pos` becomes, or grows by, `expression`."""
 
-    kind: ClassVar[str] = "move"
     operator: str
     expression: str
     var: str = "pos"
+    kind: Literal["move"] = "move"
 
 
-@dataclass(frozen=True, slots=True)
-class Align:
+class Align(NamedTuple):
     """A position becomes `expression`, only `when` there is something to pad for (always if empty)."""
 
-    kind: ClassVar[str] = "align"
     var: str
     expression: str
     when: str
+    kind: Literal["align"] = "align"
 
 
-@dataclass(frozen=True, slots=True)
-class Create:
+class Create(NamedTuple):
     """A nested message comes to be and is stored in its owner."""
 
-    kind: ClassVar[str] = "create"
     target: str
     var: str
     cls: str
+    kind: Literal["create"] = "create"
 
 
-@dataclass(frozen=True, slots=True)
-class Unpack:
+class Unpack(NamedTuple):
     """Read a run; no targets: only for what the call does, such as making sure that the bytes are there."""
 
-    kind: ClassVar[str] = "unpack"
     targets: str
     call: str
+    kind: Literal["unpack"] = "unpack"
 
 
-@dataclass(frozen=True, slots=True)
-class ReadText:
+class ReadText(NamedTuple):
     """Read a string whose characters begin at `start`; `nul` is the offset of its NUL, kept as `end`.
 
     `any_buffer`: `raw` may be a memoryview, which has no `decode`.
     """
 
-    kind: ClassVar[str] = "read_text"
     target: str
     start: str
     nul: str
     any_buffer: bool
+    kind: Literal["read_text"] = "read_text"
 
 
-@dataclass(frozen=True, slots=True)
-class CheckHeader:
+class CheckHeader(NamedTuple):
     """Leave the fast path when the encapsulation header, read as `head`, is not that of little endian plain CDR.
 
     `records`: the message has something to leave as a structured array when asked to.
     """
 
-    kind: ClassVar[str] = "check_header"
     records: bool
+    kind: Literal["check_header"] = "check_header"
 
 
-@dataclass(frozen=True, slots=True)
-class Within:
+class Within(NamedTuple):
     """Refuse a count that the bytes left cannot hold."""
 
-    kind: ClassVar[str] = "within"
     end: str
+    kind: Literal["within"] = "within"
 
 
-@dataclass(frozen=True, slots=True)
-class NewList:
-    kind: ClassVar[str] = "new_list"
+class NewList(NamedTuple):
     target: str
     var: str
     cls: str
     list_type: str
+    kind: Literal["new_list"] = "new_list"
 
 
-@dataclass(frozen=True, slots=True)
-class ReadHeavy:
+class ReadHeavy(NamedTuple):
     """A heavy nested message reads itself; `records` as in `CheckHeader`."""
 
-    kind: ClassVar[str] = "read_heavy"
     target: str
     pos: str
     cls: str
     records: bool
+    kind: Literal["read_heavy"] = "read_heavy"
 
 
-@dataclass(frozen=True, slots=True)
-class For:
-    kind: ClassVar[str] = "loop"
+class For(NamedTuple):
     var: str
     iterable: str
     body: tuple[Statement, ...]
+    kind: Literal["loop"] = "loop"
 
 
-@dataclass(frozen=True, slots=True)
-class Store:
+class Store(NamedTuple):
     """Append the element to its list."""
 
-    kind: ClassVar[str] = "store"
     values: str
     var: str
+    kind: Literal["store"] = "store"
 
 
 Statement = (

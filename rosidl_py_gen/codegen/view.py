@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.codegen.decode import DecoderView, decoder_view
 from rosidl_py_gen.codegen.encode import EncoderView, encoder_view
@@ -21,8 +20,7 @@ if TYPE_CHECKING:
 _CDR = "rosidl_py_gen.cdr"
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
+class Target(NamedTuple):
     """Where generated modules live and which classes exist already.
 
     Attributes:
@@ -51,8 +49,7 @@ def module_name(interface: str) -> str:
     return "_" + snake_case(interface)
 
 
-@dataclass(frozen=True, slots=True)
-class MessageView:
+class MessageView(NamedTuple):
     """One message class."""
 
     cls: str
@@ -68,8 +65,7 @@ class MessageView:
     name: dict[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class GroupView:
+class GroupView(NamedTuple):
     """A service or action class: no instances, only its parts as attributes."""
 
     cls: str
@@ -82,8 +78,7 @@ class GroupView:
     name: dict[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class ModuleView:
+class ModuleView(NamedTuple):
     """A generated module."""
 
     ros_name: str
@@ -96,8 +91,7 @@ class ModuleView:
     exports: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class AliasView:
+class AliasView(NamedTuple):
     """A module that hands on the classes of another one."""
 
     ros_name: str
@@ -294,8 +288,7 @@ def _action(action: ActionDef, imports: Imports, target: Target) -> GroupView:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class KindView:
+class KindView(NamedTuple):
     """The ``__init__`` of ``<package>/<kind>``: every class, and the module it comes from when it is first used."""
 
     root: str

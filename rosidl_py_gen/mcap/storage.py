@@ -22,8 +22,9 @@ from mcap.exceptions import EndOfFile, RecordLengthLimitExceeded
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Chunk, DataEnd, Message, Schema
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
+from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
+from zstandard import frame_content_size
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.mcap.common import BagError, BagTopic
@@ -52,6 +53,8 @@ Raw: TypeAlias = "tuple[str, bytes | memoryview, int, int]"
 they are in, and so do the arrays that are decoded from them.
 """
 _LOG_TIME = itemgetter(2)
+_MOST_CHUNK_BYTES, _MOST_RATIO = 1 << 28, 1000
+"""A chunk may become so large, or so many times its size in the file: more is a trap for the reader's memory."""
 _IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
 
 
@@ -190,6 +193,7 @@ class McapFile:
         """The messages of the channels in `names`."""
         self._stream.seek(offset + _RECORD.size)
         chunk = Chunk.read(ReadDataStream(self._stream))
+        self._require_size(chunk)
         stream, size = get_chunk_data_stream(chunk, validate_crc=self._validate_crcs)
         data = stream.read(size)
         view = memoryview(data)
@@ -210,6 +214,17 @@ class McapFile:
             at = end
         return found
 
+    def _require_size(self, chunk: Chunk) -> None:
+        """Raises `BagError` before a chunk is decompressed that says it becomes too large."""
+        size = chunk.uncompressed_size
+        if chunk.compression == "zstd":
+            size = max(size, frame_content_size(chunk.data))
+        if size > max(_MOST_CHUNK_BYTES, _MOST_RATIO * len(chunk.data)):
+            raise BagError(
+                f"{self._path}: damaged: a chunk of {len(chunk.data)} bytes says it holds {size}; expected at most "
+                f"{_MOST_CHUNK_BYTES}, or {_MOST_RATIO} times its size"
+            )
+
     def _unindexed(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         names: dict[int, str] = {}
         for record in self._records():
@@ -225,12 +240,17 @@ class McapFile:
         if self._size < len(MCAP0_MAGIC):
             return
         self._stream.seek(0)
-        reader = StreamReader(self._stream, validate_crcs=self._validate_crcs, record_size_limit=self._size)
+        crcs = self._validate_crcs
+        reader = StreamReader(self._stream, emit_chunks=True, validate_crcs=crcs, record_size_limit=self._size)
         try:
             for record in reader.records:
                 if isinstance(record, DataEnd):  # the index follows, which was missing or damaged
                     return
-                yield record
+                if isinstance(record, Chunk):
+                    self._require_size(record)
+                    yield from breakup_chunk(record, validate_crc=crcs)
+                else:
+                    yield record
         except (EndOfFile, RecordLengthLimitExceeded):  # the limit is the size of the file
             return
         except struct.error:

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import DefinitionError, Problem
 from rosidl_py_gen.names import KINDS, PACKAGE_RULE, RosName, is_package_name
 from rosidl_py_gen.resources import interfaces_dir
-from rosidl_py_gen.spec.listed import mentions_interfaces, read_listing
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -49,7 +48,11 @@ class Package:
     @cached_property
     def listing(self) -> Listing | None:
         """What the package's CMakeLists.txt lists; None for packages that are installed or have no such list."""
-        return read_listing(self.name, self.folder) if self.from_source else None
+        if not self.from_source:
+            return None
+        from rosidl_py_gen.spec.listed import read_listing  # installed packages need none of CMake
+
+        return read_listing(self.name, self.folder)
 
     @cached_property
     def files(self) -> dict[RosName, Path]:
@@ -184,6 +187,8 @@ def _descend(
     manifest = folder / "package.xml"
     is_package = os.path.isfile(manifest)
     if is_package or (_holds_interfaces(folder) and not _groups_packages(folder)):
+        from rosidl_py_gen.spec.listed import mentions_interfaces
+
         holds = _holds_interfaces(folder)
         if holds or mentions_interfaces(folder):
             name = _package_name(manifest, folder)

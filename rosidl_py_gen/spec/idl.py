@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.fieldtype import INTEGER_RANGES, PRIMITIVES, Arity, FieldType
 from rosidl_py_gen.names import RosName, is_interface_name, is_package_name, py_name
 from rosidl_py_gen.spec import derive
-from rosidl_py_gen.spec.literals import LiteralProblem, decode_idl_string, python_value
-from rosidl_py_gen.spec.model import ConstantDef, Default, FieldDef, Findings, Interface, Location, MessageDef, Source
-from rosidl_py_gen.spec.parse import parse_idl
-from rosidl_py_gen.spec.syntax import (
+from rosidl_py_gen.spec.idl_syntax import (
     IdlAnnotation,
     IdlConst,
     IdlDeclarator,
@@ -25,9 +22,11 @@ from rosidl_py_gen.spec.syntax import (
     IdlStruct,
     IdlType,
     IdlTypedef,
-    SyntaxProblem,
-    Word,
 )
+from rosidl_py_gen.spec.literals import LiteralProblem, decode_idl_string, python_value
+from rosidl_py_gen.spec.model import ConstantDef, Default, FieldDef, Findings, Interface, Location, MessageDef, Source
+from rosidl_py_gen.spec.parse import parse_idl
+from rosidl_py_gen.spec.syntax import SyntaxProblem, Word
 
 if TYPE_CHECKING:
     from rosidl_py_gen.spec.model import Scalar

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import Problem
 from rosidl_py_gen.names import is_interface_name
 from rosidl_py_gen.spec import derive
-from rosidl_py_gen.spec.idl import parse_idl_interface
 from rosidl_py_gen.spec.lines import parse_section
 from rosidl_py_gen.spec.model import Findings, Interface, Location, MessageDef, Source
 
@@ -60,6 +59,8 @@ def parse_interface(name: RosName, source: Source, findings: Findings) -> Interf
         None when nothing usable came out; then `findings` says why.
     """
     if source.format == "idl":
+        from rosidl_py_gen.spec.idl import parse_idl_interface  # with lark, half as much again as all else here
+
         return parse_idl_interface(name, source, findings)
     sections = _split(source.format, source, findings)
     if sections is None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.fieldtype import PRIMITIVES, Arity, FieldType
@@ -22,9 +22,9 @@ from rosidl_py_gen.names import (
     is_interface_name,
     is_package_name,
 )
+from rosidl_py_gen.spec.element import parse_element
 from rosidl_py_gen.spec.literals import LiteralProblem, parse_default, parse_scalar
 from rosidl_py_gen.spec.model import ConstantDef, FieldDef, Findings, Location, MessageDef, Source
-from rosidl_py_gen.spec.parse import parse_element
 from rosidl_py_gen.spec.syntax import ElementSyntax, SyntaxProblem, TypeSyntax, Word
 
 if TYPE_CHECKING:
@@ -211,9 +211,9 @@ def _finish(done: list[_Pending]) -> tuple[list[FieldDef], list[ConstantDef]]:
     for pending in done:
         comment, unit = _tidy(pending.comment)
         if isinstance(pending.element, FieldDef):
-            fields.append(replace(pending.element, comment=comment, unit=unit))
+            fields.append(pending.element._replace(comment=comment, unit=unit))
         else:
-            constants.append(replace(pending.element, comment=comment, unit=unit))
+            constants.append(pending.element._replace(comment=comment, unit=unit))
     return fields, constants
 
 

@@ -7,7 +7,7 @@ references. Types inside fields already carry full names (``pkg/msg/Name``).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import Problem
 
@@ -19,8 +19,7 @@ Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Source:
+class Source(NamedTuple):
     """The text a definition came from.
 
     Attributes:
@@ -34,8 +33,7 @@ class Source:
     format: str
 
 
-@dataclass(frozen=True, slots=True)
-class Location:
+class Location(NamedTuple):
     """A place in a source; line and column are 1-based."""
 
     source: Source
@@ -49,8 +47,7 @@ class Location:
         return Problem(self.source.path, self.line, self.column, text, line)
 
 
-@dataclass(frozen=True, slots=True)
-class FieldDef:
+class FieldDef(NamedTuple):
     """One field. `default` is None when there is none, a tuple for arrays; `unit` is the text in brackets."""
 
     name: str
@@ -61,8 +58,7 @@ class FieldDef:
     location: Location
 
 
-@dataclass(frozen=True, slots=True)
-class ConstantDef:
+class ConstantDef(NamedTuple):
     """One constant; `type` is a primitive or an unbounded string."""
 
     name: str
@@ -73,8 +69,7 @@ class ConstantDef:
     location: Location
 
 
-@dataclass(frozen=True, slots=True)
-class MessageDef:
+class MessageDef(NamedTuple):
     """A message: from a .msg file, a section of another file, or derived. No fields means an empty message."""
 
     name: RosName
@@ -84,8 +79,7 @@ class MessageDef:
     source: Source
 
 
-@dataclass(frozen=True, slots=True)
-class ServiceDef:
+class ServiceDef(NamedTuple):
     """A service; the event message is derived (protocol.md 1.6)."""
 
     name: RosName
@@ -99,8 +93,7 @@ class ServiceDef:
         return (self.request, self.response, self.event)
 
 
-@dataclass(frozen=True, slots=True)
-class ActionDef:
+class ActionDef(NamedTuple):
     """An action; feedback message and the two services are derived (protocol.md 1.6)."""
 
     name: RosName

@@ -1,4 +1,4 @@
-"""The two grammars at work: text in, syntax trees out.
+"""The grammar of .idl files at work: text in, syntax trees out.
 
 The only file that imports lark; its errors become `SyntaxProblem` here. Nothing is checked beyond the grammar.
 """
@@ -12,8 +12,7 @@ from lark import Lark, Token, Transformer, v_args
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedEOF, UnexpectedInput, UnexpectedToken, VisitError
 
 from rosidl_py_gen.resources import grammar_text
-from rosidl_py_gen.spec.syntax import (
-    ElementSyntax,
+from rosidl_py_gen.spec.idl_syntax import (
     IdlAnnotation,
     IdlConst,
     IdlDeclarator,
@@ -25,26 +24,15 @@ from rosidl_py_gen.spec.syntax import (
     IdlStruct,
     IdlType,
     IdlTypedef,
-    SyntaxProblem,
-    TypeSyntax,
-    Word,
 )
+from rosidl_py_gen.spec.syntax import SyntaxProblem, Word
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 _WORDS = {
-    "TYPE_NAME": "a type",
-    "SIZE": "a number",
-    "NAME": "a name",
-    "DEFAULT": "a default value",
-    "VALUE": "a value",
-    "_SPACE": "a space",
-    "_EQUALS": '"="',
-    "_AT_MOST": '"<="',
     "LSQB": '"["',
     "RSQB": '"]"',
-    "SLASH": '"/"',
     "LBRACE": '"{"',
     "RBRACE": '"}"',
     "LPAR": '"("',
@@ -77,19 +65,6 @@ _UNSUPPORTED = {
 }
 
 
-def parse_element(text: str, line: int) -> ElementSyntax:
-    """One element line of a .msg section.
-
-    Raises:
-        SyntaxProblem: with the column and what was expected there.
-    """
-    try:
-        tree = _message_parser().parse(text)
-        return _Elements(line).transform(tree)  # type: ignore[no-any-return]
-    except LarkError as error:
-        raise _translate(error, text, line) from error
-
-
 def parse_idl(text: str) -> tuple[IdlDefinition, ...]:
     """A whole .idl file.
 
@@ -99,14 +74,9 @@ def parse_idl(text: str) -> tuple[IdlDefinition, ...]:
     try:
         return _Idl().transform(_idl_parser().parse(text))  # type: ignore[no-any-return]
     except LarkError as error:
-        raise _translate(error, text, 0) from error
+        raise _translate(error, text) from error
     except RecursionError:
         raise SyntaxProblem(1, 1, "nested too deeply") from None
-
-
-@lru_cache(maxsize=1)
-def _message_parser() -> Lark:
-    return Lark(grammar_text("grammar.lark"), parser="lalr", propagate_positions=False, maybe_placeholders=False)
 
 
 @lru_cache(maxsize=1)
@@ -114,14 +84,14 @@ def _idl_parser() -> Lark:
     return Lark(grammar_text("idl.lark"), parser="lalr", propagate_positions=False, maybe_placeholders=False)
 
 
-def _translate(error: LarkError, text: str, line: int) -> SyntaxProblem:
+def _translate(error: LarkError, text: str) -> SyntaxProblem:
     if isinstance(error, VisitError) and isinstance(error.orig_exc, SyntaxProblem):
         return error.orig_exc
     if not isinstance(error, UnexpectedInput):
-        return SyntaxProblem(line or 1, 1, str(error).splitlines()[0])
+        return SyntaxProblem(1, 1, str(error).splitlines()[0])
     names: Iterable[str] = ()
-    column, row = error.column, line or error.line
-    found = "the end of the line" if line else "the end of the file"
+    column, row = error.column, error.line
+    found = "the end of the file"
     if isinstance(error, UnexpectedCharacters):
         names, found = error.allowed or (), f'"{error.char}"'
     elif isinstance(error, UnexpectedToken):
@@ -129,19 +99,17 @@ def _translate(error: LarkError, text: str, line: int) -> SyntaxProblem:
         if error.token.type != "$END":
             found = f'"{_shorten(str(error.token))}"'
         else:
-            column, row = -1, line or -1
+            column = -1
     elif isinstance(error, UnexpectedEOF):
-        names, column, row = error.expected, -1, line or -1
+        names, column = error.expected, -1
     if column < 1:
         lines = text.splitlines() or [""]
-        row, column = (row, len(text) + 1) if line else (len(lines), len(lines[-1]) + 1)
-    unsupported = "" if line else _UNSUPPORTED.get(found.strip('"').split(" ")[0], "")
-    if not line and text.splitlines()[row - 1][column - 1 :].startswith("/*"):
+        row, column = len(lines), len(lines[-1]) + 1
+    unsupported = _UNSUPPORTED.get(found.strip('"').split(" ")[0], "")
+    if text.splitlines()[row - 1][column - 1 :].startswith("/*"):
         return SyntaxProblem(row, column, "the comment is never closed")
     if unsupported:
         return SyntaxProblem(row, column, f"{unsupported} not supported in ROS interfaces, found {found}")
-    if line and "_SPACE" in names and found == "the end of the line":
-        return SyntaxProblem(row, column, "expected a type, a space and a name, found no name")
     words = sorted({_WORDS.get(name, f'"{name.lower()}"') for name in names if not name.startswith("__IGNORE")})
     expected = " or ".join(words) if words else "something else"
     return SyntaxProblem(row, column, f"expected {expected}, found {found}")
@@ -149,49 +117,6 @@ def _translate(error: LarkError, text: str, line: int) -> SyntaxProblem:
 
 def _shorten(text: str) -> str:
     return text if len(text) <= 40 else text[:37] + "..."
-
-
-class _Elements(Transformer[Token, Any]):
-    """Lark tree of one element line -> ElementSyntax."""
-
-    def __init__(self, line: int) -> None:
-        super().__init__()
-        self.line = line
-
-    def __default_token__(self, token: Token) -> Word:
-        return Word(str(token), self.line, token.column or 1)
-
-    def start(self, children: list[Any]) -> ElementSyntax:
-        element: ElementSyntax = children[0]
-        return element
-
-    def field(self, children: list[Any]) -> ElementSyntax:
-        return ElementSyntax(children[0], children[1], False, children[2] if len(children) > 2 else None)
-
-    def constant(self, children: list[Any]) -> ElementSyntax:
-        return ElementSyntax(children[0], children[1], True, children[2] if len(children) > 2 else None)
-
-    def type(self, children: list[Any]) -> TypeSyntax:
-        names: list[Word] = children[0]
-        rest = dict(children[1:])
-        array = next((key for key in ("fixed", "bounded", "unbounded") if key in rest), None)
-        package = names[0] if len(names) == 2 else None
-        return TypeSyntax(package, names[-1], rest.get("bound"), array, rest.get(array or ""))
-
-    def base(self, children: list[Any]) -> list[Word]:
-        return children
-
-    def bound(self, children: list[Any]) -> tuple[str, Word]:
-        return "bound", children[0]
-
-    def fixed(self, children: list[Any]) -> tuple[str, Word]:
-        return "fixed", children[0]
-
-    def bounded(self, children: list[Any]) -> tuple[str, Word]:
-        return "bounded", children[0]
-
-    def unbounded(self, children: list[Any]) -> tuple[str, None]:
-        return "unbounded", None
 
 
 def _word(token: Token) -> Word:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.descriptions import Description, FieldRow, action_rows, default_text, describe, rihs01, service_rows
@@ -293,7 +292,7 @@ def _report_unknown(library: Library, item: FieldDef) -> None:
 
 def type_location(item: FieldDef) -> Location:
     """Where a field names its type: in a .msg in column 1; an .idl member is located by its name."""
-    return item.location if item.location.source.format == "idl" else replace(item.location, column=1)
+    return item.location if item.location.source.format == "idl" else item.location._replace(column=1)
 
 
 def raise_findings(library: Library) -> None:

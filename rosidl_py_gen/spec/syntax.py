@@ -1,12 +1,11 @@
-"""Syntax trees: what the grammars found, with columns, before anything was checked."""
+"""Syntax of .msg lines: what was found, with columns, before anything was checked."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class Word:
+class Word(NamedTuple):
     """A piece of text and where it begins (1-based)."""
 
     text: str
@@ -14,8 +13,7 @@ class Word:
     column: int
 
 
-@dataclass(frozen=True, slots=True)
-class TypeSyntax:
+class TypeSyntax(NamedTuple):
     """The type of a .msg element. `array` is None, "fixed", "bounded" or "unbounded"; `size` its number."""
 
     package: Word | None
@@ -25,8 +23,7 @@ class TypeSyntax:
     size: Word | None
 
 
-@dataclass(frozen=True, slots=True)
-class ElementSyntax:
+class ElementSyntax(NamedTuple):
     """One element line of a .msg section. A constant has `value`, a field may have `default`."""
 
     type: TypeSyntax
@@ -43,78 +40,3 @@ class SyntaxProblem(Exception):
         self.column = column
         self.text = text
         super().__init__(text)
-
-
-@dataclass(frozen=True, slots=True)
-class IdlExpression:
-    """A literal or a name: `kind` is number, boolean, string, wide_string or name; `text` joins adjacent literals."""
-
-    kind: str
-    text: str
-    at: Word = field(compare=False)
-
-
-@dataclass(frozen=True, slots=True)
-class IdlType:
-    """`kind` is base, string, sequence or name; `words` the keywords or name parts; `size` a bound."""
-
-    kind: str
-    words: tuple[str, ...]
-    element: IdlType | None
-    size: IdlExpression | None
-    at: Word = field(compare=False)
-
-
-@dataclass(frozen=True, slots=True)
-class IdlAnnotation:
-    name: str
-    value: IdlExpression | None
-    arguments: dict[str, IdlExpression]
-
-
-@dataclass(frozen=True, slots=True)
-class IdlDeclarator:
-    name: Word
-    sizes: tuple[IdlExpression, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class IdlMember:
-    annotations: tuple[IdlAnnotation, ...]
-    type: IdlType
-    declarators: tuple[IdlDeclarator, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class IdlStruct:
-    annotations: tuple[IdlAnnotation, ...]
-    name: Word
-    members: tuple[IdlMember, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class IdlConst:
-    annotations: tuple[IdlAnnotation, ...]
-    type: IdlType
-    name: Word
-    value: IdlExpression
-
-
-@dataclass(frozen=True, slots=True)
-class IdlTypedef:
-    type: IdlType
-    declarator: IdlDeclarator
-
-
-@dataclass(frozen=True, slots=True)
-class IdlEnum:
-    name: Word
-
-
-@dataclass(frozen=True, slots=True)
-class IdlModule:
-    name: Word
-    definitions: tuple[IdlDefinition, ...]
-
-
-IdlDefinition = IdlModule | IdlStruct | IdlConst | IdlTypedef | IdlEnum

@@ -11,6 +11,8 @@ Commands that go on until they are interrupted end with 0 then.
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import sys
 from importlib import import_module
@@ -29,6 +31,7 @@ _GROUPS = {
     "bag": "Recordings: record, play, info, convert.",
     "completion": "Print the completion script of a shell.",
     "doctor": "Check this installation, the network, and what answers on it.",
+    "foxglove": "Show topics, parameters and services live in Foxglove or Lichtblick.",
     "graph": "Nodes and topics as text, Mermaid or SVG.",
     "interface": "Definitions of messages, services and actions.",
     "lifecycle": "Lifecycle nodes: list, get and set their states.",
@@ -42,7 +45,15 @@ _GROUPS = {
 
 _BROKEN_PIPE = 141
 """What a shell says of a program that SIGPIPE ended."""
-_EXTRA = {"cyclonedds": "node", "rich": "node", "yaml": "node", "mcap": "mcap", "zenoh": "zenoh"}
+_EXTRA = {
+    "cyclonedds": "node",
+    "rich": "node",
+    "yaml": "node",
+    "mcap": "mcap",
+    "foxglove": "foxglove",
+    "websockets": "foxglove",
+    "zenoh": "zenoh",
+}
 """Modules that extras bring. Definitions can be shown without them."""
 
 
@@ -133,6 +144,10 @@ def run_async(main: Coroutine[Any, Any, int], *, endless: bool = False) -> int:
 
 def main(arguments: list[str] | None = None) -> None:
     """The console script; see the head of this file for exit codes."""
+    if arguments is None:
+        # Looking for garbage in what is imported, and once more at the end, takes a tenth of a short command.
+        gc.set_threshold(50_000)
+        atexit.register(gc.freeze)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # closed; a socket would get its number
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
@@ -149,11 +164,10 @@ def main(arguments: list[str] | None = None) -> None:
         report(str(error))
         sys.exit(1)
     except ModuleNotFoundError as missing:
-        if missing.name not in _EXTRA:
+        name = (missing.name or "").partition(".")[0]
+        if name not in _EXTRA:
             raise
-        report(
-            f"this needs {missing.name}, which is not installed: pip install 'rosidl-py-gen[{_EXTRA[missing.name]}]'"
-        )
+        report(f"this needs {name}, which is not installed: pip install 'rosidl-py-gen[{_EXTRA[name]}]'")
         sys.exit(1)
     except OSError as error:
         report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))

@@ -11,7 +11,6 @@ import os
 import sys
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.convert import json_value
 from rosidl_py_gen.errors import printable
 
 if TYPE_CHECKING:
@@ -49,12 +48,18 @@ def document(data: Any, *, in_stream: bool = False) -> None:
     Args:
         in_stream: one of several, each of which takes one line.
     """
-    line(json.dumps(json_value(data), ensure_ascii=False, indent=2 if is_terminal() and not in_stream else None))
+    line(_json(data, 2 if is_terminal() and not in_stream else None))
 
 
 def json_line(data: Any) -> None:
     """JSON on one line, also on terminals: one of a stream of values."""
-    line(json.dumps(json_value(data), ensure_ascii=False))
+    line(_json(data))
+
+
+def _json(data: Any, indent: int | None = None) -> str:
+    from rosidl_py_gen.convert import json_value  # with numpy, which most answers do without
+
+    return json.dumps(json_value(data), ensure_ascii=False, indent=indent)
 
 
 def table(rows: Iterable[Sequence[str]], *headings: str) -> None:

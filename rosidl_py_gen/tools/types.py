@@ -7,10 +7,12 @@ in AMENT_PREFIX_PATH, or bundled.
 
 from __future__ import annotations
 
+import asyncio
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.cdr import Message, TypeInfo
+from rosidl_py_gen.dynamic import load_compiler
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.tools import ToolError
@@ -24,6 +26,11 @@ if TYPE_CHECKING:
 _PATIENCE_S = 10.0
 """How long somebody may take to describe a type that is known nowhere else."""
 _GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
+
+
+def load_ahead() -> None:
+    """Load what making classes needs in a thread, while the command waits for others. Called on the loop."""
+    asyncio.get_running_loop().run_in_executor(None, load_compiler)
 
 
 async def message_class(

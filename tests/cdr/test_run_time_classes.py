@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from compiler_worlds import write
+from compiler_worlds import python, write
 
 import rosidl_py_gen as ros
 from rosidl_py_gen import DefinitionError, EncodeError, InvalidNameError, TypeNotFoundError, compile_text, get_message
@@ -126,3 +126,12 @@ def test_the_public_methods_are_documented() -> None:
     assert string.encode.__name__ == "encode"
     assert "EncodeError" in (string.encode.__doc__ or "")
     assert "DecodeError" in (string.decode.__doc__ or "")
+
+
+def test_a_class_of_an_installed_package_needs_neither_lark_nor_what_follows_cmake() -> None:
+    found = python(
+        "import sys; from rosidl_py_gen import get_service\n"
+        "get_service('example_interfaces/srv/AddTwoInts')\n"
+        "print([name for name in sys.modules if name == 'lark' or 'cmake' in name or 'idl_syntax' in name])"
+    )
+    assert found == "[]\n"

@@ -9,7 +9,6 @@ from compiler_worlds import texts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rosidl_py_gen.codegen import Layouts
 from rosidl_py_gen.codegen.plan import (
     Block,
     Call,
@@ -26,6 +25,7 @@ from rosidl_py_gen.codegen.plan import (
     Strings,
     Text,
 )
+from rosidl_py_gen.codegen.sources import Layouts
 from rosidl_py_gen.spec.model import MessageDef
 from rosidl_py_gen.spec.resolve import Library
 

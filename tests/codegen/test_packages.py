@@ -163,6 +163,26 @@ def test_using_a_message_loads_it_and_what_it_needs(everything: Path) -> None:
     assert "sensor_msgs.msg._image" not in modules
 
 
+def test_jinja2_is_loaded_when_there_is_something_to_print() -> None:
+    found = python("import sys, rosidl_py_gen.generate, rosidl_py_gen.dynamic; print('jinja2' in sys.modules)")
+    assert found == "False\n"
+
+
+def test_what_is_loaded_ahead_is_all_that_making_a_class_needs() -> None:
+    program = """
+import sys
+from rosidl_py_gen.dynamic import get_message, load_compiler
+load_compiler()
+ahead = set(sys.modules)
+get_message("sensor_msgs/msg/Imu")
+print(*sorted(set(sys.modules) - ahead))
+"""
+    later = python(program).split()
+    generated = ("rosidl_py_gen_memory", "rosidl_py_gen.msgs", "rosidl_py_gen.cdr.", "numpy.")  # and what it uses
+    assert "rosidl_py_gen_memory.w1.sensor_msgs.msg._imu" in later
+    assert [name for name in later if not name.startswith(generated)] == []
+
+
 def test_generated_packages_need_only_the_middle_and_numpy(everything: Path) -> None:
     code = (
         "from sensor_msgs.msg import PointCloud2\nfrom nav_msgs.srv import GetPlan\n"

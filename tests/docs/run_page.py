@@ -3,8 +3,8 @@
 A block with a title is a file. Python blocks share their names and one event loop; `run(main)` lets `main` go on in the
 background, so that a server of one block answers the client of the next. Shell blocks run what they say to
 ``rosidl-py-gen`` and ``rosidl-py``, and to Python and pytest about files of the page. A text block says what the block
-before it prints; behind a shell block it makes the examples that are named there run until the last one has printed it;
-then they end by themselves or by Ctrl-C.
+before it prints; behind a shell block it makes the examples named there, and commands that go on `_ENDLESS`, run
+until the last one has printed it; then they end by themselves or by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
 _COMMANDS = {"rosidl-py-gen": ("-m", "rosidl_py_gen.cli"), "rosidl-py": ("-m", "rosidl_py_gen.tools")}
+_ENDLESS = "# until Ctrl-C"
 PATIENCE_S = float(os.environ.get("PAGE_PATIENCE_S", "30"))
 
 
@@ -120,7 +121,7 @@ class Page:
         for word in words:
             if re.match(r"(examples|bench|tests|docs)/", word) and not (ROOT / word).exists():
                 raise PageError(f"{word} does not exist")
-        if not words:
+        if not words or line.endswith(_ENDLESS):
             return
         if words[0] in _COMMANDS or (words[0] == "python" and Path(words[1]).is_file()):
             program = [sys.executable, *_COMMANDS.get(words[0], ())]
@@ -139,11 +140,13 @@ class Page:
 
     async def run_examples(self, text: str, lines: list[str]) -> None:
         """Start the examples that a shell block names, until the last one has printed these lines."""
-        commands = [shlex.split(line, comments=True) for line in re.findall(r"^python examples/.*", text, re.MULTILINE)]
+        found = re.findall(rf"^python examples/.*|^rosidl-py .*{_ENDLESS}$", text, re.MULTILINE)
+        commands = [shlex.split(line, comments=True) for line in found]
         started = []
         for command in commands:
             output = asyncio.subprocess.PIPE if command is commands[-1] else asyncio.subprocess.DEVNULL
-            program = [sys.executable, str(ROOT / command[1]), *command[2:]]
+            known = _COMMANDS.get(command[0])
+            program = [sys.executable, *(known or [str(ROOT / command[1])]), *command[1 if known else 2 :]]
             started.append(await asyncio.create_subprocess_exec(*program, stdout=output))
         if not started:
             return

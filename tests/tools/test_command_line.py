@@ -33,6 +33,16 @@ def test_help_loads_neither_the_runtime_nor_rich() -> None:
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_numpy_and_the_node_are_loaded_while_the_context_listens() -> None:
+    code = (
+        "import sys; from rosidl_py_gen.tools import session\n"
+        "import rosidl_py_gen.tools.topic.list, rosidl_py_gen.tools.graph.show\n"
+        "print([name for name in ('rosidl_py_gen.runtime.node.node', 'numpy') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 def test_a_reader_that_has_enough_ends_a_command_quietly() -> None:
     command = f"{sys.executable} -m rosidl_py_gen.tools interface list | true; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from time import monotonic
 from typing import TYPE_CHECKING
 
 import pytest
@@ -45,6 +46,20 @@ def test_type_and_values_may_be_left_out(words: list[str], expected: tuple[str |
 def test_values_that_a_shell_took_apart_are_refused() -> None:
     with pytest.raises(ToolError, match="put them between '"):
         type_and_values(["{a:", "1}"])
+
+
+async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert dds
+    async with Session({}) as session:
+        discovery = session.context.discovery
+        publish, told = discovery.publish, []
+        monkeypatch.setattr(discovery, "publish", lambda: (publish(), told.append(monotonic())))
+        began = monotonic()
+        session.node.create_publisher(String, "/short")
+        session.node.create_publisher(String, "/brief")
+        await until(lambda: told)
+        assert told[0] - began >= discovery.together_s > 0.01
+        assert len(told) == 1
 
 
 async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> None:

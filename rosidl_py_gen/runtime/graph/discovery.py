@@ -37,6 +37,8 @@ class Discovery:
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
         """Who waits for the graph to change."""
+        self.together_s = 0.0
+        """How long changes of our own nodes wait for others before peers are told; 0 is one iteration of the loop."""
         self._dirty = False
         self._lock = threading.RLock()
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
@@ -91,7 +93,7 @@ class Discovery:
         loop = self._bridge.loop
         if not self._dirty and loop is not None:
             self._dirty = True
-            loop.call_soon(self._publish_if_dirty)
+            loop.call_later(self.together_s, self._publish_if_dirty)
 
     def _publish_if_dirty(self) -> None:
         # A participant that leaves says all there is to say: DDS would hold up the end until this were acknowledged.

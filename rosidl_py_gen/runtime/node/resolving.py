@@ -286,7 +286,8 @@ class _Resolution:
             else:
                 return
         failures = []
-        asked = self._in_order(await self._named_nodes(nodes))
+        told = await self._named_nodes(nodes)
+        asked = self._in_order(told)
         for index, node in enumerate(asked):
             try:
                 answer = await self._ask(node, name, wanted, len(asked) - index)
@@ -299,8 +300,15 @@ class _Resolution:
             await asyncio.to_thread(keep_description, wanted, answer)
             return
         raise TypeDescriptionError(
-            "; ".join(failures) or f"{name} {wanted} is announced, but not by a node that has a name"
+            "; ".join(failures) or f"{name} {wanted} is announced, but {self._nobody_asked(told)}"
         )
+
+    def _nobody_asked(self, told: Collection[str]) -> str:
+        """Why there is nobody to ask among those who announce a type."""
+        own = self._scope.node_name
+        if own in told:
+            return f"only by nodes called {own} as this one is, which would ask itself: give one of them another name"
+        return "not by a node that has a name"
 
     async def _named_nodes(self, nodes: Collection[str]) -> Collection[str]:
         """The nodes, or those whose names come a moment later."""

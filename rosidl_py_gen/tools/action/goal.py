@@ -39,6 +39,7 @@ async def _send_goal(
     type_name, text = messages.type_and_values(words, stdin=stdin)
     show = _Printer(as_json)
     async with Session(network) as session:
+        types.load_ahead()
         show.say("Waiting for an action server to become available...")
         name = await find_action(session, action, timeout_s)
         cls: Any = await types.action_class(session, name, type_name, paths)

@@ -60,6 +60,8 @@ def run(
 
 async def _echo(network: Network, wanted: _Wanted) -> int:
     async with Session(network) as session:
+        if not wanted.raw:
+            types.load_ahead()
         if wanted.type_name is None:
             topic = await found(session, wanted.topic, wanted.timeout_s)
         else:

@@ -8,7 +8,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from told_types import Told, fresh, teller, told_by
+from told_types import SERVICE_OFF, Told, fresh, teller, told_by
 from worlds import World, until
 
 from rosidl_py_gen import compile_text, get_message, get_service, type_description, type_hash
@@ -108,6 +108,16 @@ async def test_a_liar_is_refused_and_named_with_both_hashes(world: World) -> Non
         await world.node("asker").resolve_type("t", timeout_s=10)
     assert "/robot" in str(caught.value) and told.hash in str(caught.value)
     assert len(set(re.findall(r"RIHS01_[0-9a-f]{64}", str(caught.value)))) == 2
+
+
+async def test_a_node_does_not_ask_one_that_has_its_own_name_and_says_so(world: World) -> None:
+    told = fresh()
+    told_by(world, told, answer=lambda request: pytest.fail("asked"))
+    with pytest.raises(
+        TypeDescriptionError, match=f"{told.name} {told.hash} is announced, but only by nodes called"
+    ) as caught:
+        await world.node("robot", overrides=SERVICE_OFF).resolve_type("t", timeout_s=10)
+    assert "/robot as this one is" in str(caught.value) and "another name" in str(caught.value)
 
 
 async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(

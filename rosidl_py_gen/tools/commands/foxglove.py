@@ -1,0 +1,38 @@
+"""``rosidl-py foxglove``."""
+
+from typing import Any
+
+import click
+
+from rosidl_py_gen.tools import options, run_command
+
+
+@click.command()
+@click.option(
+    "--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 lets other machines connect."
+)
+@click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0 takes a free one.")
+@click.option("--read-only", "is_read_only", is_flag=True, help="No publishing, calling and setting by viewers.")
+@click.option("--use-sim-time", is_flag=True, help="Tell viewers the time of /clock, also if it appears later.")
+@click.option(
+    "--queue",
+    type=click.IntRange(16, 1 << 16),
+    default=256,
+    show_default=True,
+    metavar="MESSAGES",
+    help="How many may wait for a slow viewer; then the oldest are left out.",
+)
+@click.option("--include-hidden-topics", "hidden", is_flag=True, help="Also topics and services that begin with _.")
+@options.paths
+@options.as_json
+@options.node_options
+def foxglove(**arguments: Any) -> None:
+    """Show topics, parameters, services and the graph live in Foxglove or Lichtblick.
+
+    Prints the address and serves it until Ctrl-C. A topic is subscribed to while somebody watches it.
+
+    \b
+    rosidl-py foxglove
+    rosidl-py foxglove --host 0.0.0.0 --read-only
+    """
+    run_command("foxglove.serve", **arguments)

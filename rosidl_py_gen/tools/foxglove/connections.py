@@ -1,0 +1,44 @@
+"""Which nodes publish, subscribe and serve what, as viewers draw it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.tools.node.list import is_hidden_node
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime import Node
+    from rosidl_py_gen.tools.foxglove.server import Server
+
+Names = dict[str, list[str]]
+
+
+class Connections:
+    """Tells viewers of the graph: `look` after its changes."""
+
+    def __init__(self, node: Node, server: Server, *, hidden: bool) -> None:
+        self._node = node
+        self._server = server
+        self._hidden = hidden
+        self._told: tuple[Names, Names, Names] | None = None
+
+    def look(self) -> None:
+        """Follow the graph."""
+        published: Names = {}
+        subscribed: Names = {}
+        served: Names = {}
+        for info in {(one.name, one.namespace): one for one in self._node.get_nodes()}.values():
+            whole = info.fully_qualified_name
+            if is_hidden_node(whole) and not self._hidden:
+                continue
+            for found, names in (
+                (published, self._node.get_publisher_names_and_types_by_node(info.name, info.namespace)),
+                (subscribed, self._node.get_subscriber_names_and_types_by_node(info.name, info.namespace)),
+                (served, self._node.get_service_names_and_types_by_node(info.name, info.namespace)),
+            ):
+                for name, _ in names:
+                    if self._hidden or "/_" not in name:
+                        found.setdefault(name, []).append(whole)
+        if (published, subscribed, served) != self._told:
+            self._told = published, subscribed, served
+            self._server.publish_graph(published, subscribed, served)

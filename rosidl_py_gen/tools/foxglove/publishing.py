@@ -1,0 +1,139 @@
+"""What viewers publish.
+
+Decides that every message is decoded before it goes to ROS: what is no message of the topic's type is refused, and the
+viewers are told which field is wrong. The type is the one that is announced for the topic; for a topic that nobody has
+it is the one the viewer names, known here or defined by the viewer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen import compile_text, from_json, get_message
+from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
+from rosidl_py_gen.tools import ToolError, types
+from rosidl_py_gen.tools.topic.wait import full_name
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.runtime import Publisher
+    from rosidl_py_gen.tools.foxglove.server import Server
+    from rosidl_py_gen.tools.foxglove.wishes import Offer, OfferKey
+    from rosidl_py_gen.tools.session import Session
+
+_ENCODINGS = ("cdr", "json")
+_MOST_WAITING = 10
+_MOST_WAITING_BYTES = 1 << 20
+"""Of messages that come before the type of their topic is known."""
+
+
+class _Offered:
+    """A topic that a viewer publishes on, or soon will."""
+
+    def __init__(self, offer: Offer) -> None:
+        self.offer = offer
+        self.opening: asyncio.Task[None] | None = None
+        self.cls: type[Message] | None = None
+        self.publisher: Publisher[Any] | None = None
+        self.waiting: deque[bytes] = deque()
+
+    def close(self) -> None:
+        if self.opening is not None:
+            self.opening.cancel()
+        if self.publisher is not None:
+            self.publisher.close()
+
+
+class Publishing:
+    """Publishes what viewers send: `serve` after something came."""
+
+    def __init__(self, session: Session, server: Server, *, paths: Sequence[str]) -> None:
+        self._session = session
+        self._server = server
+        self._paths = paths
+        self._offered: dict[OfferKey, _Offered] = {}
+
+    def serve(self) -> None:
+        """Follow what viewers offer, and publish what they sent."""
+        messages, lost = self._server.wishes.take_messages()
+        with self._server.wishes.lock:
+            offers = dict(self._server.wishes.offers)
+        for key in [*self._offered]:
+            if offers.get(key) is not self._offered[key].offer:
+                self._offered.pop(key).close()
+        for key, offer in offers.items():
+            if key not in self._offered:
+                offered = self._offered[key] = _Offered(offer)
+                offered.opening = asyncio.ensure_future(self._open(offered))
+        for key, offer, data in messages:
+            known = self._offered.get(key)
+            if known is not None and known.offer is offer:
+                self._take(known, data)
+        if lost:
+            self._server.tell("lost", f"{lost} messages of viewers were not published: too many at once")
+
+    def _take(self, offered: _Offered, data: bytes) -> None:
+        if offered.publisher is not None:
+            self._publish(offered, data)
+        elif offered.opening is not None and not offered.opening.done():
+            offered.waiting.append(data)
+            while len(offered.waiting) > _MOST_WAITING or sum(map(len, offered.waiting)) > _MOST_WAITING_BYTES:
+                offered.waiting.popleft()
+
+    async def _open(self, offered: _Offered) -> None:
+        offer = offered.offer
+        try:
+            topic = full_name(self._session, offer.topic)
+            offered.cls = await self._class(topic, offer)
+            offered.publisher = self._session.node.create_publisher(offered.cls, topic, BEST_AVAILABLE)
+            await offered.publisher.wait_for_subscribers(1.0)
+        except RosidlError as error:
+            self._server.tell(offer.topic, f"{offer.topic} cannot be published: {error}")
+            return
+        while offered.waiting:
+            self._publish(offered, offered.waiting.popleft())
+
+    async def _class(self, topic: str, offer: Offer) -> type[Message]:
+        if offer.encoding not in _ENCODINGS:
+            raise ToolError(f'its encoding is "{printable(offer.encoding)[:40]}", not {" or ".join(_ENCODINGS)}')
+        name = str(split_ros_name(offer.schema_name, "msg"))
+        there = dict(self._session.node.get_topic_names_and_types()).get(topic, [])
+        if name in there:
+            return await types.message_class(self._session, topic, name, self._paths)
+        if there:
+            raise ToolError(f"its type is {', '.join(there)}, not {name}")
+        try:
+            return await asyncio.to_thread(get_message, name, path=self._paths)
+        except TypeNotFoundError:
+            if offer.schema_encoding != "ros2msg":
+                raise
+        cls: type[Message] = await asyncio.to_thread(compile_text, name, offer.schema.decode(errors="replace"))
+        return cls
+
+    def _publish(self, offered: _Offered, data: bytes) -> None:
+        assert offered.cls is not None and offered.publisher is not None
+        offer, cls = offered.offer, offered.cls
+        try:
+            if offer.encoding == "json":
+                message = from_json(cls, data)
+            elif cls._TYPE.fields:
+                message = cls.decode(data)
+            else:  # what viewers send as a message without fields is not always what ROS sends
+                message = cls()
+            offered.publisher.publish(message)
+        except RosidlError as error:
+            self._server.tell(offer.topic, f"a message for {offer.topic} was not published: {error}")
+
+    async def close(self) -> None:
+        """Let go of everything."""
+        opening = [offered.opening for offered in self._offered.values() if offered.opening is not None]
+        for offered in self._offered.values():
+            offered.close()
+        self._offered.clear()
+        await asyncio.gather(*opening, return_exceptions=True)

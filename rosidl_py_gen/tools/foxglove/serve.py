@@ -1,0 +1,152 @@
+"""``foxglove``.
+
+Decides the order: what is there is shown as it is found, and viewers may come from the first moment on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.foxglove.clock import TOPIC as CLOCK
+from rosidl_py_gen.tools.foxglove.clock import Clock
+from rosidl_py_gen.tools.foxglove.connections import Connections
+from rosidl_py_gen.tools.foxglove.own_viewer import OwnViewer, new_token, own_viewer
+from rosidl_py_gen.tools.foxglove.parameters import Parameters
+from rosidl_py_gen.tools.foxglove.publishing import Publishing
+from rosidl_py_gen.tools.foxglove.server import Handlers, Listening, Server
+from rosidl_py_gen.tools.foxglove.services import Services
+from rosidl_py_gen.tools.foxglove.topics import Topics
+from rosidl_py_gen.tools.session import Network, Session
+
+_PAUSE_S = 0.1
+"""Between looks at a graph that keeps changing."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """What the command line says, in the end."""
+
+    host: str
+    port: int
+    queue: int
+    use_sim_time: bool
+    is_read_only: bool
+    hidden: bool
+    paths: Sequence[str]
+    as_json: bool
+
+
+def run(network: Network, **wanted: Any) -> int:
+    """Returns the exit code."""
+    return run_async(_serve(network, _Wanted(**wanted)), endless=True)
+
+
+async def _serve(network: Network, wanted: _Wanted) -> int:
+    async with Session(network) as session:
+        await session.settle()
+        view = _View(session, wanted)
+        try:
+            await view.show()
+        finally:
+            await view.close()
+    return 0
+
+
+class _View:
+    """Everything between the graph and viewers."""
+
+    def __init__(self, session: Session, wanted: _Wanted) -> None:
+        self._wanted = wanted
+        self._node = session.node
+        self._clock = Clock()
+        self._server = server = Server()
+        self._changed = asyncio.Event()
+        self._has_clock = self._has_noted_clock = False
+        shown: dict[str, Any] = {"paths": wanted.paths, "hidden": wanted.hidden}
+        self._topics = Topics(session, server, self._clock, **shown)
+        self._services = Services(session, server, **shown)
+        self._publishing = Publishing(session, server, paths=wanted.paths)
+        self._parameters = Parameters(session, server, self._changed.set, is_read_only=wanted.is_read_only)
+        self._connections = Connections(session.node, server, hidden=wanted.hidden)
+
+    async def show(self) -> None:
+        """Until it is cancelled.
+
+        Raises:
+            ToolError: the address cannot be used.
+        """
+        wanted, token = self._wanted, new_token()
+        self._has_clock = wanted.use_sim_time or self._node.count_publishers(CLOCK) > 0
+        listening = Listening(wanted.host, wanted.port, wanted.queue, self._has_clock, wanted.is_read_only)
+        parameters = self._parameters
+        handlers = Handlers(self._serve, parameters.get, parameters.set_, parameters.refreshed)
+        port = self._server.start(listening, handlers, token)
+        if self._has_clock:
+            self._clock.follow(self._node, self._server)
+        self._say_where(port)
+        while True:
+            async with own_viewer(wanted.host, port, token) as own:
+                await own.watch_graph()
+                await self._follow_all(own)
+
+    async def _follow_all(self, own: OwnViewer) -> None:
+        """Until our own viewer is lost: the graph may not be published without it."""
+        tasks = [asyncio.ensure_future(job) for job in (own.read_on(), self._follow(), self._follow_parameters(own))]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _follow(self) -> None:
+        """Follow the graph, for ever."""
+        self._look()
+        async for _ in self._node.graph_changes():
+            self._look()
+            await asyncio.sleep(_PAUSE_S)
+
+    def _look(self) -> None:
+        self._note_clock()
+        self._topics.look()
+        if not self._wanted.is_read_only:
+            self._services.look()
+        self._parameters.look()
+        self._connections.look()
+
+    def _note_clock(self) -> None:
+        if not (self._has_clock or self._has_noted_clock) and self._node.count_publishers(CLOCK):
+            self._has_noted_clock = True
+            printing.note(f"{CLOCK} has appeared; viewers are told its time when this is started again")
+
+    def _serve(self) -> None:
+        """Follow the viewers."""
+        self._topics.serve()
+        self._publishing.serve()
+
+    async def _follow_parameters(self, own: OwnViewer) -> None:
+        while await self._changed.wait():
+            self._changed.clear()
+            await own.publish_parameters()
+            await asyncio.sleep(_PAUSE_S)
+
+    def _say_where(self, port: int) -> None:
+        host = f"[{self._wanted.host}]" if ":" in self._wanted.host else self._wanted.host
+        address = f"ws://{host}:{port}"
+        if self._wanted.as_json:
+            printing.document({"address": address, "open": self._server.app_url()}, in_stream=True)
+            return
+        printing.line(f"{address} for Foxglove and Lichtblick; Ctrl-C ends it", "bold")
+        printing.line(self._server.app_url())
+
+    async def close(self) -> None:
+        """Let go of viewers, and of everything that was opened for them."""
+        await self._server.stop()
+        for part in (self._topics, self._services, self._publishing, self._parameters):
+            await part.close()

@@ -1,0 +1,123 @@
+"""Services as viewers see them, and calls from there.
+
+Decides that requests and responses are decoded on their way: a wrong request never reaches a robot, and the viewer is
+told which field is wrong.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.described import definition_text
+from rosidl_py_gen.errors import InvalidNameError, RosidlError
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.tools import printing, types
+from rosidl_py_gen.typesupport import referenced_classes
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.runtime import Client
+    from rosidl_py_gen.tools.foxglove.server import Server
+    from rosidl_py_gen.tools.session import Session
+
+_CALL_S = 10.0
+_AT_A_TIME = 8
+_LINE = "=" * 80 + "\n"
+_PART = re.compile(rf"^{_LINE}", re.MULTILINE)
+_RESPONSE = re.compile(r"^---[ \t\r]*\n", re.MULTILINE)
+
+
+class _Shown:
+    """A service that viewers see, or soon will."""
+
+    def __init__(self, type_name: str) -> None:
+        self.type_name = type_name
+        self.opening: asyncio.Task[None] | None = None
+        self.is_open = False
+        self.client: Client[Any, Any] | None = None
+
+    def close(self) -> None:
+        if self.opening is not None:
+            self.opening.cancel()
+        if self.client is not None:
+            self.client.close()
+
+
+class Services:
+    """Keeps what viewers see like what there is: `look` after changes of the graph."""
+
+    def __init__(self, session: Session, server: Server, *, paths: Sequence[str], hidden: bool) -> None:
+        self._session = session
+        self._server = server
+        self._paths = paths
+        self._hidden = hidden
+        self._shown: dict[str, _Shown] = {}
+        self._turns = asyncio.Semaphore(_AT_A_TIME)
+
+    def look(self) -> None:
+        """Follow the graph."""
+        node = self._session.node
+        there = {
+            name: kinds[0]
+            for name, kinds in node.get_service_names_and_types()
+            if (self._hidden or "/_" not in name) and node.count_services(name)
+        }
+        gone = {name: shown for name, shown in self._shown.items() if there.get(name) != shown.type_name}
+        for name in gone:
+            self._shown.pop(name).close()
+        if opened := [name for name, shown in gone.items() if shown.is_open]:
+            self._server.remove_services(opened)
+        for name, type_name in there.items():
+            if name not in self._shown:
+                shown = self._shown[name] = _Shown(type_name)
+                shown.opening = asyncio.ensure_future(self._open(name, shown))
+
+    async def _open(self, name: str, shown: _Shown) -> None:
+        try:
+            split_ros_name(shown.type_name, "srv")
+            async with self._turns:
+                cls = await types.service_class(self._session, name, shown.type_name, self._paths)
+                texts = await asyncio.to_thread(_definitions, cls)
+        except InvalidNameError:
+            return  # a part of an action
+        except RosidlError as error:
+            printing.note(f"{name}: viewers cannot call it, as there is no definition of {shown.type_name}: {error}")
+            return
+
+        async def call(data: bytes) -> bytes:
+            return await self._call(name, shown, cls, data)
+
+        await self._server.turn()
+        self._server.add_service(name, shown.type_name, texts, call)
+        shown.is_open = True
+
+    async def _call(self, name: str, shown: _Shown, cls: Any, data: bytes) -> bytes:
+        """Raises `RosidlError`, which the viewer is told."""
+        # What viewers send as a request without fields is not always what ROS sends.
+        request = cls.Request.decode(data) if cls.Request._TYPE.fields else cls.Request()
+        if shown.client is None:
+            shown.client = self._session.node.create_client(cls, name)
+        response = await shown.client.call(request, _CALL_S)
+        encoded: bytes = response.encode()
+        return encoded
+
+    async def close(self) -> None:
+        """Let go of everything."""
+        opening = [shown.opening for shown in self._shown.values() if shown.opening is not None]
+        for shown in self._shown.values():
+            shown.close()
+        self._shown.clear()
+        await asyncio.gather(*opening, return_exceptions=True)
+
+
+def _definitions(cls: Any) -> tuple[str, str]:
+    """The definitions of request and response, each with the types it uses."""
+    parts = _PART.split(definition_text(cls))
+    texts = [*_RESPONSE.split(parts[0], maxsplit=1), ""]
+    for index, half in enumerate((cls.Request, cls.Response)):
+        used = {name.replace("/msg/", "/") for name in referenced_classes(half)}
+        texts[index] += "".join(_LINE + part for part in parts[1:] if part.split("\n", 1)[0].split()[-1] in used)
+    return texts[0], texts[1].lstrip("\n")

@@ -1,0 +1,154 @@
+"""Topics as viewers see them: one channel for each topic and type, with the bytes that come from ROS.
+
+Decides which topics are shown, and that one is subscribed to only while somebody watches, with what all its publishers
+offer. A subscription is made again when a publisher appears that offers less, and, where publishers keep messages for
+those who come late, when a further viewer comes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rosidl_py_gen.described import definition_text
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime import Durability
+from rosidl_py_gen.tools import printing, types
+from rosidl_py_gen.tools.topic import qos as topic_qos
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.runtime import Subscription, TopicEndpointInfo
+    from rosidl_py_gen.tools.foxglove.clock import Clock
+    from rosidl_py_gen.tools.foxglove.server import Channel, Server
+    from rosidl_py_gen.tools.session import Session
+
+_AT_A_TIME = 8
+"""Definitions that are looked for."""
+
+
+class _Key(NamedTuple):
+    topic: str
+    type_name: str
+
+
+class _Shown:
+    """A topic that viewers see, or soon will."""
+
+    def __init__(self) -> None:
+        self.opening: asyncio.Task[None] | None = None
+        self.channel: Channel | None = None
+        self.subscription: Subscription[Any] | None = None
+        self.viewers: frozenset[int] = frozenset()
+
+    def unsubscribe(self) -> None:
+        if self.subscription is not None:
+            self.subscription.close()
+            self.subscription = None
+
+    def end(self) -> None:
+        if self.opening is not None:
+            self.opening.cancel()
+        self.unsubscribe()
+
+
+class Topics:
+    """Keeps what viewers see like what there is: `look` after changes of the graph, `serve` after those of viewers."""
+
+    def __init__(self, session: Session, server: Server, clock: Clock, *, paths: Sequence[str], hidden: bool) -> None:
+        self._session = session
+        self._node = session.node
+        self._server = server
+        self._clock = clock
+        self._paths = paths
+        self._hidden = hidden
+        self._shown: dict[_Key, _Shown] = {}
+        self._closing: set[asyncio.Task[None]] = set()
+        self._turns = asyncio.Semaphore(_AT_A_TIME)
+
+    def look(self) -> None:
+        """Follow the graph."""
+        there = self._there()
+        for key in [*self._shown]:
+            if key not in there:
+                closing = asyncio.ensure_future(self._close(self._shown.pop(key)))
+                self._closing.add(closing)
+                closing.add_done_callback(self._closing.discard)
+        for key in there:
+            if key not in self._shown:
+                shown = self._shown[key] = _Shown()
+                shown.opening = asyncio.ensure_future(self._open(key, shown))
+        self.serve()
+
+    def _there(self) -> set[_Key]:
+        """What others than we have."""
+        return {
+            _Key(topic, one.topic_type)
+            for topic, _ in self._node.get_topic_names_and_types()
+            if self._hidden or "/_" not in topic
+            for one in self._others(topic)
+        }
+
+    def _others(self, topic: str) -> list[TopicEndpointInfo]:
+        infos = [*self._node.get_publishers_info_by_topic(topic), *self._node.get_subscriptions_info_by_topic(topic)]
+        return [one for one in infos if one.node_name != self._node.name]
+
+    async def _open(self, key: _Key, shown: _Shown) -> None:
+        async with self._turns:
+            text = await self._definition(key)
+        await self._server.turn()
+        shown.channel = self._server.open_channel(key.topic, key.type_name, text)
+
+    async def _close(self, shown: _Shown) -> None:
+        shown.end()
+        await self._server.turn()
+        if shown.channel is not None:
+            shown.channel.close()
+
+    async def _definition(self, key: _Key) -> str:
+        """Empty when it cannot be found: the topic is seen, but not what is in it."""
+        try:
+            cls = await types.message_class(self._session, key.topic, key.type_name, self._paths)
+            return await asyncio.to_thread(definition_text, cls, idl=False)
+        except RosidlError as error:
+            printing.note(f"{key.topic}: viewers cannot read it, as there is no definition of {key.type_name}: {error}")
+            return ""
+
+    def serve(self) -> None:
+        """Subscribe to what is watched, with what its publishers offer now, and to nothing else."""
+        with self._server.wishes.lock:
+            watchers = {channel: frozenset(viewers) for channel, viewers in self._server.wishes.watchers.items()}
+        for key, shown in self._shown.items():
+            before, shown.viewers = shown.viewers, watchers.get(shown.channel.id if shown.channel else 0, frozenset())
+            if not shown.viewers or self._is_outdated(key, shown, bool(shown.viewers - before)):
+                shown.unsubscribe()
+            if shown.viewers and shown.subscription is None:
+                shown.subscription = self._subscribe(key, shown)
+
+    def _is_outdated(self, key: _Key, shown: _Shown, has_newcomer: bool) -> bool:
+        if shown.subscription is None:
+            return False
+        profile = shown.subscription.qos
+        if has_newcomer and profile.durability is Durability.TRANSIENT_LOCAL:
+            return True
+        return topic_qos.is_too_much(profile, self._publishers(key))
+
+    def _publishers(self, key: _Key) -> list[TopicEndpointInfo]:
+        found = self._node.get_publishers_info_by_topic(key.topic)
+        return [one for one in found if one.topic_type == key.type_name]
+
+    def _subscribe(self, key: _Key, shown: _Shown) -> Subscription[Any]:
+        assert shown.channel is not None
+        send, now_ns = shown.channel.send, self._clock.now_ns
+        profile, _ = topic_qos.chosen(self._publishers(key))
+        cls = types.opaque_class(self._session, key.topic, key.type_name)
+        return self._node.create_subscription(cls, key.topic, lambda data: send(data, now_ns()), profile, raw=True)
+
+    async def close(self) -> None:
+        """Let go of everything."""
+        tasks = [*self._closing, *(shown.opening for shown in self._shown.values() if shown.opening is not None)]
+        for shown in self._shown.values():
+            shown.end()
+        self._shown.clear()
+        await asyncio.gather(*tasks, return_exceptions=True)

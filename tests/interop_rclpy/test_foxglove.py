@@ -1,0 +1,91 @@
+"""``rosidl-py foxglove`` between viewers and rclpy nodes on Fast DDS, whose types it has nowhere but from them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+from rclpy_peer import Peer
+from rclpy_worlds import fresh, message, repeated, service
+from viewer import viewer
+from worlds import ROOT
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+    from contextlib import AbstractAsyncContextManager
+    from pathlib import Path
+
+    from viewer import Viewer
+
+    Watching = Callable[..., AbstractAsyncContextManager[Viewer]]
+
+STRINGS, BASIC = "test_msgs/msg/Strings", "test_msgs/srv/BasicTypes"
+
+
+@pytest.fixture
+def watching(tmp_path: Path) -> Watching:
+    """The command with a viewer, in a process because a class that a test has compiled is there for all of them."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "ROSIDL_PY_GEN_CACHE": str(tmp_path / "cache")}
+    environment.pop("AMENT_PREFIX_PATH", None)
+
+    @asynccontextmanager
+    async def watch(*options: str) -> AsyncIterator[Viewer]:
+        command = (sys.executable, "-m", "rosidl_py_gen.tools", "foxglove", "--port", "0", "--json", *options)
+        process = await asyncio.create_subprocess_exec(*command, env=environment, stdout=asyncio.subprocess.PIPE)
+        assert process.stdout is not None
+        try:
+            line = await asyncio.wait_for(process.stdout.readline(), 20)
+            async with viewer(json.loads(line)["address"]) as made:
+                yield made
+        finally:
+            process.send_signal(signal.SIGINT)
+            assert await asyncio.wait_for(process.wait(), 10) == 0
+
+    return watch
+
+
+async def test_a_topic_of_an_unknown_type_is_seen_and_published_on(shared_peer: Peer, watching: Watching) -> None:
+    topic, commands = fresh("words"), fresh("commands")
+    await shared_peer.ask("publisher", topic=topic, type=STRINGS)
+    await shared_peer.ask("subscribe", topic=commands, type=STRINGS)
+    strings = message(shared_peer, STRINGS)
+    async with watching() as seen:
+        channel = await seen.subscribe(topic)
+        assert channel["schemaName"] == STRINGS and "string string_value\n" in channel["schema"]
+
+        async def send() -> None:
+            await shared_peer.ask("publish", topic=topic, messages_=[{"string_value": "grüße"}])
+
+        await repeated(send, seen.until(lambda: seen.frames))
+        assert strings.decode(seen.frames[0][2]).string_value == "grüße"
+        await seen.offer(1, commands, STRINGS)
+        await seen.publish(1, strings(string_value="go").encode())
+        (answer,) = await shared_peer.ask("take", topic=commands)
+        assert answer["string_value"] == "go"
+    await shared_peer.ask("unpublish", topic=topic)
+    await shared_peer.ask("unsubscribe", topic=commands)
+
+
+async def test_services_are_called_and_parameters_set(shared_peer: Peer, watching: Watching) -> None:
+    name, holder = fresh("answers"), fresh("holder")
+    await shared_peer.ask("serve", name=name, type=BASIC, how="echo")
+    await shared_peer.ask("add_node", name=holder.strip("/"))
+    await shared_peer.ask("declare", node=holder.strip("/"), parameters={"speed": 1.5, "arm.names": ["a", "ü"]})
+    basic = service(shared_peer, BASIC)
+    async with watching("--path", str(shared_peer.share)) as seen:  # rclpy tells types of services only by hash
+        response = await seen.call(name, basic.Request(int32_value=-5, string_value="words").encode())
+        assert isinstance(response, bytes) and basic.Response.decode(response).int32_value == -5
+        key = f"{holder}.speed"
+        while key not in (known := await seen.parameters(parameterNames=[])):
+            await asyncio.sleep(0.2)
+        assert (known[key], known[f"{holder}.arm.names"]) == (1.5, ["a", "ü"])
+        assert await seen.parameters("setParameters", parameters=[{"name": key, "value": 3}]) == {key: 3.0}
+    assert await shared_peer.ask("parameters", node=holder.strip("/"), names=["speed"]) == [3.0]
+    await shared_peer.ask("unserve", name=name)
+    await shared_peer.ask("remove_node", name=holder.strip("/"))

@@ -1,0 +1,462 @@
+"""``rosidl-py foxglove`` between nodes of the test and viewers that speak the protocol."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import random
+import signal
+import socket
+import sys
+import time
+from contextlib import asynccontextmanager, closing, suppress
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from viewer import viewer
+from websockets.asyncio.client import connect
+from websockets.exceptions import ConnectionClosed
+from worlds import until
+
+from rosidl_py_gen import compile_text, get_message, get_service
+from rosidl_py_gen.runtime import QoSProfile
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+    from viewer import Viewer
+    from worlds import World
+
+    from rosidl_py_gen.runtime import Node
+
+String: Any = get_message("std_msgs/msg/String")
+Image: Any = get_message("sensor_msgs/msg/Image")
+Clock: Any = get_message("rosgraph_msgs/msg/Clock")
+AddTwoInts: Any = get_service("example_interfaces/srv/AddTwoInts")
+Trigger: Any = get_service("std_srvs/srv/Trigger")
+ODD = "string name\nother/Inner inner\n" + "=" * 80 + "\nMSG: other/Inner\nint32[] numbers\n"
+LATCHED = QoSProfile(depth=1).transient_local()
+
+
+@pytest.fixture
+def node(dds: World) -> Node:
+    return dds.node("robot")
+
+
+@pytest.fixture
+def serving(tool: Any) -> Callable[..., Any]:
+    """The command from start to Ctrl-C: its address, or the process with it. It has to end well."""
+
+    @asynccontextmanager
+    async def serve(*options: str) -> AsyncIterator[str]:
+        process = await tool.start("foxglove", "--port", "0", "--json", *options)
+        line = await asyncio.wait_for(process.stdout.readline(), 25)
+        try:
+            yield json.loads(line or "null")["address"]
+        finally:
+            if process.returncode is None:
+                process.send_signal(signal.SIGINT)
+            _, errors = await asyncio.wait_for(process.communicate(), 10)
+        assert process.returncode == 0 and b"Traceback" not in errors, errors.decode()
+
+    return serve
+
+
+@pytest.fixture
+def watching(serving: Callable[..., Any]) -> Callable[..., Any]:
+    """The same with one viewer."""
+
+    @asynccontextmanager
+    async def watch(*options: str) -> AsyncIterator[Viewer]:
+        async with serving(*options) as address, viewer(address) as made:
+            yield made
+
+    return watch
+
+
+# ------------------------------------------------------------------------------------------------------------- topics
+
+
+async def test_a_topic_is_passed_on_as_it_is_and_only_while_somebody_watches(node: Node, watching: Any) -> None:
+    words = node.create_publisher(String, "words")
+    async with watching() as seen:
+        channel = await seen.until(lambda: seen.channels.get("/words"))
+        assert (channel["encoding"], channel["schemaName"]) == ("cdr", "std_msgs/msg/String")
+        assert channel["schemaEncoding"] == "ros2msg" and "string data" in channel["schema"]
+        assert words.subscription_count == 0
+        await seen.subscribe("/words", 7)
+        assert await words.wait_for_subscribers(20)
+        before = time.time_ns()
+        words.publish(String(data="hello"))
+        await seen.until(lambda: seen.frames)
+        subscription, time_ns, data = seen.frames[0]
+        assert (subscription, String.decode(data).data) == (7, "hello")
+        assert before <= time_ns <= time.time_ns()
+        await seen.send("unsubscribe", subscriptionIds=[7])
+        await until(lambda: words.subscription_count == 0, 20)
+
+
+async def test_a_type_that_is_known_nowhere_else_is_fetched(node: Node, watching: Any) -> None:
+    odd: Any = compile_text("other/msg/Odd", ODD)
+    node.create_publisher(odd, "odd", LATCHED).publish(odd(name="strange"))
+    async with watching() as seen:
+        channel = await seen.subscribe("/odd")
+        assert (channel["schemaName"], channel["schema"]) == ("other/msg/Odd", ODD)
+        await seen.until(lambda: seen.frames)
+        assert odd.decode(seen.frames[0][2]).name == "strange"
+
+
+async def test_what_is_defined_in_idl_is_shown_as_msg(node: Node, watching: Any, tmp_path: Any) -> None:
+    package = tmp_path / "share" / "angular"
+    (package / "msg").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>angular</name></package>")
+    (package / "msg" / "Turn.idl").write_text("module angular { module msg { struct Turn { double by[3]; }; }; };\n")
+    node.create_publisher(get_message("angular/msg/Turn", path=str(package)), "turn")
+    async with watching("--path", str(package)) as seen:
+        channel = await seen.until(lambda: seen.channels.get("/turn"))
+        assert channel["schema"] == "float64[3] by\n"
+
+
+async def test_topics_come_and_go(node: Node, dds: World, watching: Any) -> None:
+    node.create_publisher(String, "_hidden")
+    node.create_subscription(String, "always", print)
+    async with watching() as seen:
+        await seen.until(lambda: "/always" in seen.channels)  # it can be published
+        late = dds.node("late")
+        made = late.create_publisher(String, "late")
+        await seen.subscribe("/late")
+        assert await made.wait_for_subscribers(20)
+        late.close()
+        await seen.until(lambda: "/late" not in seen.channels)
+        again = node.create_publisher(String, "late", LATCHED)
+        again.publish(String(data="again"))
+        await seen.subscribe("/late", 2)
+        await seen.until(lambda: seen.frames)
+        assert seen.frames[-1][0] == 2 and "/_hidden" not in seen.channels
+
+
+async def test_every_viewer_gets_what_is_kept_for_those_who_come_late(node: Node, serving: Any) -> None:
+    node.create_publisher(String, "map", LATCHED).publish(String(data="map"))
+    async with serving() as address, viewer(address) as first, viewer(address) as second:
+        await first.subscribe("/map")
+        await first.until(lambda: first.frames)
+        await second.subscribe("/map")
+        await second.until(lambda: second.frames)
+        assert String.decode(second.frames[0][2]).data == "map"
+
+
+async def test_a_publisher_that_offers_less_is_heard_too(node: Node, watching: Any) -> None:
+    strong = node.create_publisher(String, "words")
+    async with watching() as seen:
+        await seen.subscribe("/words")
+        assert await strong.wait_for_subscribers(20)
+        weak = node.create_publisher(String, "words", QoSProfile().best_effort())
+        assert await weak.wait_for_subscribers(20)
+        weak.publish(String(data="weak"))
+        await seen.until(lambda: seen.frames)
+
+
+async def test_hidden_topics_are_shown_on_request(node: Node, watching: Any) -> None:
+    node.create_publisher(String, "_hidden")
+    async with watching("--include-hidden-topics") as seen:
+        await seen.until(lambda: "/_hidden" in seen.channels)
+
+
+async def test_simulated_time_is_told(node: Node, watching: Any) -> None:
+    clock = node.create_publisher(Clock, "/clock")
+    words = node.create_publisher(String, "words")
+    message = Clock()
+    message.clock.sec = 1234
+    async with watching() as seen:
+        info = await seen.until(lambda: seen.of("serverInfo"))
+        assert "time" in info[0]["capabilities"]
+        assert await clock.wait_for_subscribers(20)
+        clock.publish(message)
+        await seen.until(lambda: seen.of("time"))
+        assert seen.of("time")[0]["time"] == 1234 * 10**9
+        await seen.subscribe("/words")
+        assert await words.wait_for_subscribers(20)
+        words.publish(String(data="then"))
+        await seen.until(lambda: seen.frames)
+        assert seen.frames[0][1] == 1234 * 10**9
+
+
+# --------------------------------------------------------------------------------------------------------- publishing
+
+
+async def test_viewers_publish_as_cdr_and_as_json(node: Node, watching: Any) -> None:
+    heard = node.create_subscription(String, "commands")
+    async with watching() as seen:
+        await seen.until(lambda: "/commands" in seen.channels)
+        await seen.offer(1, "/commands", "std_msgs/msg/String")
+        await seen.publish(1, String(data="go").encode())
+        assert (await heard.receive(20)).data == "go"
+        await seen.offer(2, "/commands", "std_msgs/String", "json")
+        await seen.publish(2, b'{"data": "stop"}')
+        assert (await heard.receive(20)).data == "stop"
+        await seen.send("unadvertise", channelIds=[1, 2])
+        await until(lambda: heard.publisher_count == 0, 20)
+
+
+async def test_a_viewer_may_bring_its_own_type(node: Node, watching: Any) -> None:
+    heard = node.create_subscription(compile_text("viewers/msg/Own", "int8 x\n"), "own")
+    async with watching() as seen:
+        await seen.offer(1, "/mine", "viewers/msg/Mine", schemaEncoding="ros2msg", schema="int8 x\n")
+        await seen.publish(1, b"\0\1\0\0\5")
+        await seen.offer(2, "/own", "viewers/msg/Own")  # announced by the node
+        await seen.publish(2, b"\0\1\0\0\6")
+        received: Any = await heard.receive(20)
+        assert received.x == 6 and seen.warnings() == ""
+
+
+CDR, STRING = "cdr", "std_msgs/msg/String"
+
+
+async def test_what_cannot_be_published_is_told(node: Node, watching: Any) -> None:
+    wrong = [
+        (STRING, CDR, b"\0\1\0\0\xff\0\0\0a", "std_msgs/msg/String.data: at byte 8"),
+        (STRING, CDR, b"", "was not published"),
+        (STRING, "json", b'{"dat": "x"}', 'unknown field "dat"; did you mean "data"?'),
+        (STRING, "json", b"[" * 100_000, "expected JSON"),
+        ("std_msgs/msg/Bool", CDR, b"\0\1\0\0\1", "its type is std_msgs/msg/String, not std_msgs/msg/Bool"),
+        (STRING, "protobuf", b"x", 'its encoding is "protobuf", not cdr or json'),
+        ("../../etc/passwd", CDR, b"x", "../../etc/passwd"),
+    ]
+    heard = [node.create_subscription(String, f"topic{number}") for number in range(len(wrong))]
+    async with watching() as seen:
+        await seen.until(lambda: len([topic for topic in seen.channels if "/topic" in topic]) == len(wrong))
+        for number, (type_name, encoding, data, problem) in enumerate(wrong):
+            await seen.offer(number, f"/topic{number}", type_name, encoding)
+            await seen.publish(number, data)
+            await seen.until(lambda text=problem: text in seen.warnings())
+        await seen.offer(100, "/in valid", STRING)
+        await seen.until(lambda: "/in valid cannot be published" in seen.warnings())
+        await seen.offer(101, "/new", "nobody/msg/Knows")
+        await seen.until(lambda: "/new cannot be published" in seen.warnings())
+    assert all(one.latest() is None for one in heard)
+
+
+# ------------------------------------------------------------------------------------------- services and parameters
+
+
+async def test_services_are_called(node: Node, watching: Any) -> None:
+    service = node.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a + request.b))
+    node.create_service(Trigger, "trigger", lambda request: Trigger.Response(message="done"))
+    async with watching() as seen:
+        assert (
+            await seen.call("/add", AddTwoInts.Request(a=40, b=2).encode(), 1) == AddTwoInts.Response(sum=42).encode()
+        )
+        told = seen.services["/add"]
+        assert told["request"]["schema"].endswith("int64 b  # The other summand\n")
+        assert told["response"]["schema"].endswith("int64 sum\n")
+        for number, empty in enumerate((b"", b"\0\1\0\0", Trigger.Request().encode()), 10):
+            assert await seen.call("/trigger", empty, number) == Trigger.Response(message="done").encode()
+        wrong = await seen.call("/add", b"\0\1\0\0short", 2)
+        assert "AddTwoInts_Request.a: at byte 4: expected 8 bytes of int64, found 5" in wrong
+        service.close()
+        await seen.until(lambda: "/add" not in seen.services)
+
+
+async def test_parameters_are_read_set_and_followed(node: Node, dds: World, watching: Any) -> None:
+    node.declare_parameter("gain", 1.0)
+    node.declare_parameter("names", ["a"])
+    node.declare_parameter("raw", b"\1\2")
+    async with node, watching() as seen:
+        known = await known_with(seen, "/robot.gain")
+        assert (known["/robot.gain"], known["/robot.names"], known["/robot.raw"]) == (1.0, ["a"], "AQI=")
+        assert await seen.parameters(parameterNames=["/robot.gain", "/robot.none"]) == {"/robot.gain": 1.0}
+        await seen.send("subscribeParameterUpdates", parameterNames=["/robot.gain"])
+        wanted = [{"name": "/robot.gain", "value": 3}, {"name": "/robot.names", "value": []}]
+        assert await seen.parameters("setParameters", parameters=wanted) == {"/robot.gain": 3.0, "/robot.names": []}
+        assert (node.get_parameter("gain"), node.get_parameter("names")) == (3.0, ())
+        node.set_parameters({"gain": 4.5})
+
+        def told() -> bool:
+            values = [one["parameters"] for one in seen.of("parameterValues") if "id" not in one]
+            return [{"name": "/robot.gain", "type": "float64", "value": 4.5}] in values
+
+        await seen.until(told)
+        refused = [{"name": "/robot.gain", "value": "text"}, {"name": "/nobody.x", "value": 1}]
+        assert await seen.parameters("setParameters", parameters=refused) == {"/robot.gain": 4.5}
+        await seen.until(lambda: "/robot refuses gain: Wrong parameter type" in seen.warnings())
+        await seen.until(lambda: "parameters of /nobody are not set" in seen.warnings())
+        dds.node("late").declare_parameter("x", 1)
+        await known_with(seen, "/late.x")
+
+
+async def known_with(seen: Viewer, name: str) -> dict[str, Any]:
+    """All parameters, as soon as one of them is among them."""
+    while name not in (known := await seen.parameters(parameterNames=[])):
+        await asyncio.sleep(0.05)
+    return known
+
+
+async def test_viewers_can_be_kept_from_acting(node: Node, watching: Any) -> None:
+    node.declare_parameter("gain", 1.0)
+    node.create_service(Trigger, "trigger", lambda request: Trigger.Response())
+    async with watching("--read-only") as seen:
+        info = (await seen.until(lambda: seen.of("serverInfo")))[0]
+        assert info["capabilities"] == ["parameters", "parametersSubscribe", "connectionGraph"]
+        await known_with(seen, "/robot.gain")
+        wanted = [{"name": "/robot.gain", "value": 3.0}]
+        assert await seen.parameters("setParameters", parameters=wanted) == {"/robot.gain": 1.0}
+        await seen.until(lambda: "--read-only" in seen.warnings())
+        await seen.offer(1, "/commands", STRING)
+        await seen.until(lambda: "does not support clientPublish" in seen.warnings())
+        assert seen.services == {} and node.count_publishers("commands") == 0
+
+
+async def test_the_graph_is_told_and_followed(node: Node, dds: World, watching: Any) -> None:
+    node.create_publisher(String, "words")
+    async with watching() as seen:
+
+        def has(kind: str, **wanted: Any) -> bool:
+            return any(wanted in said[kind] for said in seen.of("connectionGraphUpdate"))
+
+        await seen.send("subscribeConnectionGraph")
+        await seen.until(lambda: has("publishedTopics", name="/words", publisherIds=["/robot"]))
+        await seen.until(lambda: has("advertisedServices", name="/robot/list_parameters", providerIds=["/robot"]))
+        other = dds.node("other")
+        other.create_subscription(String, "words")
+        await seen.until(lambda: has("subscribedTopics", name="/words", subscriberIds=["/other"]))
+        for _ in range(5):  # the SDK must not be caught with a lock
+            await seen.send("unsubscribeConnectionGraph")
+            await seen.send("subscribeConnectionGraph")
+        other.close()
+        gone = "/other/list_parameters"
+        await seen.until(lambda: any(gone in said["removedServices"] for said in seen.of("connectionGraphUpdate")))
+
+
+# -------------------------------------------------------------------------------------------------------- bad viewers
+
+
+async def test_a_viewer_that_sends_garbage_harms_nobody(node: Node, serving: Any) -> None:
+    words = node.create_publisher(String, "words")
+    node.create_service(Trigger, "trigger", lambda request: Trigger.Response())
+    chance = random.Random(1)
+    texts = ["", "{", "[]", "null", '{"op": 1}', '{"op": "nothing"}', '{"op": "subscribe"}', "[" * 100_000, "\0"]
+    texts += [json.dumps({"op": op, key: value}) for op, key in OPERATIONS for value in ODD_VALUES]
+    frames = [chance.randbytes(chance.randrange(40)) for _ in range(300)]
+    frames += [bytes([op]) + chance.randbytes(chance.randrange(30)) for op in (1, 2, 3) for _ in range(50)]
+    async with serving() as address, viewer(address) as good:
+        await good.subscribe("/words")
+        async with viewer(address) as bad:
+            for frame in [*texts, *frames]:
+                await bad.connection.send(frame)
+            await bad.until(lambda: "Invalid message" in bad.warnings() and "Unknown channel ID" in bad.warnings())
+        async with viewer(address) as bad:
+            await bad.offer(1, "/words", STRING)
+            with suppress(ConnectionClosed):
+                await bad.connection.send(bytes(20 << 20))  # more than a frame may have
+            await bad.until(lambda: not bad.is_open)
+        assert await words.wait_for_subscribers(20)
+        words.publish(String(data="still here"))
+        await good.until(lambda: good.frames)
+
+
+OPERATIONS = [
+    ("subscribe", "subscriptions"),
+    ("unsubscribe", "subscriptionIds"),
+    ("advertise", "channels"),
+    ("unadvertise", "channelIds"),
+    ("getParameters", "parameterNames"),
+    ("setParameters", "parameters"),
+    ("subscribeParameterUpdates", "parameterNames"),
+    ("fetchAsset", "uri"),
+]
+ODD_VALUES: list[Any] = [
+    None,
+    [None],
+    [999999],
+    [-1],
+    ["\ud800"],
+    [{"id": 1, "channelId": 999999}],
+    [{"id": 1, "topic": "/words", "encoding": "cdr", "schemaName": "x/msg/Y"}],
+    [{"name": "", "value": 1}],
+    [{"name": ".", "value": {"a": [1, None, "b"]}}],
+    [{"name": "/robot.use_sim_time", "value": [1, "a"]}],
+    [{"name": "/robot.use_sim_time", "value": "!", "type": "byte_array"}],
+]
+
+
+async def test_a_slow_viewer_loses_the_oldest_messages_and_holds_up_nobody(
+    node: Node, dds: World, serving: Any
+) -> None:
+    count = 60
+    images = node.create_publisher(Image, "images", QoSProfile(depth=count))
+    other = dds.node("other").create_subscription(Image, "images", qos=QoSProfile(depth=count))
+    protocols: Any = ["foxglove.sdk.v1"]
+    async with (
+        serving("--queue", "16") as address,
+        connect(address, subprotocols=protocols, proxy=None, max_size=None, max_queue=1) as slow,
+        viewer(address) as looking,
+    ):
+        channel = await looking.until(lambda: looking.channels.get("/images"))
+        await slow.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": channel["id"]}]}))
+        assert await images.wait_for_subscribers(20, count=2)
+        for number in range(count):
+            images.publish(Image(height=number, data=bytes(1 << 20)))
+            assert (await other.receive(20)).height == number
+        received = []
+        while not received or received[-1] != count - 1:
+            frame = await asyncio.wait_for(slow.recv(), 20)
+            if isinstance(frame, bytes):
+                received.append(Image.decode(frame[13:]).height)
+        assert received == sorted(received) and len(received) < count
+
+
+# -------------------------------------------------------------------------------------------------- beginning and end
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+async def test_it_ends_at_once_even_while_a_viewer_waits(node: Node, tool: Any, number: int) -> None:
+    never = asyncio.Event()
+
+    async def wait(request: Any) -> Any:
+        await never.wait()
+
+    node.create_service(Trigger, "trigger", wait)
+    process = await tool.start("foxglove", "--port", "0", "--json")
+    address = json.loads(await asyncio.wait_for(process.stdout.readline(), 25))["address"]
+    async with viewer(address) as seen:
+        calling = asyncio.ensure_future(seen.call("/trigger", b""))
+        await until(lambda: node.count_clients("trigger") > 0, 20)
+        process.send_signal(number)
+        _, errors = await asyncio.wait_for(process.communicate(), 9)  # the call has 10 s
+        assert (process.returncode, errors) == (0, b"")
+        calling.cancel()
+
+
+async def test_an_address_that_cannot_be_used_is_named(tool: Any) -> None:
+    with closing(socket.create_server(("127.0.0.1", 0))) as taken:
+        port = taken.getsockname()[1]
+        ended = await tool("foxglove", "--port", str(port))
+    assert (ended.code, ended.out) == (1, "")
+    assert f"cannot listen on 127.0.0.1:{port}: " in ended.err and "--port takes another one" in ended.err
+    ended = await tool("foxglove", "--host", "no.such.host.invalid")
+    assert ended.code == 1 and "cannot listen on no.such.host.invalid:8765" in ended.err
+
+
+@pytest.mark.parametrize("missing", ["foxglove", "websockets"])
+def test_without_the_extra_it_says_what_to_install(
+    run_here: Any, monkeypatch: pytest.MonkeyPatch, missing: str
+) -> None:
+    for name in [name for name in sys.modules if name.startswith("rosidl_py_gen.tools.foxglove.")]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in [name for name in sys.modules if name.startswith(f"{missing}.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, missing, None)
+    code, _, errors = run_here("foxglove")
+    assert code == 1 and f"this needs {missing}" in errors and "pip install 'rosidl-py-gen[foxglove]'" in errors
+
+
+async def test_ipv6_works_and_the_address_is_printed(node: Node, tool: Any) -> None:
+    process = await tool.start("foxglove", "--port", "0", "--host", "::1")
+    address, _, rest = (await asyncio.wait_for(process.stdout.readline(), 25)).decode().partition(" ")
+    assert (address[:11], rest) == ("ws://[::1]:", "for Foxglove and Lichtblick; Ctrl-C ends it\n")
+    assert b"ds=foxglove-websocket" in await process.stdout.readline()
+    async with viewer(address) as seen:
+        await seen.until(lambda: seen.of("serverInfo"))
+    os.kill(process.pid, signal.SIGTERM)
+    assert (await tool.end(process)).code == 0

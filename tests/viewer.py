@@ -1,0 +1,146 @@
+"""A viewer for tests: the Foxglove WebSocket protocol, as the Foxglove app speaks it, with the library `websockets`."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+from contextlib import asynccontextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+PATIENCE_S = 12
+
+
+class Viewer:
+    """One connection, and what came over it."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self.connection = connection
+        self.channels: dict[str, dict[str, Any]] = {}
+        """What is advertised, by topic."""
+        self.services: dict[str, dict[str, Any]] = {}
+        self.said: list[dict[str, Any]] = []
+        """All JSON messages."""
+        self.frames: list[tuple[int, int, bytes]] = []
+        """Subscription, time in nanoseconds and data of every message."""
+        self.responses: dict[int, bytes] = {}
+        self.is_open = True
+        self._news = asyncio.Condition()
+        self.reading: asyncio.Task[None] | None = None
+
+    async def read(self) -> None:
+        """Take what comes, until the server closes."""
+        with suppress(ConnectionClosed):
+            async for message in self.connection:
+                self._take(message)
+                async with self._news:
+                    self._news.notify_all()
+        self.is_open = False
+        async with self._news:
+            self._news.notify_all()
+
+    def _take(self, message: str | bytes) -> None:
+        if isinstance(message, str):
+            self._take_json(json.loads(message))
+        elif message[0] == 1:
+            subscription, time_ns = struct.unpack_from("<IQ", message, 1)
+            self.frames.append((subscription, time_ns, message[13:]))
+        elif message[0] == 2:
+            self.said.append({"op": "time", "time": struct.unpack_from("<Q", message, 1)[0]})
+        elif message[0] == 3:
+            _, call, length = struct.unpack_from("<III", message, 1)
+            self.responses[call] = message[13 + length :]
+
+    def _take_json(self, said: dict[str, Any]) -> None:
+        self.said.append(said)
+        match said["op"]:
+            case "advertise":
+                self.channels |= {channel["topic"]: channel for channel in said["channels"]}
+            case "unadvertise":
+                self.channels = {n: one for n, one in self.channels.items() if one["id"] not in said["channelIds"]}
+            case "advertiseServices":
+                self.services |= {service["name"]: service for service in said["services"]}
+            case "unadvertiseServices":
+                self.services = {n: one for n, one in self.services.items() if one["id"] not in said["serviceIds"]}
+
+    async def until(self, condition: Callable[[], Any]) -> Any:
+        """Wait until it gives something true; that."""
+        async with self._news:
+            await asyncio.wait_for(self._news.wait_for(condition), PATIENCE_S)
+        return condition()
+
+    def of(self, op: str) -> list[dict[str, Any]]:
+        """What was said of one kind."""
+        return [said for said in self.said if said["op"] == op]
+
+    def warnings(self) -> str:
+        """All status messages."""
+        return "\n".join(text for text in self._warned() if "assets" not in text)
+
+    async def send(self, op: str, **fields: Any) -> None:
+        """Say something."""
+        await self.connection.send(json.dumps({"op": op, **fields}))
+
+    async def subscribe(self, topic: str, subscription: int = 1) -> dict[str, Any]:
+        """Watch a topic as soon as it is there; the channel.
+
+        The SDK advertises a channel a moment before it knows it: who is quicker than that has to ask again.
+        """
+        while True:
+            channel: dict[str, Any] = await self.until(lambda: self.channels.get(topic))
+            before = len(self.said)
+            await self.send("subscribe", subscriptions=[{"id": subscription, "channelId": channel["id"]}])
+            await self.send("fetchAsset", uri="", requestId=0)  # refused, but in its turn
+            await self.until(lambda known=before: any("assets" in text for text in self._warned(known)))
+            if f"Unknown channel ID: {channel['id']}" not in self._warned(before):
+                return channel
+
+    def _warned(self, since: int = 0) -> list[str]:
+        return [said["message"] for said in self.said[since:] if said["op"] == "status"]
+
+    async def offer(self, channel: int, topic: str, type_name: str, encoding: str = "cdr", **fields: Any) -> None:
+        """Advertise a channel of our own."""
+        told = {"id": channel, "topic": topic, "encoding": encoding, "schemaName": type_name, **fields}
+        await self.send("advertise", channels=[told])
+
+    async def publish(self, channel: int, data: bytes) -> None:
+        """Send a message on it."""
+        await self.connection.send(struct.pack("<BI", 1, channel) + data)
+
+    async def call(self, service: str, request: bytes, number: int = 1) -> bytes | str:
+        """The response, or why it failed."""
+        known = await self.until(lambda: self.services.get(service))
+        await self.connection.send(struct.pack("<BIII", 2, known["id"], number, 3) + b"cdr" + request)
+
+        def failure() -> list[str]:
+            return [said["message"] for said in self.of("serviceCallFailure") if said["callId"] == number]
+
+        await self.until(lambda: number in self.responses or failure())
+        return self.responses[number] if number in self.responses else failure()[0]
+
+    async def parameters(self, op: str = "getParameters", **fields: Any) -> dict[str, Any]:
+        """Ask for parameters, or set some; what is answered."""
+        number = f"ask{len(self.said)}"
+        await self.send(op, id=number, **fields)
+        answer = await self.until(lambda: [one for one in self.of("parameterValues") if one.get("id") == number])
+        return {one["name"]: one.get("value") for one in answer[0]["parameters"]}
+
+
+@asynccontextmanager
+async def viewer(address: str) -> AsyncIterator[Viewer]:
+    """Connect to ``ws://...``."""
+    protocols: Any = ["foxglove.sdk.v1"]
+    async with connect(address, subprotocols=protocols, proxy=None, max_size=None) as connection:
+        made = Viewer(connection)
+        made.reading = asyncio.ensure_future(made.read())
+        try:
+            yield made
+        finally:
+            made.reading.cancel()
+            await asyncio.gather(made.reading, return_exceptions=True)
