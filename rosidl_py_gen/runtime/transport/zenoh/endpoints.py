@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
+import threading
 import time
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -48,9 +49,27 @@ class Host(Protocol):
         """An endpoint is about to be undeclared."""
 
 
+class _Thread(threading.local):
+    """What is known of a thread."""
+
+    is_known = False
+
+
+_thread = _Thread()
+_ensure_thread_state = ctypes.PYFUNCTYPE(ctypes.c_int)(("PyGILState_Ensure", ctypes.pythonapi))
+"""Called once in a thread of Zenoh: Python keeps what it knows of it, and does not make that anew for each call."""
+
+
 def handler(function: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:
     """A function that Zenoh calls on its own thread; otherwise there would be a thread for each."""
-    return zenoh.handlers.Callback(function, drop=drop, indirect=False)
+
+    def call(thing: Any) -> None:
+        if not _thread.is_known:
+            _thread.is_known = True
+            _ensure_thread_state()
+        function(thing)
+
+    return zenoh.handlers.Callback(call, drop=drop, indirect=False)
 
 
 def keep(*things: object) -> None:
