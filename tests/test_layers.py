@@ -112,6 +112,7 @@ SEAMS = {
     "xxhash": ("runtime.transport.zenoh.tokens",),
     "yaml": ("runtime.parameters.files", "tools.messages", "mcap.metadata"),
     "mcap": ("mcap",),
+    "zstandard": ("mcap.storage",),
     "foxglove": ("tools.foxglove.server",),
     "websockets": ("tools.foxglove.own_viewer",),
     "pytest": ("runtime.pytest_plugin",),

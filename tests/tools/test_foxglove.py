@@ -380,6 +380,14 @@ ODD_VALUES: list[Any] = [
 ]
 
 
+def _small(address: str) -> socket.socket:
+    """A connection on which little can wait; the kernel would keep more than the test sends."""
+    made = socket.socket()
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+    made.connect(("127.0.0.1", int(address.rsplit(":", 1)[1])))
+    return made
+
+
 async def test_a_slow_viewer_loses_the_oldest_messages_and_holds_up_nobody(
     node: Node, dds: World, serving: Any
 ) -> None:
@@ -389,7 +397,7 @@ async def test_a_slow_viewer_loses_the_oldest_messages_and_holds_up_nobody(
     protocols: Any = ["foxglove.sdk.v1"]
     async with (
         serving("--queue", "16") as address,
-        connect(address, subprotocols=protocols, proxy=None, max_size=None, max_queue=1) as slow,
+        connect(address, subprotocols=protocols, sock=_small(address), max_size=None, max_queue=1) as slow,
         viewer(address) as looking,
     ):
         channel = await looking.until(lambda: looking.channels.get("/images"))

@@ -110,7 +110,7 @@ class Topics:
         """Empty when it cannot be found: the topic is seen, but not what is in it."""
         try:
             cls = await types.message_class(self._session, key.topic, key.type_name, self._paths)
-            return await asyncio.to_thread(definition_text, cls, idl=False)
+            return await asyncio.to_thread(definition_text, cls)
         except RosidlError as error:
             printing.note(f"{key.topic}: viewers cannot read it, as there is no definition of {key.type_name}: {error}")
             return ""
