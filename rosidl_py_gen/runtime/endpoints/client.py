@@ -19,6 +19,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
+from rosidl_py_gen.runtime.endpoints.answering import Answering
 from rosidl_py_gen.runtime.endpoints.header import (
     CallTimeoutError,
     ForeignServiceError,
@@ -103,10 +104,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._always_identified = scope.participant.identifies(self._writer.guid)
         self._identified = self._always_identified
         """Requests are numbered by the middleware, and sent with an identity until all servers have answered."""
-        self._servers: frozenset[bytes] = frozenset()
-        """The participants of all that requests go to, or will a moment later."""
-        self._heard: set[bytes] = set()
-        """Those that have answered, and so know where replies go."""
+        self._answering = Answering(scope.graph)
         self._kept = 0
         self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
         """By which replies may call us."""
@@ -171,8 +169,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._identified = is_identified or self._always_identified
         reached = {server.guid for server in graph.on_topic(self._request_topic, writers=False)}
         reached.update(self._writer.matched_readers())
-        self._servers = frozenset(graph.participant_of(guid) or guid for guid in reached)
-        self._heard &= self._servers
+        self._answering.reach(reached)
         self._kept = self._kept_by_servers()
         return is_served or is_identified
 
@@ -308,7 +305,9 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         if self._identified:
             client, shown = self._reader.guid, number
         try:
-            if self._identified and self._servers and self._heard == self._servers:
+            # The second look comes after one at the graph, if that has changed.
+            all_have = self._identified and self._answering.all_have()
+            if all_have and self._matching.is_complete(None) and self._answering.all_have():
                 sent = self._writer.write(pending.encoded)
             else:
                 sent = send(self._writer, pending.encoded, client, shown)
@@ -361,7 +360,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             if self._tap is not None:
                 self._tap.received(self._gid, sequence, message_of(data, begin))
             if server is not None and self._scope.participant.counts_requests(server):
-                self._heard.add(self._scope.graph.participant_of(server) or server)
+                self._answering.heard(server)
             pending = (self._by_number if isinstance(client, bytes) else self._pending).get(sequence)
             if pending is not None:
                 self._take_reply(pending, message_of(data, begin), server)
