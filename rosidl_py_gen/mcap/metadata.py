@@ -18,10 +18,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+if TYPE_CHECKING:
+    _FastLoader = yaml.SafeLoader
+else:
+    _FastLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 FILE = "metadata.yaml"
 _MOST = 1 << 26
 """Bytes of a metadata file."""
+_DEEPEST = 50
+"""Levels of lists and mappings in it; rosbag2 needs a dozen."""
 _S = 1_000_000_000
 _PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
 
@@ -54,33 +59,66 @@ def read_metadata(folder: Path) -> BagMetadata:
     if len(text) > _MOST:
         raise BagError(f"{path}: more than {_MOST} bytes")
     try:
-        told = yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, ValueError, RecursionError, UnicodeError) as error:
+        told = _loaded(text)
+    except Exception as error:  # a wrong value of `!!int`, `!!bool` or `!!timestamp` has one of a dozen classes
         raise BagError(f"{path}: not YAML: {str(error)[:300]}") from None
     try:
         return _parsed(told["rosbag2_bagfile_information"])
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
+    except Exception as error:  # KeyError, TypeError, OverflowError of infinity, RecursionError while dumping QoS
         raise BagError(f"{path}: not as rosbag2 writes it: {type(error).__name__} {str(error)[:200]}") from None
 
 
+class _Loader(_FastLoader):
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Not done, which makes ``<<`` an error: a few lines of merged mappings take all memory."""
+
+
+def _loaded(text: str | bytes) -> Any:
+    """What YAML says. The loader in C ends the process when lists are too deep for its stack, so they are counted."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _DEEPEST:
+            raise ValueError(f"more than {_DEEPEST} levels")
+    return yaml.load(text, Loader=_Loader)
+
+
+def _plain(told: Any) -> str | int | float:
+    """Raises TypeError for all else: as text, a list of aliases of lists of aliases takes all memory."""
+    if not isinstance(told, (str, int, float)):
+        raise TypeError(f"{type(told).__name__}, expected a text or a number")
+    return told
+
+
+def _text(told: Any) -> str:
+    return str(_plain(told))
+
+
+def _file(told: Any) -> str:
+    """The name, which never leads out of the folder."""
+    if "\0" in (name := Path(_text(told)).name):
+        raise ValueError("a file name with a zero byte")
+    return name
+
+
 def _parsed(told: Any) -> BagMetadata:
-    files = tuple(Path(str(name)).name for name in told["relative_file_paths"])  # never out of the folder
+    files = tuple(map(_file, told["relative_file_paths"]))
     topics = []
     for one in told.get("topics_with_message_count") or ():
         topic, count = one["topic_metadata"], one["message_count"]
         qos = topic.get("offered_qos_profiles") or ""
         topics.append(
             BagTopic(
-                str(topic["name"]),
-                str(topic["type"]),
-                message_encoding=str(topic["serialization_format"]),
-                type_hash=str(topic.get("type_description_hash") or ""),
+                _text(topic["name"]),
+                _text(topic["type"]),
+                message_encoding=_text(topic["serialization_format"]),
+                type_hash=_text(topic.get("type_description_hash") or ""),
                 offered_qos=qos if isinstance(qos, str) else yaml.safe_dump(qos),
                 count=int(count),
             )
         )
-    storage, mode = str(told["storage_identifier"]), str(told.get("compression_mode") or "").lower()
-    return BagMetadata(storage, files, tuple(topics), str(told.get("compression_format") or "").lower(), mode)
+    storage, mode = _text(told["storage_identifier"]), _text(told.get("compression_mode") or "").lower()
+    return BagMetadata(storage, files, tuple(topics), _text(told.get("compression_format") or "").lower(), mode)
 
 
 @dataclass(slots=True)
@@ -177,16 +215,16 @@ def _time(nanoseconds: int) -> dict[str, int]:
 def qos_profiles(text: str) -> list[QoSProfile]:
     """The profiles of a topic's text, with the numbers or the words of rosbag2; none when it cannot be read."""
     try:
-        return [_profile(row) for row in yaml.load(text, Loader=_Loader) or ()]
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, RecursionError):
+        return [_profile(row) for row in _loaded(text) or ()]
+    except Exception:  # as of `read_metadata`
         return []
 
 
 def _profile(row: Any) -> QoSProfile:
-    values: dict[str, Any] = {
-        name: kind[str(row[name]).upper()] if isinstance(row[name], str) else kind(row[name])
-        for name, kind in POLICIES.items()
-    }
+    values: dict[str, Any] = {}
+    for name, kind in POLICIES.items():
+        told: Any = _plain(row[name])
+        values[name] = kind[told.upper()] if isinstance(told, str) else kind(told)
     for name, key in _PERIODS.items():
         values[name] = min(int(row[key]["sec"]) * _S + int(row[key]["nsec"]), INFINITE_NS)
     return QoSProfile(depth=int(row["depth"]), **values)

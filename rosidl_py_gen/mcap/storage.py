@@ -55,6 +55,9 @@ they are in, and so do the arrays that are decoded from them.
 _LOG_TIME = itemgetter(2)
 _MOST_CHUNK_BYTES, _MOST_RATIO = 1 << 28, 1000
 """A chunk may become so large, or so many times its size in the file: more is a trap for the reader's memory."""
+_PIECE = 1 << 20
+_TABLES = "messages", "topics", "message_definitions"
+"""What is read of a database."""
 _IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
 
 
@@ -108,18 +111,28 @@ class McapFile:
         self.is_whole = self._summary is not None and bool(self._summary.channels or not self._summary.chunk_indexes)
 
     def _checked_summary(self) -> Summary | None:
-        """The index; None when there is none, or when its checksum is wrong, which the package does not look at."""
+        """The index; None when there is none, or a wrong one: the package does not look at its checksum, nor whether
+        it names a chunk many times, whose messages would all be kept until they are due.
+        """
         try:
             self._stream.seek(-_FOOTER.size, SEEK_END)
             _, _, start, _, expected, _ = _FOOTER.unpack(self._stream.read())
-            self._stream.seek(start)
-            found = zlib.crc32(self._stream.read(self._size - _FOOTER_CRC - start))
-            if expected not in (0, found):
+            if not start or (expected and expected != self._checksum(start, self._size - _FOOTER_CRC)):
                 return None
             self._stream.seek(0)
-            return SeekingReader(self._stream, record_size_limit=self._size).get_summary()
+            found = SeekingReader(self._stream, record_size_limit=self._size).get_summary()
+            chunks = found.chunk_indexes if found else []
+            return found if len({one.chunk_start_offset for one in chunks}) == len(chunks) else None
         except Exception:
             return None
+
+    def _checksum(self, start: int, end: int) -> int:
+        """In pieces, as a file may say that all of it is index."""
+        self._stream.seek(start)
+        found = 0
+        for at in range(start, end, _PIECE):
+            found = zlib.crc32(self._stream.read(min(_PIECE, end - at)), found)
+        return found
 
     def topics(self) -> list[BagTopic]:
         with _told(self._path):
@@ -296,7 +309,22 @@ class SqliteFile:
             raise BagError(f"{path}: there is no such file")
         with _told(path):
             self._base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
-            self._base.execute("pragma trusted_schema=off")
+        try:
+            with _told(path):
+                self._base.execute("pragma trusted_schema=off")
+                self._require_tables()
+        except BaseException:
+            self._base.close()
+            raise
+
+    def _require_tables(self) -> None:
+        """Raises `BagError` when something is computed, not stored: a few bytes can make rows without end."""
+        for name, kind, text in self._base.execute("select lower(name), type, lower(sql) from sqlite_master"):
+            if name in _TABLES and (kind != "table" or "virtual" in str(text)):
+                raise BagError(f"{self._path}: {name} is no stored table")
+        for name in _TABLES:
+            if any(row[6] for row in self._base.execute(f"pragma table_xinfo({name})")):
+                raise BagError(f"{self._path}: {name} has columns that are not stored")
 
     def topics(self) -> list[BagTopic]:
         with _told(self._path):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import resource
+import sqlite3
+import struct
+import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +17,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.mcap import BagError, BagReader, BagWriter
+from rosidl_py_gen.mcap import BagError, BagReader, BagWriter, SqliteWriter
+from rosidl_py_gen.mcap.common import BagTopic
+from rosidl_py_gen.mcap.metadata import qos_profiles
+from rosidl_py_gen.mcap.storage import McapFile
 
 Bool: Any = get_message("std_msgs/msg/Bool")
 String: Any = get_message("std_msgs/msg/String")
@@ -88,6 +94,40 @@ def test_a_chunk_that_becomes_too_large_is_refused(
         list(reader)
 
 
+def test_an_index_that_names_a_chunk_many_times_is_not_used(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        for topic, message, log_time, _ in RIGHT:
+            writer.write(topic, message, log_time)
+    data = path.read_bytes()
+    at = struct.unpack_from("<Q", data, len(data) - 28)[0]
+    while data[at] != 8:  # a chunk's row of the index
+        at += 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    end = at + 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    no_checksum = bytes(4)
+    path.write_bytes(data[:end] + data[at:end] * 9 + data[end:-12] + no_checksum + data[-8:])
+    with BagReader(path) as reader:
+        assert (list(reader), reader.has_index) == (RIGHT, False)
+
+
+@pytest.mark.parametrize(("start", "checksum"), [(0, 0), (0, 1), (8, 1)])
+def test_looking_for_an_index_takes_little_memory(tmp_path: Path, start: int, checksum: int) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        stream.write(b"\x89MCAP0\r\n")
+        stream.seek(1 << 25)
+        stream.write(struct.pack("<BQQQI", 2, 20, start, 0, checksum) + b"\x89MCAP0\r\n")
+    tracemalloc.start()
+    try:
+        file = McapFile(path, True)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    file.close()
+    assert not file.is_whole
+    assert peak < 1 << 23
+
+
 def test_an_mcap_file_may_end_anywhere(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with BagWriter(path, compression="") as writer:
@@ -124,19 +164,104 @@ def test_bytes_of_a_database_may_be_wrong(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("script", "said"),
+    [
+        (
+            "drop table messages; create view messages as with recursive n(i) as "
+            "(select 1 union all select i + 1 from n limit 9) select i id, 1 topic_id, i timestamp, x'00' data from n;",
+            "messages is no stored table",
+        ),
+        (
+            "drop table Topics; create view Topics as "
+            "select 1 id, '/s' name, 'std_msgs/msg/Bool' type, 'cdr' serialization_format;",
+            "topics is no stored table",
+        ),
+        (
+            "drop table messages; create table messages(id integer primary key, topic_id integer, timestamp integer, "
+            "data blob generated always as (zeroblob(1000)));",
+            "messages has columns that are not stored",
+        ),
+        (
+            "drop table topics; create table topics(id integer primary key, name text, type text as ('a'), "
+            "serialization_format text);",
+            "topics has columns that are not stored",
+        ),
+        (
+            "drop table messages; create virtual table messages using fts5(id, topic_id, timestamp, data);",
+            "messages is no stored table",
+        ),
+    ],
+    ids=["view of messages", "view of topics", "column of data", "column of topics", "virtual table"],
+)
+def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, script: str, said: str) -> None:
+    with SqliteWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/s", BagTopic("/s", "std_msgs/msg/Bool"))
+        writer.write("/s", b"\0\1\0\0\1", 1)
+    path = tmp_path / "bag" / "bag_0.db3"
+    assert read(path, is_checked=False) == 1
+    base = sqlite3.connect(path)
+    base.executescript(script)
+    base.close()
+    with pytest.raises(BagError, match=said):
+        BagReader(path)
+
+
+BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]\n" for n in range(1, 30))
+MERGED = "a0: &a0 {k: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}\n" for n in range(1, 30))
+
+
+def told(**wrong: str) -> str:
+    """A metadata file with wrong values."""
+    right = {"files": "[a.mcap]", "storage": "mcap", "topic": "/a", "count": "1", "qos": '""'}
+    return (
+        "rosbag2_bagfile_information: {{relative_file_paths: {files}, storage_identifier: {storage}, "
+        "topics_with_message_count: [{{message_count: {count}, topic_metadata: {{name: {topic}, type: a/msg/B, "
+        "serialization_format: cdr, offered_qos_profiles: {qos}}}}}]}}"
+    ).format(**(right | wrong))
+
+
+@pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "not as rosbag2 writes it"),
         ("{", "not YAML: "),
         ("rosbag2_bagfile_information: 3", "not as rosbag2 writes it"),
         ("rosbag2_bagfile_information: {relative_file_paths: [a.mcap]}", "KeyError 'storage_identifier'"),
+        ("a: !!int ''", "not YAML: "),
+        ("a: !!bool x", "not YAML: "),
+        ("a: !!timestamp x", "not YAML: "),
+        ("[" * 200_000, "not YAML: more than 50 levels"),
+        (told(qos="[" * 900 + "]" * 900), "not YAML: more than 50 levels"),
+        (MERGED, "not YAML: "),
+        (told(count=".inf"), "OverflowError"),
+        (BOMB + told(files="[*a29]"), "TypeError list, expected a text or a number"),
+        (BOMB + told(topic="*a29"), "TypeError list, expected a text or a number"),
+        (BOMB + told(storage="*a29"), "TypeError list, expected a text or a number"),
+        (told(files='["a\\0.mcap"]'), "a file name with a zero byte"),
         ("a: &a [x, x]\nb: &b [*a, *a]\nrosbag2_bagfile_information: [*b, *b]", "not as rosbag2"),
     ],
 )
+@pytest.mark.usefixtures("little_memory")
 def test_metadata_that_is_none_is_told(tmp_path: Path, text: str, said: str) -> None:
     (tmp_path / "metadata.yaml").write_text(text)
     with pytest.raises(BagError, match=said):
         BagReader(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "!!int ''",
+        "[" * 200_000,
+        MERGED,
+        "- {history: [&a0 [x, x], " + ", ".join(f"&a{n} [*a{n - 1}, *a{n - 1}]" for n in range(1, 30)) + "]}",
+        "- {history: 1, reliability: 1, durability: 1, liveliness: 1, deadline: {sec: .inf, nsec: 0}}",
+    ],
+    ids=["int", "deep", "merged", "bomb", "infinity"],
+)
+@pytest.mark.usefixtures("little_memory")
+def test_qos_that_is_none_gives_no_profiles(text: str) -> None:
+    assert qos_profiles(text) == []
 
 
 def test_metadata_does_not_lead_out_of_its_folder(tmp_path: Path) -> None:
