@@ -30,7 +30,8 @@ _GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
 
 def load_ahead() -> None:
     """Load what making classes needs in a thread, while the command waits for others. Called on the loop."""
-    asyncio.get_running_loop().run_in_executor(None, load_compiler)
+    loading = asyncio.get_running_loop().run_in_executor(None, load_compiler)
+    loading.add_done_callback(lambda done: done.cancelled() or done.exception())  # whoever needs it meets that again
 
 
 async def message_class(

@@ -163,6 +163,19 @@ async def test_hidden_topics_are_shown_on_request(node: Node, watching: Any) -> 
         await seen.until(lambda: "/_hidden" in seen.channels)
 
 
+async def test_dds_programs_with_names_that_ros_refuses_do_not_end_it(node: Node, watching: Any) -> None:
+    for topic in ("rt/2d_scan", "rt/a//b", "rr/2dReply"):
+        writer = node.scope.participant.create_writer(topic, "std_srvs::srv::dds_::Empty_Response_", QoSProfile(), "")
+        node.scope.own(writer, writer=writer.guid)
+    node.scope.discovery.add_node("odd", "/2d//space")
+    words = node.create_publisher(String, "words")
+    async with watching() as seen:
+        await seen.subscribe("/2d_scan", 1)
+        await seen.until(lambda: "/2d_scan cannot be read: invalid topic name" in seen.warnings())
+        await seen.subscribe("/words", 2)
+        assert await words.wait_for_subscribers(20)
+
+
 async def test_simulated_time_is_told(node: Node, watching: Any) -> None:
     clock = node.create_publisher(Clock, "/clock")
     words = node.create_publisher(String, "words")

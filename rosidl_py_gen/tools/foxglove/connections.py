@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.errors import InvalidNameError
+from rosidl_py_gen.runtime.names.validation import normalize_namespace
 from rosidl_py_gen.tools.node.list import is_hidden_node
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
+    from rosidl_py_gen.runtime.graph.state import NodeInfo
     from rosidl_py_gen.tools.foxglove.server import Server
 
 Names = dict[str, list[str]]
@@ -28,9 +31,9 @@ class Connections:
         subscribed: Names = {}
         served: Names = {}
         for info in {(one.name, one.namespace): one for one in self._node.get_nodes()}.values():
-            whole = info.fully_qualified_name
-            if is_hidden_node(whole) and not self._hidden:
+            if not self._is_shown(info):
                 continue
+            whole = info.fully_qualified_name
             for found, names in (
                 (published, self._node.get_publisher_names_and_types_by_node(info.name, info.namespace)),
                 (subscribed, self._node.get_subscriber_names_and_types_by_node(info.name, info.namespace)),
@@ -42,3 +45,11 @@ class Connections:
         if (published, subscribed, served) != self._told:
             self._told = published, subscribed, served
             self._server.publish_graph(published, subscribed, served)
+
+    def _is_shown(self, info: NodeInfo) -> bool:
+        """Not with a namespace that ROS refuses: participants may tell anything."""
+        try:
+            normalize_namespace(info.namespace)
+        except InvalidNameError:
+            return False
+        return self._hidden or not is_hidden_node(info.fully_qualified_name)

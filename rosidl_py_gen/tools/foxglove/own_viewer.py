@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _SUBPROTOCOL = "foxglove.sdk.v1"
 _PATIENCE_S, _CLOSE_S = 5.0, 1.0
+_TRIES, _PAUSE_S = 5, 0.2
+"""The server may have no room left for it right after it came, when there is much to tell."""
 
 
 class OwnViewer:
@@ -31,18 +33,6 @@ class OwnViewer:
     def __init__(self, connection: ClientConnection, token: str) -> None:
         self._connection = connection
         self._token = token
-
-    async def watch_graph(self) -> None:
-        """Subscribe to the graph; it may be published from then on.
-
-        Raises:
-            ToolError: the connection is lost.
-        """
-        await self._connection.send(json.dumps({"op": "subscribeConnectionGraph"}))
-        async for message in self._connection:
-            if isinstance(message, str) and json.loads(message).get("op") == "connectionGraphUpdate":
-                return
-        raise ToolError("the server closed its connection with itself")
 
     async def read_on(self) -> None:
         """Take what comes, so that nothing piles up; returns when the server had no room left for it nevertheless."""
@@ -63,23 +53,46 @@ def new_token() -> str:
 
 @asynccontextmanager
 async def own_viewer(host: str, port: int, token: str) -> AsyncIterator[OwnViewer]:
-    """Connect to the server that listens there; `token` is what it was started with.
+    """Connect to the server that listens there, and subscribe to the graph: it may be published from then on.
+
+    Args:
+        token: what the server was started with.
 
     Raises:
-        ToolError: it does not answer.
+        ToolError: it does not answer, or closes the connection again and again.
     """
     reached = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
-    address = f"[{reached}]" if ":" in reached else reached
-    try:
-        connection = await connect(
-            f"ws://{address}:{port}",
-            subprotocols=[_SUBPROTOCOL],  # type: ignore[list-item]  # a NewType of str
-            proxy=None,
-            max_size=None,
-            open_timeout=_PATIENCE_S,
-            close_timeout=_CLOSE_S,
-        )
-    except (OSError, WebSocketException, asyncio.TimeoutError) as error:
-        raise ToolError(f"the server at {address}:{port} cannot be reached from here: {error}") from None
-    async with connection:
+    address = f"[{reached}]:{port}" if ":" in reached else f"{reached}:{port}"
+    async with await _connected(address) as connection:
         yield OwnViewer(connection, token)
+
+
+async def _connected(address: str) -> ClientConnection:
+    problem: Exception | None = None
+    for _ in range(_TRIES):
+        try:
+            return await _connect(address)
+        except (OSError, WebSocketException, asyncio.TimeoutError) as error:
+            problem = error
+        await asyncio.sleep(_PAUSE_S)
+    raise ToolError(f"the server at {address} cannot be reached from here: {problem}")
+
+
+async def _connect(address: str) -> ClientConnection:
+    connection = await connect(
+        f"ws://{address}",
+        subprotocols=[_SUBPROTOCOL],  # type: ignore[list-item]  # a NewType of str
+        proxy=None,
+        max_size=None,
+        open_timeout=_PATIENCE_S,
+        close_timeout=_CLOSE_S,
+    )
+    try:
+        await connection.send(json.dumps({"op": "subscribeConnectionGraph"}))
+        while True:
+            message = await connection.recv()
+            if isinstance(message, str) and json.loads(message).get("op") == "connectionGraphUpdate":
+                return connection
+    except BaseException:
+        await connection.close()
+        raise

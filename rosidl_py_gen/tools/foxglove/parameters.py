@@ -8,10 +8,12 @@ empty lists of no kind.
 from __future__ import annotations
 
 import asyncio
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Parameter, ParameterNotDeclaredError, parameter_value
+from rosidl_py_gen.tools.foxglove.services import is_served
 from rosidl_py_gen.tools.node.list import is_hidden_node
 
 if TYPE_CHECKING:
@@ -59,32 +61,32 @@ class Parameters:
         there = {
             name.removesuffix("/list_parameters")
             for name, _ in self._node.get_service_names_and_types()
-            if name.endswith("/list_parameters") and self._node.count_services(name)
+            if name.endswith("/list_parameters") and is_served(self._node, name)
         }
         for gone in self._asking.keys() - there:
             self._asking.pop(gone).cancel()
-            self._values.pop(gone, None)
+        self._values = {node: values for node, values in self._values.items() if node in there}
         for node in there - self._asking.keys():
             if not is_hidden_node(node):
                 self._asking[node] = asyncio.ensure_future(self._ask(node))
 
     async def _ask(self, node: str) -> None:
         async with self._turns:
-            client = self._node.create_parameter_client(node)
             try:
-                names = (await client.list(timeout_s=_ASK_S)).names
-                values = await _values_of(client, names)
+                with closing(self._node.create_parameter_client(node)) as client:
+                    names = (await client.list(timeout_s=_ASK_S)).names
+                    values = await _values_of(client, names)
             except RosidlError:  # it has just gone, or hangs; whoever wants to know makes us ask again
                 self._asking.pop(node, None)
                 return
-            finally:
-                client.close()
         known = self._values.setdefault(node, {})
         known.update({name: value for name, value in values.items() if name not in known})  # events are newer
         self._tell(node, values)
 
     async def _listen(self) -> None:
         async for node, _, event in self._node.parameter_events():
+            if node not in self._asking:  # it tells all when it is asked; others may say anything
+                continue
             known = self._values.setdefault(node, {})
             for parameter in (*event.new, *event.changed):
                 known[parameter.name] = parameter.value.value

@@ -31,6 +31,8 @@ _ENCODINGS = ("cdr", "json")
 _MOST_WAITING = 10
 _MOST_WAITING_BYTES = 1 << 20
 """Of messages that come before the type of their topic is known."""
+_MOST_SCHEMAS = 256
+"""Of viewers, that become classes: these stay for good."""
 
 
 class _Offered:
@@ -58,6 +60,8 @@ class Publishing:
         self._server = server
         self._paths = paths
         self._offered: dict[OfferKey, _Offered] = {}
+        self._compiled: set[int] = set()
+        """Hashes of names and schemas."""
 
     def serve(self) -> None:
         """Follow what viewers offer, and publish what they sent."""
@@ -113,7 +117,18 @@ class Publishing:
         except TypeNotFoundError:
             if offer.schema_encoding != "ros2msg":
                 raise
-        cls: type[Message] = await asyncio.to_thread(compile_text, name, offer.schema.decode(errors="replace"))
+        return await self._compile(name, offer.schema)
+
+    async def _compile(self, name: str, schema: bytes) -> type[Message]:
+        known = hash((name, schema))
+        if known not in self._compiled and len(self._compiled) >= _MOST_SCHEMAS:
+            raise ToolError(f"viewers have defined {_MOST_SCHEMAS} types already, and there is no room for more")
+        self._compiled.add(known)
+        try:
+            cls: type[Message] = await asyncio.to_thread(compile_text, name, schema.decode(errors="replace"))
+        except RosidlError:  # there is no class
+            self._compiled.discard(known)
+            raise
         return cls
 
     def _publish(self, offered: _Offered, data: bytes) -> None:

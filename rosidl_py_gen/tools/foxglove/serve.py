@@ -65,7 +65,7 @@ class _View:
         self._clock = Clock()
         self._server = server = Server()
         self._changed = asyncio.Event()
-        self._has_clock = self._has_noted_clock = False
+        self._has_clock = self._has_noted_clock = self._is_closed = False
         shown: dict[str, Any] = {"paths": wanted.paths, "hidden": wanted.hidden}
         self._topics = Topics(session, server, self._clock, **shown)
         self._services = Services(session, server, **shown)
@@ -90,7 +90,6 @@ class _View:
         self._say_where(port)
         while True:
             async with own_viewer(wanted.host, port, token) as own:
-                await own.watch_graph()
                 await self._follow_all(own)
 
     async def _follow_all(self, own: OwnViewer) -> None:
@@ -126,7 +125,9 @@ class _View:
             printing.note(f"{CLOCK} has appeared; viewers are told its time when this is started again")
 
     def _serve(self) -> None:
-        """Follow the viewers."""
+        """Follow the viewers; the server may still ask for that when all is over."""
+        if self._is_closed:
+            return
         self._topics.serve()
         self._publishing.serve()
 
@@ -148,5 +149,6 @@ class _View:
     async def close(self) -> None:
         """Let go of viewers, and of everything that was opened for them."""
         await self._server.stop()
+        self._is_closed = True
         for part in (self._topics, self._services, self._publishing, self._parameters):
             await part.close()

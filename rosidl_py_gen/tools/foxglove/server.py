@@ -15,7 +15,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from concurrent.futures import Future
+from concurrent.futures import CancelledError, Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import suppress
 from dataclasses import dataclass
@@ -272,10 +272,12 @@ class _Waits:
             self._futures.add(future)
         try:
             return future.result(_PATIENCE_S)
+        except RosidlError:  # some are timeouts, too, and say more
+            raise
         except FutureTimeoutError:
             future.cancel()
             raise ToolError(f"no answer in {_PATIENCE_S:g} s") from None
-        except asyncio.CancelledError:
+        except CancelledError:  # not the one of asyncio
             raise ToolError("the server ends") from None
         finally:
             with self._lock:
@@ -353,10 +355,8 @@ class _Listener(ServerListener):
             return self._answer(self._handlers.refreshed())
         wanted: dict[str, Any] = {}
         for one in parameters:
-            try:
+            with suppress(ValueError):  # not the base64 it is said to be, which the SDK tells the viewer
                 wanted[one.name] = one.get_value()
-            except ValueError:  # not the base64 it is said to be
-                wanted[one.name] = None
         return self._answer(self._handlers.set(wanted))
 
     def _answer(self, coroutine: Coroutine[Any, Any, dict[str, Any]]) -> list[foxglove.Parameter]:

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.tools import printing, types
+from rosidl_py_gen.tools import ToolError, printing, types
 from rosidl_py_gen.typesupport import referenced_classes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.runtime import Client
+    from rosidl_py_gen.runtime import Client, Node
     from rosidl_py_gen.tools.foxglove.server import Server
     from rosidl_py_gen.tools.session import Session
 
@@ -63,7 +63,7 @@ class Services:
         there = {
             name: kinds[0]
             for name, kinds in node.get_service_names_and_types()
-            if (self._hidden or "/_" not in name) and node.count_services(name)
+            if (self._hidden or "/_" not in name) and is_served(node, name)
         }
         gone = {name: shown for name, shown in self._shown.items() if there.get(name) != shown.type_name}
         for name in gone:
@@ -98,6 +98,8 @@ class Services:
         """Raises `RosidlError`, which the viewer is told."""
         # What viewers send as a request without fields is not always what ROS sends.
         request = cls.Request.decode(data) if cls.Request._TYPE.fields else cls.Request()
+        if self._shown.get(name) is not shown:  # nobody would close a client made now
+            raise ToolError(f"service {name} has gone")
         if shown.client is None:
             shown.client = self._session.node.create_client(cls, name)
         response = await shown.client.call(request, _CALL_S)
@@ -111,6 +113,14 @@ class Services:
             shown.close()
         self._shown.clear()
         await asyncio.gather(*opening, return_exceptions=True)
+
+
+def is_served(node: Node, service: str) -> bool:
+    """Whether somebody serves it; never for a name that ROS refuses, which DDS programs may use."""
+    try:
+        return node.count_services(service) > 0
+    except InvalidNameError:
+        return False
 
 
 def _definitions(cls: Any) -> tuple[str, str]:

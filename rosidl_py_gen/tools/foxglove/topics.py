@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Durability
+from rosidl_py_gen.runtime.names.dds import topic_name
 from rosidl_py_gen.tools import printing, types
 from rosidl_py_gen.tools.topic import qos as topic_qos
 
@@ -41,6 +42,8 @@ class _Shown:
         self.channel: Channel | None = None
         self.subscription: Subscription[Any] | None = None
         self.viewers: frozenset[int] = frozenset()
+        self.has_failed = False
+        """To subscribe; tried again for the next viewer."""
 
     def unsubscribe(self) -> None:
         if self.subscription is not None:
@@ -91,8 +94,17 @@ class Topics:
         }
 
     def _others(self, topic: str) -> list[TopicEndpointInfo]:
-        infos = [*self._node.get_publishers_info_by_topic(topic), *self._node.get_subscriptions_info_by_topic(topic)]
-        return [one for one in infos if one.node_name != self._node.name]
+        """By participant: names of nodes come later than endpoints, and others may have ours.
+
+        Asked by its name in DDS, where programs that know nothing of ROS use names that ROS refuses.
+        """
+        node, known = self._node, topic_name(topic)
+        infos = [
+            *node.get_publishers_info_by_topic(known, no_mangle=True),
+            *node.get_subscriptions_info_by_topic(known, no_mangle=True),
+        ]
+        participant_of, mine = node.scope.graph.participant_of, node.scope.participant.guid
+        return [one for one in infos if participant_of(one.endpoint_gid) != mine]
 
     async def _open(self, key: _Key, shown: _Shown) -> None:
         async with self._turns:
@@ -121,10 +133,11 @@ class Topics:
             watchers = {channel: frozenset(viewers) for channel, viewers in self._server.wishes.watchers.items()}
         for key, shown in self._shown.items():
             before, shown.viewers = shown.viewers, watchers.get(shown.channel.id if shown.channel else 0, frozenset())
-            if not shown.viewers or self._is_outdated(key, shown, bool(shown.viewers - before)):
+            has_newcomer = bool(shown.viewers - before)
+            if not shown.viewers or self._is_outdated(key, shown, has_newcomer):
                 shown.unsubscribe()
-            if shown.viewers and shown.subscription is None:
-                shown.subscription = self._subscribe(key, shown)
+            if shown.viewers and shown.subscription is None and (has_newcomer or not shown.has_failed):
+                self._subscribe(key, shown)
 
     def _is_outdated(self, key: _Key, shown: _Shown, has_newcomer: bool) -> bool:
         if shown.subscription is None:
@@ -135,15 +148,22 @@ class Topics:
         return topic_qos.is_too_much(profile, self._publishers(key))
 
     def _publishers(self, key: _Key) -> list[TopicEndpointInfo]:
-        found = self._node.get_publishers_info_by_topic(key.topic)
+        found = self._node.get_publishers_info_by_topic(topic_name(key.topic), no_mangle=True)
         return [one for one in found if one.topic_type == key.type_name]
 
-    def _subscribe(self, key: _Key, shown: _Shown) -> Subscription[Any]:
+    def _subscribe(self, key: _Key, shown: _Shown) -> None:
         assert shown.channel is not None
         send, now_ns = shown.channel.send, self._clock.now_ns
         profile, _ = topic_qos.chosen(self._publishers(key))
-        cls = types.opaque_class(self._session, key.topic, key.type_name)
-        return self._node.create_subscription(cls, key.topic, lambda data: send(data, now_ns()), profile, raw=True)
+        shown.has_failed = False
+        try:
+            cls = types.opaque_class(self._session, key.topic, key.type_name)
+            shown.subscription = self._node.create_subscription(
+                cls, key.topic, lambda data: send(data, now_ns()), profile, raw=True
+            )
+        except RosidlError as error:  # a name or type that is none of ROS
+            shown.has_failed = True
+            self._server.tell(key.topic, f"{key.topic} cannot be read: {error}")
 
     async def close(self) -> None:
         """Let go of everything."""
