@@ -184,7 +184,7 @@ def test_a_type_comes_from_standard_input() -> None:
 def test_without_the_extra_definitions_are_shown_and_the_rest_says_what_to_install() -> None:
     code = (
         "import sys\n"
-        "for name in ('cyclonedds', 'rich', 'yaml'): sys.modules[name] = None\n"
+        "for name in ('cyclonedds', 'zenoh', 'rich', 'yaml'): sys.modules[name] = None\n"
         "from rosidl_py_gen.tools import main\n"
         "main(sys.argv[1:])"
     )
