@@ -24,6 +24,7 @@ from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.transport.interface import ReceiveQueue, TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
 from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
+from rosidl_py_gen.runtime.transport.zenoh.graph import participant_guid
 from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
 
 if TYPE_CHECKING:
@@ -226,7 +227,9 @@ class ZenohReader:
         return bool(self.queue.items)
 
     def matched_writers(self) -> list[bytes]:
-        return [guid for guid, zid in self._owner.graph.connected(self.info).items() if zid or not self._ignore_local]
+        connected = self._owner.graph.connected(self.info)
+        own = self.info.participant_guid if self._ignore_local else None
+        return [guid for guid, zid in connected.items() if participant_guid(zid) != own]
 
     def writer_guid(self, handle: int) -> bytes | None:
         """The handle is the GUID as a number, 0 where it is not known."""
