@@ -79,18 +79,6 @@ def keep(*things: object) -> None:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(thing))
 
 
-def read_attachment(thing: Any) -> tuple[int, int, bytes] | None:
-    """Number, time and GID beside a sample or query; None, and a word in the log, when they are not there."""
-    attached = thing.attachment
-    try:
-        if attached is None:
-            raise AttachmentError("expected an attachment of 33 bytes, found none")
-        return unpack(attached.to_bytes())
-    except AttachmentError as error:
-        internal_logger().warning(f"dropped what came on {thing.key_expr}: {error}", throttle_s=1.0)
-        return None
-
-
 # -------------------------------------------------------------------------------------------------------------- topics
 
 
@@ -164,6 +152,9 @@ class ZenohWriter:
     def has_readers(self) -> bool:
         return bool(self._owner.graph.connected(self.info))
 
+    def forget(self, number: int) -> None:
+        """Requests are not written here."""
+
     def reaches(self, client: bytes) -> bool:
         """Replies are not written here."""
         return True
@@ -197,6 +188,7 @@ class ZenohReader:
         self.queue = ReceiveQueue(info.qos)
         self._ignore_local = ignore_local
         self._sink: Sink | None = None
+        self._complaint = ""
         self._closed = False
         self._subscriber = self._declare(key)
 
@@ -206,7 +198,7 @@ class ZenohReader:
 
     def _take(self, sample: Any) -> None:
         """Called by Zenoh with each sample."""
-        told = read_attachment(sample)
+        told = self.read_attachment(sample)
         data = sample.payload.to_bytes()
         if told is not None and data:
             self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns()))
@@ -214,8 +206,26 @@ class ZenohReader:
     def receive(self, sample: tuple[Payload, int, int, int]) -> None:
         """Take a sample into the queue."""
         self.queue.push(sample)
-        if self._sink is not None:
-            self._owner.arrivals.put(self._sink)
+        sink = self._sink  # another thread may take it away
+        if sink is not None:
+            self._owner.arrivals.put(sink)
+
+    def read_attachment(self, thing: Any) -> tuple[int, int, bytes] | None:
+        """Number, time and GID beside a sample or query; None, and a word in the log, when they are not there."""
+        attached = thing.attachment
+        try:
+            if attached is None:
+                raise AttachmentError("expected an attachment of 33 bytes, found none")
+            return unpack(attached.to_bytes())
+        except AttachmentError as error:
+            self._complaint = self._complaint or f"dropped what came on {thing.key_expr}: {error}"
+            self._owner.arrivals.put(self._complain)
+            return None
+
+    def _complain(self) -> None:
+        """On the loop's thread: an output may block, and log handlers have locks."""
+        complaint, self._complaint = self._complaint, ""
+        internal_logger().warning(complaint, throttle_s=1.0)
 
     def set_sink(self, sink: Sink | None) -> None:
         self._sink = sink
