@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import zenoh
@@ -32,6 +33,7 @@ _ENDLESS_S = 1e9
 _MOST_QUERIES = 10_000
 _MOST_BYTES = 64 * 2**20
 """Of requests that nobody answered yet, together."""
+_MOST_ANSWERED = 16
 _HEADER_BYTES = 4
 _MOST_CHARACTERS = 300
 _time_ns = time.time_ns
@@ -79,6 +81,8 @@ class ReplyReader(ZenohReader):
 
     def __init__(self, owner: Host, info: EndpointFound, key: str) -> None:
         self._asked: dict[int, _Asked] = {}
+        self._answered: deque[int] = deque()
+        """Those that other servers may still answer."""
         super().__init__(owner, info, key)
 
     def _declare(self, key: str) -> Any:
@@ -99,12 +103,24 @@ class ReplyReader(ZenohReader):
         try:
             querier.get(callback, payload=data, attachment=attachment, cancellation_token=asked.token)
         except BaseException:
-            self.forget(number)
+            self._cancel(number)
             raise
         return True
 
     def forget(self, number: int) -> None:
-        """Nobody waits for that reply any more, or it is complete. Zenoh may be in one of our functions: no locks."""
+        """Nobody waits for that reply any more, or it came: then the query mostly ends by itself, which costs less."""
+        asked = self._asked.get(number)
+        if asked is None:
+            return
+        if asked.is_over:
+            self._answered.append(number)
+            if len(self._answered) <= _MOST_ANSWERED:
+                return
+            number = self._answered.popleft()
+        self._cancel(number)
+
+    def _cancel(self, number: int) -> None:
+        """Zenoh may be in one of our functions, and is waited for: no locks."""
         asked = self._asked.pop(number, None)
         if asked is not None:
             asked.cancel()
@@ -115,7 +131,7 @@ class ReplyReader(ZenohReader):
 
     def close(self) -> None:
         for number in list(self._asked):  # while undeclaring, Zenoh would end them with its session locked
-            self.forget(number)
+            self._cancel(number)
         super().close()
 
     def abandon(self) -> None:
@@ -133,12 +149,12 @@ class ReplyReader(ZenohReader):
 class _Asked:
     """A query under way."""
 
-    __slots__ = ("_client", "_identity", "_is_over", "_reason", "token")
+    __slots__ = ("_client", "_identity", "_reason", "is_over", "token")
 
     def __init__(self, client: ReplyReader, number: int) -> None:
         self._client = client
         self._identity = (client.guid, number)
-        self._is_over = False
+        self.is_over = False
         self._reason: tuple[str, ...] = ()
         self.token = zenoh.CancellationToken()
 
@@ -151,20 +167,20 @@ class _Asked:
         told = self._client.read_attachment(sample)
         data = sample.payload.to_bytes()
         if told is not None and len(data) >= _HEADER_BYTES:
-            self._is_over = True
+            self.is_over = True
             answer = identified(data, self._identity)
             self._client.receive((answer, told[1], self._client.server_of(reply), _time_ns()))
 
     def on_end(self) -> None:
         """Called by Zenoh when nothing more will come."""
         self._client.ended(self._identity[1])
-        if not self._is_over:
+        if not self.is_over:
             now = _time_ns()
             self._client.receive((unanswered(self._identity, *self._reason), now, 0, now))
 
     def cancel(self) -> None:
         """Let Zenoh forget it; waits while Zenoh is in one of the functions above."""
-        self._is_over = True
+        self.is_over = True
         self.token.cancel()
 
 
