@@ -35,8 +35,8 @@ from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_error
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.runtime.transport.interface import is_unanswered
 from rosidl_py_gen.runtime.transport.qos import History
+from rosidl_py_gen.runtime.transport.unanswered import why_unanswered
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -260,6 +260,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         if pending is not None:
             if pending.number:
                 self._by_number.pop(pending.number, None)
+                self._writer.forget(pending.number)
             if pending.limits is not None:
                 pending.limits.remove(sequence)
             if pending.has_turn:
@@ -351,8 +352,9 @@ class Client(ServiceEnd[RequestT, ResponseT]):
                 continue
             if client not in self._names:
                 continue
-            if is_unanswered(data):
-                self._lose(sequence)
+            reason = why_unanswered(data)
+            if reason is not None:
+                self._lose(sequence, reason)
                 continue
             server = self._reader.writer_guid(handle)
             if server is not None and not isinstance(client, bytes) and self._scope.participant.identifies(server):
@@ -365,10 +367,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             if pending is not None:
                 self._take_reply(pending, message_of(data, begin), server)
 
-    def _lose(self, number: int) -> None:
+    def _lose(self, number: int, reason: str) -> None:
         pending = self._by_number.get(number)
         if pending is not None:
-            self._fail(pending, ServerLostError(f"the server of {self.name} went away before it answered"))
+            self._fail(pending, ServerLostError(f"the server of {self.name} {reason}"))
 
     def _take_reply(self, pending: _PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
         try:

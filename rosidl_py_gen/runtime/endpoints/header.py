@@ -58,8 +58,8 @@ class ForeignServiceError(RosidlError):
 
 
 class ServerLostError(RosidlError, ConnectionError):
-    """The server went away before it answered; the request may or may not have been handled. Not on DDS, where a call
-    runs into its time limit.
+    """The server went away before it answered, or told an error in place of a response; the request may or may not have
+    been handled. Not on DDS, where a call runs into its time limit.
     """
 
 

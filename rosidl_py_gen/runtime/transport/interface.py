@@ -42,7 +42,6 @@ IDENTITY_BYTES = 24
 _IDENTIFIED = b"\xfd\x5d"
 """Stands in the two option bytes of the encapsulation header, which are zero otherwise."""
 _identity = struct.Struct("<16sq")
-_NOTHING = b"\0\1\0\0"
 _FILL = (b"", b"\0\0\0", b"\0\0", b"\0")
 
 
@@ -62,16 +61,6 @@ def identity_of(data: Payload) -> Identity | None:
         return None
     guid, sequence = _identity.unpack_from(data, 4)
     return guid, sequence
-
-
-def unanswered(identity: Identity) -> bytes:
-    """The sample that tells a client: no server is left that could answer this request."""
-    return identified(_NOTHING, identity)
-
-
-def is_unanswered(data: Payload) -> bool:
-    """Whether it is what `unanswered` makes: a response has at least one byte."""
-    return len(data) == len(_NOTHING) + IDENTITY_BYTES and data[2:4] == _IDENTIFIED
 
 
 class TransportError(RosidlError):
@@ -242,6 +231,12 @@ class Writer(Protocol):
 
         Returns:
             False when a reliable reader is so far behind that the middleware wants us to wait; nothing was sent.
+        """
+
+    def forget(self, number: int) -> None:
+        """Nobody waits for the reply to a request any more, given by the number of its identity. On the loop's thread.
+
+        It may be over, too.
         """
 
     def matched_readers(self) -> list[bytes]:

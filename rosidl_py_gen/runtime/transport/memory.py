@@ -284,6 +284,9 @@ class MemoryWriter(_Endpoint):
         with self.owner.lock:
             return [reader.guid for peer in self.owner.peers for reader in peer.readers if matches(self, reader)]
 
+    def forget(self, number: int) -> None:
+        """Nothing is kept of requests."""
+
     def reaches(self, client: bytes) -> bool:
         return reaches(client, self.matched_readers)
 

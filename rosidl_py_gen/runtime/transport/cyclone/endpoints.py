@@ -121,6 +121,9 @@ class CycloneWriter:
         status = abi.MatchedStatus()
         return self._api.bare_matched(self._entity, _by_reference(status)) == 0 and status.current > 0
 
+    def forget(self, number: int) -> None:
+        """DDS keeps nothing of requests."""
+
     def reaches(self, client: bytes) -> bool:
         return reaches(client, self.matched_readers)
 

@@ -43,12 +43,14 @@ class Arrivals:
             self._wake()
 
     def _wake(self) -> None:
-        notify, ends = self._notify, self._ends
+        notify = self._notify
         if notify is not None:
             notify()
-        elif ends is not None:
-            with contextlib.suppress(OSError):  # closed in the meantime
-                os.write(ends[1], b"\0")
+            return
+        with self._lock:  # a descriptor that is closed may be somebody else's already
+            if self._ends is not None:
+                with contextlib.suppress(BlockingIOError):
+                    os.write(self._ends[1], b"\0")
 
     def take(self) -> list[Sink]:
         """All that were put since the last time, each once."""
@@ -72,6 +74,7 @@ class Arrivals:
 
     def close(self) -> None:
         """Tell nobody any more."""
-        ends, self._ends, self._notify = self._ends, None, None
-        for end in ends or ():
-            os.close(end)
+        with self._lock:
+            ends, self._ends, self._notify = self._ends, None, None
+            for end in ends or ():
+                os.close(end)

@@ -24,6 +24,7 @@ from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.transport.interface import ReceiveQueue, TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
 from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
+from rosidl_py_gen.runtime.transport.zenoh.graph import participant_guid
 from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
 
 if TYPE_CHECKING:
@@ -76,18 +77,6 @@ def keep(*things: object) -> None:
     """Never delete these: in a forked child that would wait for threads which are not there."""
     for thing in things:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(thing))
-
-
-def read_attachment(thing: Any) -> tuple[int, int, bytes] | None:
-    """Number, time and GID beside a sample or query; None, and a word in the log, when they are not there."""
-    attached = thing.attachment
-    try:
-        if attached is None:
-            raise AttachmentError("expected an attachment of 33 bytes, found none")
-        return unpack(attached.to_bytes())
-    except AttachmentError as error:
-        internal_logger().warning(f"dropped what came on {thing.key_expr}: {error}", throttle_s=1.0)
-        return None
 
 
 # -------------------------------------------------------------------------------------------------------------- topics
@@ -163,6 +152,9 @@ class ZenohWriter:
     def has_readers(self) -> bool:
         return bool(self._owner.graph.connected(self.info))
 
+    def forget(self, number: int) -> None:
+        """Requests are not written here."""
+
     def reaches(self, client: bytes) -> bool:
         """Replies are not written here."""
         return True
@@ -196,6 +188,7 @@ class ZenohReader:
         self.queue = ReceiveQueue(info.qos)
         self._ignore_local = ignore_local
         self._sink: Sink | None = None
+        self._complaint = ""
         self._closed = False
         self._subscriber = self._declare(key)
 
@@ -205,7 +198,7 @@ class ZenohReader:
 
     def _take(self, sample: Any) -> None:
         """Called by Zenoh with each sample."""
-        told = read_attachment(sample)
+        told = self.read_attachment(sample)
         data = sample.payload.to_bytes()
         if told is not None and data:
             self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns()))
@@ -213,8 +206,26 @@ class ZenohReader:
     def receive(self, sample: tuple[Payload, int, int, int]) -> None:
         """Take a sample into the queue."""
         self.queue.push(sample)
-        if self._sink is not None:
-            self._owner.arrivals.put(self._sink)
+        sink = self._sink  # another thread may take it away
+        if sink is not None:
+            self._owner.arrivals.put(sink)
+
+    def read_attachment(self, thing: Any) -> tuple[int, int, bytes] | None:
+        """Number, time and GID beside a sample or query; None, and a word in the log, when they are not there."""
+        attached = thing.attachment
+        try:
+            if attached is None:
+                raise AttachmentError("expected an attachment of 33 bytes, found none")
+            return unpack(attached.to_bytes())
+        except AttachmentError as error:
+            self._complaint = self._complaint or f"dropped what came on {thing.key_expr}: {error}"
+            self._owner.arrivals.put(self._complain)
+            return None
+
+    def _complain(self) -> None:
+        """On the loop's thread: an output may block, and log handlers have locks."""
+        complaint, self._complaint = self._complaint, ""
+        internal_logger().warning(complaint, throttle_s=1.0)
 
     def set_sink(self, sink: Sink | None) -> None:
         self._sink = sink
@@ -226,7 +237,9 @@ class ZenohReader:
         return bool(self.queue.items)
 
     def matched_writers(self) -> list[bytes]:
-        return [guid for guid, zid in self._owner.graph.connected(self.info).items() if zid or not self._ignore_local]
+        connected = self._owner.graph.connected(self.info)
+        own = self.info.participant_guid if self._ignore_local else None
+        return [guid for guid, zid in connected.items() if participant_guid(zid) != own]
 
     def writer_guid(self, handle: int) -> bytes | None:
         """The handle is the GUID as a number, 0 where it is not known."""

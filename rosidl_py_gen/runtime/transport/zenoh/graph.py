@@ -42,7 +42,8 @@ def participant_guid(zid: str) -> bytes:
 @dataclass(slots=True)
 class _Node:
     token: NodeToken
-    is_announced: bool = False
+    names: set[str] = field(default_factory=set)
+    """The tokens that announce it; peers may tell several texts of one node."""
     readers: set[bytes] = field(default_factory=set)
     writers: set[bytes] = field(default_factory=set)
 
@@ -146,7 +147,7 @@ class TokenGraph:
             self._events.append(ParticipantFound(session.guid, owner.enclave))
         node = session.nodes.setdefault(owner.node_id, _Node(owner))
         if isinstance(token, NodeToken):
-            node.is_announced = True
+            node.names.add(text)
             self._tokens[text] = ()
             return True
         endpoints = self._tokens[text] = endpoints_of(token, gid_of(text))
@@ -161,9 +162,12 @@ class TokenGraph:
         if endpoints is None:
             return False
         owner = token if isinstance(token, NodeToken) else token.node
-        node = self._sessions[zid].nodes[owner.node_id]
+        session = self._sessions.get(zid)
+        node = None if session is None else session.nodes.get(owner.node_id)
+        if node is None:
+            return False
         if isinstance(token, NodeToken):
-            node.is_announced = False
+            node.names.discard(text)
         elif token.kind is EntityKind.CLIENT:
             self._gone_clients.append(endpoints[0].guid)
         for endpoint in endpoints:
@@ -177,7 +181,7 @@ class TokenGraph:
         """Tell which nodes a session has, or that it is gone."""
         session = self._sessions[zid]
         nodes = session.nodes = {
-            number: node for number, node in session.nodes.items() if node.is_announced or node.readers or node.writers
+            number: node for number, node in session.nodes.items() if node.names or node.readers or node.writers
         }
         if not nodes:
             del self._sessions[zid]
@@ -213,4 +217,6 @@ class TokenGraph:
 
 
 def _key(endpoint: EndpointFound, is_writer: bool) -> Key:
-    return endpoint.topic, endpoint.type, endpoint.service_hash or endpoint.type_hash, is_writer
+    # A service that tells no hash has that of its request at most in our own graph, and others do not know it.
+    told = endpoint.service_hash if endpoint.service_id else endpoint.type_hash
+    return endpoint.topic, endpoint.type, told, is_writer

@@ -13,13 +13,13 @@ from __future__ import annotations
 import contextlib
 import itertools
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.names.dds import demangle_topic, type_name
-from rosidl_py_gen.runtime.transport.interface import ServiceEndpoints
+from rosidl_py_gen.runtime.transport.interface import ServiceEndpoints, TransportError
 from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, handler, keep
 from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, EndpointFound, NodeEntities, Service, Sink
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
+_EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
 _NOBODY = "_"
 """Stands for the node of endpoints that have none; they have no token, so nobody reads it."""
 
@@ -85,9 +86,7 @@ class ZenohParticipant:
         self, topic: str, type: str, qos: QoSProfile, type_hash: str = "", *, node: int = 0
     ) -> ZenohWriter:
         told = self._describe(EntityKind.PUBLISHER, _name(topic), type, type_hash, qos, node)
-        writer = ZenohWriter(self, told.endpoints[0], told.key)
-        self._adopt(writer, told)
-        return writer
+        return self._adopt(told, lambda: ZenohWriter(self, told.endpoints[0], told.key))
 
     def create_reader(
         self,
@@ -100,22 +99,18 @@ class ZenohParticipant:
         ignore_local: bool = False,
     ) -> ZenohReader:
         told = self._describe(EntityKind.SUBSCRIPTION, _name(topic), type, type_hash, qos, node)
-        reader = ZenohReader(self, told.endpoints[0], told.key, ignore_local=ignore_local)
-        self._adopt(reader, told)
-        return reader
+        return self._adopt(told, lambda: ZenohReader(self, told.endpoints[0], told.key, ignore_local=ignore_local))
 
     def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
         told = self._describe_service(EntityKind.CLIENT, service, qos, node)
         replies, requests = told.endpoints
-        reader = ReplyReader(self, replies, told.key)
-        self._adopt(reader, told)
+        reader = self._adopt(told, lambda: ReplyReader(self, replies, told.key))
         return ServiceEndpoints(reader, RequestWriter(self, requests, reader), replies.guid)
 
     def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
         told = self._describe_service(EntityKind.SERVER, service, qos, node)
         requests, replies = told.endpoints
-        reader = RequestReader(self, requests, told.key)
-        self._adopt(reader, told)
+        reader = self._adopt(told, lambda: RequestReader(self, requests, told.key))
         return ServiceEndpoints(reader, ReplyWriter(self, replies, reader, told.key), requests.guid)
 
     def _describe(
@@ -140,12 +135,20 @@ class ZenohParticipant:
         endpoints = tuple(replace(one, type_hash=half) for one, half in zip(told.endpoints, halves, strict=True))
         return told._replace(endpoints=endpoints)
 
-    def _adopt(self, endpoint: ZenohReader | ZenohWriter, told: _Description) -> None:
-        """Tell others of an endpoint that is ready."""
-        token = self._liveliness.declare_token(told.token) if told.token else None
+    def _adopt(self, told: _Description, make: Callable[[], _EndpointT]) -> _EndpointT:
+        """Make an endpoint, and tell others of it when it is ready."""
+        endpoint = None
+        try:
+            endpoint = make()
+            token = self._liveliness.declare_token(told.token) if told.token else None
+        except zenoh.ZError as error:
+            if endpoint is not None:
+                endpoint.close()
+            raise TransportError(f"create an endpoint of {told.endpoints[0].topic} at {told.key}: {error}") from None
         self._owned[endpoint.guid] = _Owned(endpoint, token, told.endpoints)
         self.graph.add_own(told.endpoints)
         self.arrivals.put(self.report_discovery)
+        return endpoint
 
     def withdraw(self, guid: bytes) -> None:
         """That endpoint of ours will be undeclared."""
@@ -192,7 +195,8 @@ class ZenohParticipant:
         self.arrivals.put(self.report_discovery)
 
     def report_discovery(self) -> None:
-        if self._discovery_sink is None:
+        sink = self._discovery_sink  # another thread may close us
+        if sink is None:
             return
         events = self.graph.events()
         for client in self.graph.take_gone_clients():
@@ -200,7 +204,7 @@ class ZenohParticipant:
                 if isinstance(owned.endpoint, RequestReader):
                     owned.endpoint.forget(client)
         if events:
-            self._discovery_sink(events)
+            sink(events)
 
     # -------------------------------------------------------------------------------------------------- waiting
 
@@ -226,15 +230,20 @@ class ZenohParticipant:
     def close(self) -> None:
         if self._closed:
             return
+        # What Zenoh refuses to undeclare goes with the session, whose end it gives up when the machine is too busy.
         for owned in list(self._owned.values()):
-            owned.endpoint.close()
+            with contextlib.suppress(zenoh.ZError):
+                owned.endpoint.close()
         self._closed = True
-        self.announce({})
         self._discovery_sink = None
-        self._listener.undeclare()
-        with contextlib.suppress(zenoh.ZError):  # it gives up after a while when the machine is too busy
-            self.session.close()
-        self.arrivals.close()
+        try:
+            with contextlib.suppress(zenoh.ZError):
+                self.announce({})
+                self._listener.undeclare()
+        finally:
+            with contextlib.suppress(zenoh.ZError):
+                self.session.close()
+            self.arrivals.close()
 
 
 def _name(topic: str) -> str:

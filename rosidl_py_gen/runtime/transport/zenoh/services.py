@@ -2,7 +2,8 @@
 
 Decides that a request waits until a server is within reach, so that it is never lost for being early; that a query
 which ends without a response, because its servers died, is told to the client as such; and how long queries are kept
-that nobody answers: until their client is gone, or many others came behind.
+that nobody answers: until their client is gone, or many others came behind. Queries never end by themselves, as calls
+do not; a client that gives one up cancels it.
 
 Source: zenoh.md 6.
 """
@@ -11,24 +12,30 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import TYPE_CHECKING, Any
+from collections import deque
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.interface import TransportError, identified, unanswered
+from rosidl_py_gen.runtime.transport.interface import TransportError, identified
+from rosidl_py_gen.runtime.transport.unanswered import unanswered
 from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
-from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, handler, read_attachment
+from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, handler, keep
 from rosidl_py_gen.runtime.transport.zenoh.graph import twin
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.interface import EndpointFound, Identity, Payload
     from rosidl_py_gen.runtime.transport.zenoh.endpoints import Host
 
-_QUERY_TIMEOUT_S = 600.0
 _ENDLESS_S = 1e9
-"""For results of actions, which rmw_zenoh_cpp waits for without end, too; Zenoh refuses infinity."""
+"""Zenoh refuses infinity."""
 _MOST_QUERIES = 10_000
+_MOST_BYTES = 64 * 2**20
+"""Of requests that nobody answered yet, together."""
+_MOST_ANSWERED = 16
+_HEADER_BYTES = 4
+_MOST_CHARACTERS = 300
 _time_ns = time.time_ns
 
 
@@ -47,6 +54,9 @@ class _Half:
 
     def has_readers(self) -> bool:
         return bool(self._owner.graph.connected(self.info))
+
+    def forget(self, number: int) -> None:
+        """Only requests are kept."""
 
     def reaches(self, client: bytes) -> bool:
         """A reply goes where its query came from."""
@@ -69,12 +79,18 @@ class _Half:
 class ReplyReader(ZenohReader):
     """The half of a client that has its queries answered."""
 
+    def __init__(self, owner: Host, info: EndpointFound, key: str) -> None:
+        self._asked: dict[int, _Asked] = {}
+        self._answered: deque[int] = deque()
+        """Those that other servers may still answer."""
+        super().__init__(owner, info, key)
+
     def _declare(self, key: str) -> Any:
         return self._owner.session.declare_querier(
             key,
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=_ENDLESS_S if "/_action/get_result/" in key else _QUERY_TIMEOUT_S,
+            timeout=_ENDLESS_S,
         )
 
     def ask(self, data: bytes, number: int) -> bool:
@@ -82,9 +98,46 @@ class ReplyReader(ZenohReader):
         querier = self._subscriber
         if not querier.matching_status.matching:
             return False
-        asked = _Asked(self, number)
-        querier.get(handler(asked.on_reply, asked.on_end), payload=data, attachment=pack(number, _time_ns(), self.guid))
+        asked = self._asked[number] = _Asked(self, number)
+        callback, attachment = handler(asked.on_reply, asked.on_end), pack(number, _time_ns(), self.guid)
+        try:
+            querier.get(callback, payload=data, attachment=attachment, cancellation_token=asked.token)
+        except BaseException:
+            self._cancel(number)
+            raise
         return True
+
+    def forget(self, number: int) -> None:
+        """Nobody waits for that reply any more, or it came: then the query mostly ends by itself, which costs less."""
+        asked = self._asked.get(number)
+        if asked is None:
+            return
+        if asked.is_over:
+            self._answered.append(number)
+            if len(self._answered) <= _MOST_ANSWERED:
+                return
+            number = self._answered.popleft()
+        self._cancel(number)
+
+    def _cancel(self, number: int) -> None:
+        """Zenoh may be in one of our functions, and is waited for: no locks."""
+        asked = self._asked.pop(number, None)
+        if asked is not None:
+            asked.cancel()
+
+    def ended(self, number: int) -> None:
+        """Called by Zenoh: nothing more will come for that request."""
+        self._asked.pop(number, None)
+
+    def close(self) -> None:
+        for number in list(self._asked):  # while undeclaring, Zenoh would end them with its session locked
+            self._cancel(number)
+        super().close()
+
+    def abandon(self) -> None:
+        super().abandon()
+        keep(self._asked)
+        self._asked = {}
 
     def server_of(self, reply: Any) -> int:
         """The handle of the server that answered, 0 when it is not known."""
@@ -96,28 +149,45 @@ class ReplyReader(ZenohReader):
 class _Asked:
     """A query under way."""
 
-    __slots__ = ("_client", "_is_answered", "_number")
+    __slots__ = ("_client", "_identity", "_reason", "is_over", "token")
 
     def __init__(self, client: ReplyReader, number: int) -> None:
         self._client = client
-        self._number = number
-        self._is_answered = False
+        self._identity = (client.guid, number)
+        self.is_over = False
+        self._reason: tuple[str, ...] = ()
+        self.token = zenoh.CancellationToken()
 
     def on_reply(self, reply: Any) -> None:
         """Called by Zenoh with each reply; an error is none."""
         sample = reply.ok
-        told = None if sample is None else read_attachment(sample)
-        data = b"" if sample is None else sample.payload.to_bytes()
-        if told is not None and data:
-            self._is_answered = True
-            answer = identified(data, (self._client.guid, self._number))
+        if sample is None:
+            self._reason = (f"answered with an error: {_printable(reply.err.payload.to_bytes())}",)
+            return
+        told = self._client.read_attachment(sample)
+        data = sample.payload.to_bytes()
+        if told is not None and len(data) >= _HEADER_BYTES:
+            self.is_over = True
+            answer = identified(data, self._identity)
             self._client.receive((answer, told[1], self._client.server_of(reply), _time_ns()))
 
     def on_end(self) -> None:
         """Called by Zenoh when nothing more will come."""
-        if not self._is_answered:
+        self._client.ended(self._identity[1])
+        if not self.is_over:
             now = _time_ns()
-            self._client.receive((unanswered((self._client.guid, self._number)), now, 0, now))
+            self._client.receive((unanswered(self._identity, *self._reason), now, 0, now))
+
+    def cancel(self) -> None:
+        """Let Zenoh forget it; waits while Zenoh is in one of the functions above."""
+        self.is_over = True
+        self.token.cancel()
+
+
+def _printable(text: bytes) -> str:
+    """What a peer says, for people."""
+    shown = text[: 4 * _MOST_CHARACTERS].decode(errors="replace")[:_MOST_CHARACTERS]
+    return "".join(char if char.isprintable() else " " for char in shown)
 
 
 class RequestWriter(_Half):
@@ -138,15 +208,27 @@ class RequestWriter(_Half):
         except zenoh.ZError as error:
             raise TransportError(f"send a request of {len(data)} bytes on {self.info.topic}: {error}") from None
 
+    def forget(self, number: int) -> None:
+        """See `transport.Writer`."""
+        self._reader.forget(number)
+
 
 # -------------------------------------------------------------------------------------------------------------- server
+
+
+class _Query(NamedTuple):
+    """A query that is not answered yet."""
+
+    query: Any
+    size_bytes: int
 
 
 class RequestReader(ZenohReader):
     """The half of a server that gets queries, and keeps those that are not answered yet."""
 
     def __init__(self, owner: Host, info: EndpointFound, key: str) -> None:
-        self._queries: dict[Identity, Any] = {}
+        self._queries: dict[Identity, _Query] = {}
+        self._queries_bytes = 0
         self._queries_lock = threading.RLock()
         super().__init__(owner, info, key)
 
@@ -155,26 +237,39 @@ class RequestReader(ZenohReader):
 
     def _take(self, query: Any) -> None:
         """Called by Zenoh with each query."""
-        told = read_attachment(query)
+        told = self.read_attachment(query)
         data = b"" if query.payload is None else query.payload.to_bytes()
-        if told is None or not data:
+        if told is None or len(data) < _HEADER_BYTES:
             query.drop()
             return
         number, stamp_ns, gid = told
-        with self._queries_lock:
-            is_new = self._queries.setdefault((gid, number), query) is query
-            oldest = next(iter(self._queries)) if len(self._queries) > _MOST_QUERIES else None
-        if not is_new:
+        if not self._keep((gid, number), _Query(query, len(data))):
             query.drop()
             return
-        if oldest is not None:
-            self._drop([oldest])
         self.receive((identified(data, (gid, number)), stamp_ns, int.from_bytes(twin(gid), "little"), _time_ns()))
+
+    def _keep(self, identity: Identity, query: _Query) -> bool:
+        """Remember a query until it is answered, and give up the oldest where there are too many; False: not wanted."""
+        given_up = []
+        with self._queries_lock:
+            if self._closed or identity in self._queries:
+                return False
+            self._queries[identity] = query
+            self._queries_bytes += query.size_bytes
+            while len(self._queries) > 1 and (len(self._queries) > _MOST_QUERIES or self._queries_bytes > _MOST_BYTES):
+                given_up.append(self.claim(next(iter(self._queries))))
+        for old in filter(None, given_up):
+            old.drop()
+        return True
 
     def claim(self, identity: Identity) -> Any | None:
         """The query to be answered; None when it is gone."""
         with self._queries_lock:
-            return self._queries.pop(identity, None)
+            found = self._queries.pop(identity, None)
+            if found is None:
+                return None
+            self._queries_bytes -= found.size_bytes
+            return found.query
 
     def forget(self, client: bytes) -> None:
         """That client is gone."""
@@ -191,6 +286,11 @@ class RequestReader(ZenohReader):
         with self._queries_lock:
             left = list(self._queries)
         self._drop(left)
+
+    def abandon(self) -> None:
+        super().abandon()
+        keep(self._queries)
+        self._queries, self._queries_lock = {}, threading.RLock()
 
 
 class ReplyWriter(_Half):

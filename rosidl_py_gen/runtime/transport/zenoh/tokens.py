@@ -25,7 +25,7 @@ CPU_BACKEND = "backends:cpu:"
 
 _NODE_CHUNKS, _ENDPOINT_CHUNKS = 9, 13
 _NUMBER = re.compile(r"[0-9]{1,20}\Z")
-_ZID = re.compile(r"[0-9a-f]{1,32}\Z")
+_ZID = re.compile(r"(?!0)[0-9a-f]{1,32}\Z")
 
 
 class EntityKind(Enum):

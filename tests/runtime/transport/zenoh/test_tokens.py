@@ -217,6 +217,8 @@ def test_a_token_without_one_of_its_chunks_is_not_read(place: int, chunk: str | 
         (2, "8B20"),
         (2, "0" * 33),
         (2, "0x1"),
+        (2, "0"),
+        (2, "01a"),  # another text of the session 1a would stand for the same GUID
         (3, "1.0"),
         (4, "9" * 5000),
         (5, "XX"),

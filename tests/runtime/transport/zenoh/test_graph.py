@@ -1,0 +1,73 @@
+"""What a graph makes of tokens, also of those that no ROS node would declare."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodesFound, ParticipantFound
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid
+from rosidl_py_gen.runtime.transport.zenoh.tokens import EndpointToken, EntityKind, NodeToken, gid_of, read_token
+
+ODD = [
+    "@ros2_lv/0/1a/5/5/NN/%/%/a",
+    "@ros2_lv/0/1a/5/6/NN/%/%/b",
+    "@ros2_lv/0/1a/05/5/NN/%/%/a",
+    "@ros2_lv/0/1a/5/5/NN/%/%/a/later",
+    "@ros2_lv/0/01a/5/5/NN/%/%/a",
+    "@ros2_lv/0/1a/5/7/MP/%/%/a/%t/T/H/::,10:,:,:,,",
+    "@ros2_lv/0/1a/05/7/MS/%/%/b/%t/T/H/::,10:,:,:,,",
+    "@ros2_lv/0/1a/6/7/SC/%/%/c/%s/T/H/::,10:,:,:,,",
+    "@ros2_lv/0/1a/6/7/SS/%/%/c/%s/T/H/::,10:,:,:,,",
+    "@ros2_lv/0/2b/5/5/NN/%/%/a",
+    "@ros2_lv/0/ff/5/5/NN/%/%/ours",
+    "stray",
+]
+
+
+def there(graph: TokenGraph) -> set[bytes]:
+    """The GUIDs that were found and not lost, of a graph that nobody has asked yet."""
+    guids: set[bytes] = set()
+    for event in graph.events():
+        if isinstance(event, ParticipantFound | EndpointFound):
+            guids.add(event.guid)
+        elif isinstance(event, Lost):
+            guids.remove(event.guid)
+    return guids
+
+
+@given(st.lists(st.tuples(st.booleans(), st.sampled_from(ODD), st.booleans())))
+def test_tokens_in_any_order_raise_nothing_and_leave_nothing(news: list[tuple[bool, str, bool]]) -> None:
+    graph = TokenGraph("ff", "/")
+    for is_there, text, is_read in news:
+        graph.hear(is_there, text)
+        if is_read:
+            graph.read()
+    for text in ODD:
+        graph.hear(False, text)
+        graph.read()
+    assert there(graph) == {participant_guid("ff")}
+
+
+def test_a_node_of_two_tokens_is_there_until_both_are_gone() -> None:
+    graph = TokenGraph("ff", "/")
+    for text in ODD[:2]:
+        graph.hear(True, text)
+    graph.events()
+    graph.hear(False, ODD[0])
+    assert [type(event) for event in graph.events()] == [NodesFound]
+    graph.hear(False, ODD[1])
+    assert graph.events() == [Lost(participant_guid("1a"))]
+
+
+def test_services_without_a_hash_are_connected_whatever_our_messages_have() -> None:
+    graph = TokenGraph("ff", "/")
+    token = EndpointToken(NodeToken(0, "ff", 1, "n"), 2, EntityKind.CLIENT, "/s", "p::srv::dds_::X_", "", DEFAULT)
+    replies = replace(endpoints_of(token, gid_of(str(token)))[0], type_hash="RIHS01_" + 64 * "0")
+    server = str(EndpointToken(NodeToken(0, "1a", 1, "m"), 2, EntityKind.SERVER, "/s", "p::srv::dds_::X_", "", DEFAULT))
+    assert read_token(server) is not None
+    graph.hear(True, server)
+    assert list(graph.connected(replies).values()) == ["1a"]

@@ -1,0 +1,88 @@
+"""What a participant does when Zenoh refuses something."""
+
+from __future__ import annotations
+
+import os
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import zenoh
+
+from rosidl_py_gen.runtime.transport.interface import Service, TransportError
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
+from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.transport.interface import Participant
+
+SERVICE = Service("/s", "p/srv/X", "", "", "")
+
+
+class Session:
+    """A session of Zenoh that does nothing, and refuses the functions of the names in `refused`."""
+
+    def __init__(self) -> None:
+        self.refused: set[str] = set()
+        self.calls: list[str] = []
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        def call(*_: object, **__: object) -> Any:
+            self.calls.append(name)
+            if name in self.refused:
+                raise zenoh.ZError("no")
+            return self
+
+        return call
+
+    def zid(self) -> str:
+        return "1a"
+
+
+@pytest.mark.parametrize(
+    ("refused", "create"),
+    [
+        ("declare_publisher", lambda one: one.create_writer("rt/t", "T", DEFAULT)),
+        ("declare_subscriber", lambda one: one.create_reader("rt/t", "T", DEFAULT)),
+        ("declare_querier", lambda one: one.create_client(SERVICE, DEFAULT)),
+        ("declare_queryable", lambda one: one.create_server(SERVICE, DEFAULT)),
+        ("declare_token", lambda one: one.create_writer("rt/t", "T", DEFAULT, node=1)),
+    ],
+)
+def test_what_zenoh_refuses_to_create_is_a_transport_error(
+    refused: str, create: Callable[[Participant], object]
+) -> None:
+    session = Session()
+    participant = ZenohParticipant(session, 0, "/")
+    participant.announce({1: SimpleNamespace(name="n", namespace="/")})  # type: ignore[dict-item]
+    session.refused = {refused}
+    with pytest.raises(TransportError, match=r"create an endpoint of .*/[ts]\S* at 0/[ts]/.*: no"):
+        create(participant)
+    assert (session.calls[-1] == "undeclare") == (refused == "declare_token")
+    participant.close()
+
+
+def test_a_session_is_closed_whatever_zenoh_refuses_to_undeclare() -> None:
+    session = Session()
+    participant = ZenohParticipant(session, 0, "/")
+    for _ in range(2):
+        participant.create_writer("rt/t", "T", DEFAULT)
+    session.refused = {"undeclare", "close"}
+    participant.close()
+    assert session.calls.count("undeclare") == 3 and session.calls[-1] == "close"
+    assert participant.fileno() is None
+
+
+def test_what_arrives_after_the_end_is_written_nowhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    arrivals = Arrivals()
+    written: list[int] = []
+    monkeypatch.setattr(os, "write", lambda descriptor, _: written.append(descriptor))
+    arrivals.put(lambda: None)
+    assert len(written) == 1
+    arrivals.take()
+    arrivals.close()
+    arrivals.put(lambda: None)
+    assert len(written) == 1

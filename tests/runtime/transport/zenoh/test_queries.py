@@ -1,0 +1,180 @@
+"""Requests and responses as queries of Zenoh: what is kept of them, and what strange peers do."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from example_interfaces.srv import AddTwoInts
+from std_msgs.msg import String
+from worlds import World, until, zenoh_environment
+
+from rosidl_py_gen import DecodeError
+from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
+from rosidl_py_gen.runtime.transport.zenoh import services
+from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+GID = bytes(range(16))
+
+
+@pytest.fixture
+def zenoh(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+    """A world on Zenoh."""
+    for name, value in zenoh_environment().items():
+        monkeypatch.setenv(name, value)
+    made = World("zenoh")
+    yield made
+    made.close()
+
+
+class Pair:
+    """A server that answers nothing by itself, and its client."""
+
+    def __init__(self, world: World) -> None:
+        self.node = world.node("server")
+        self.server = self.node.create_service(AddTwoInts, "add")
+        self.client = world.node("caller").create_client(AddTwoInts, "add")
+        self.reader: Any = self.server._reader
+        self.replies: Any = self.client._reader
+        self.session: Any = self.node.scope.participant.session  # type: ignore[attr-defined]
+        self.key = (
+            f"{self.node.context.domain_id}/add/example_interfaces::srv::dds_::AddTwoInts_/{AddTwoInts._TYPE.hash}"
+        )
+
+    def call(self, timeout_s: float | None = 20) -> asyncio.Future[Any]:
+        return asyncio.ensure_future(self.client.call(AddTwoInts.Request(a=1, b=2), timeout_s=timeout_s))
+
+    async def asked(self) -> tuple[tuple[bytes, int], Any]:
+        """The first request that arrives, for the test to answer."""
+        await until(lambda: self.reader._queries)
+        identity = next(iter(self.reader._queries))
+        return identity, self.reader.claim(identity)
+
+
+@pytest.fixture
+def pair(zenoh: World) -> Pair:
+    return Pair(zenoh)
+
+
+async def test_calls_that_are_given_up_leave_nothing_in_zenoh(pair: Pair) -> None:
+    assert await pair.client.wait_for_service(5)
+    with pytest.raises(CallTimeoutError):
+        await pair.call(0.2)
+    assert not pair.replies._asked
+    for number in range(200):
+        calling = pair.call()
+        await asyncio.sleep(0.0001 * (number % 10))
+        calling.cancel()
+    await until(lambda: not pair.replies._asked)
+    assert pair.client.pending_count == 0
+
+
+async def test_a_call_that_was_answered_leaves_nothing_in_zenoh(zenoh: World) -> None:
+    zenoh.node("server").create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=3))
+    client = zenoh.node("caller").create_client(AddTwoInts, "add")
+    calls = (client.call(AddTwoInts.Request(), timeout_s=20) for _ in range(200))
+    assert {response.sum for response in await asyncio.gather(*calls)} == {3}
+    replies: Any = client._reader
+    await until(lambda: not replies._asked)
+
+
+async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pair: Pair, zenoh: World) -> None:
+    zenoh.node("second").create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=3))
+    await until(lambda: len(pair.replies.matched_writers()) == 2)
+    for _ in range(30):
+        assert (await pair.call()).sum == 3
+    assert len(pair.replies._asked) == services._MOST_ANSWERED
+
+
+async def test_closing_a_client_with_calls_under_way_cancels_them(pair: Pair) -> None:
+    calls = [pair.call() for _ in range(20)]
+    await until(lambda: len(pair.replies._asked) == 20)
+    pair.client.close()
+    assert not pair.replies._asked
+    for result in await asyncio.gather(*calls, return_exceptions=True):
+        assert "was closed during the call" in str(result)
+
+
+async def test_an_error_in_place_of_a_response_is_told(pair: Pair) -> None:
+    calling = pair.call()
+    _, query = await pair.asked()
+    query.reply_err(b"no \x1b[31mnumbers" + 1000 * b"!")
+    query.drop()
+    with pytest.raises(ServerLostError, match=r"server of /add answered with an error: no  \[31mnumbers!+\Z") as caught:
+        await calling
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize(
+    ("data", "error"), [(b"\0\1\0\0", DecodeError), (b"\0\1\0", ServerLostError), (b"", ServerLostError)]
+)
+async def test_a_response_without_content_is_no_lost_server_but_one_without_header_is_none(
+    pair: Pair, data: bytes, error: type[Exception]
+) -> None:
+    calling = pair.call()
+    (gid, number), query = await pair.asked()
+    query.reply(pair.key, data, attachment=pack(number, 1, gid))
+    query.drop()
+    with pytest.raises(error):
+        await calling
+
+
+async def test_a_request_without_header_is_not_kept(pair: Pair) -> None:
+    assert await pair.client.wait_for_service(5)
+    for data in (b"", b"x", b"\0\1\0"):
+        pair.session.get(pair.key, payload=data, attachment=pack(1, 1, GID))
+    pair.session.get(pair.key, payload=bytes((0, 1)) + bytes(18), attachment=pack(2, 1, GID))
+    await until(lambda: pair.reader._queries)
+    assert list(pair.reader._queries) == [(GID, 2)]
+
+
+async def test_of_large_requests_that_nobody_answers_the_oldest_are_given_up(
+    pair: Pair, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(services, "_MOST_BYTES", 45)  # a request has 20
+    assert await pair.client.wait_for_service(5)
+    calls = [pair.call() for _ in range(4)]
+    requests = [await anext(pair.server) for _ in range(4)]
+    for call in calls[:2]:
+        with pytest.raises(ServerLostError):
+            await call
+    assert pair.reader._queries_bytes == 40
+    for request in requests:
+        request.respond(AddTwoInts.Response(sum=3))
+    assert [(await call).sum for call in calls[2:]] == [3, 3]
+    assert pair.reader._queries_bytes == 0
+
+
+async def test_a_forked_child_touches_no_query(pair: Pair) -> None:
+    calling = pair.call()
+    await until(lambda: pair.reader._queries and pair.replies._asked)
+    pair.reader.abandon()
+    pair.replies.abandon()
+    pair.reader.close()
+    pair.replies.forget(1)
+    assert not pair.reader._queries and not pair.replies._asked
+    await asyncio.sleep(0.1)
+    assert not calling.done()
+    calling.cancel()
+
+
+async def test_what_arrives_without_attachment_is_logged_on_the_thread_of_the_loop(
+    zenoh: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = zenoh.node("n")
+    subscription = node.create_subscription(String, "t")
+    session: Any = node.scope.participant.session  # type: ignore[attr-defined]
+    key = f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{String._TYPE.hash}"
+    data = String(data="x").encode()
+    while "found none" not in caplog.text:  # at most one a second is logged, also of other tests
+        await asyncio.to_thread(session.put, key, data)
+        await asyncio.sleep(0.1)
+    await asyncio.to_thread(session.put, key, data, attachment=pack(1, 1, GID))
+    assert (await subscription.receive(5)).data == "x"
+    threads = {record.thread for record in caplog.records if "found none" in record.getMessage()}
+    assert threads == {threading.get_ident()}
