@@ -413,8 +413,12 @@ async def test_a_slow_viewer_loses_the_oldest_messages_and_holds_up_nobody(
         connect(address, subprotocols=protocols, sock=_small(address), max_size=None, max_queue=1) as slow,
         viewer(address) as looking,
     ):
-        channel = await looking.until(lambda: looking.channels.get("/images"))
+        channel = await looking.subscribe("/images")  # so the SDK knows it
         await slow.send(json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": channel["id"]}]}))
+        await slow.send(json.dumps({"op": "fetchAsset", "uri": "", "requestId": 0}))  # refused, but in its turn
+        while "assets" not in str(await asyncio.wait_for(slow.recv(), 20)):
+            pass
+        await looking.send("unsubscribe", subscriptionIds=[1])
         assert await images.wait_for_subscribers(20, count=2)
         for number in range(count):
             images.publish(Image(height=number, data=bytes(1 << 20)))

@@ -10,6 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
+from worlds import until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import ClockType, Duration, Time
@@ -26,8 +27,8 @@ async def test_ticks_come_at_the_period_and_do_not_drift(memory: World) -> None:
     timer = node.create_wall_timer(0.02)
     for _ in range(10):
         await timer.tick()
-        await asyncio.sleep(0.005)
-    assert 0.19 <= time.monotonic() - start <= 0.26
+        await asyncio.sleep(0.015)
+    assert 0.19 <= time.monotonic() - start <= 0.33  # 0.35 if the period began with the tick
 
 
 async def test_missed_ticks_are_skipped_and_counted(memory: World) -> None:
@@ -35,7 +36,8 @@ async def test_missed_ticks_are_skipped_and_counted(memory: World) -> None:
     time.sleep(0.055)
     since_last = await timer.tick()
     assert since_last.seconds >= 0.05
-    assert timer.missed == 4
+    periods = int(since_last.seconds / 0.01)  # the machine may have slept for longer than it was told to
+    assert timer.missed >= 4 and periods - 2 <= timer.missed <= periods
     assert timer.call_count == 1
 
 
@@ -49,10 +51,8 @@ async def test_plain_and_async_callbacks(memory: World) -> None:
 
     node.create_timer(0.01, lambda: calls.append("plain"))
     slow_timer = node.create_timer(0.01, slow)
-    await asyncio.sleep(0.105)
-    assert 7 <= calls.count("plain") <= 11
-    assert 2 <= calls.count("slow") <= 4
-    assert slow_timer.missed >= 4
+    await until(lambda: calls.count("plain") >= 7 and calls.count("slow") >= 2 and slow_timer.missed >= 4)
+    assert calls.count("slow") < calls.count("plain")
 
 
 async def test_a_failing_callback_is_logged_and_called_again(memory: World, caplog: pytest.LogCaptureFixture) -> None:
@@ -65,8 +65,7 @@ async def test_a_failing_callback_is_logged_and_called_again(memory: World, capl
 
     memory.node("n").create_timer(0.01, callback)
     with caplog.at_level(logging.ERROR):
-        await asyncio.sleep(0.06)
-    assert count >= 3
+        await until(lambda: count >= 3)
     assert "tick tock" in caplog.text
 
 
@@ -78,8 +77,7 @@ async def test_cancel_and_reset(memory: World) -> None:
     await asyncio.sleep(0.03)
     assert calls == []
     timer.reset()
-    await asyncio.sleep(0.03)
-    assert calls
+    await until(lambda: bool(calls))
 
 
 async def test_simulated_time_drives_timers(memory: World) -> None:
@@ -156,8 +154,7 @@ async def test_the_cancelled_error_of_something_awaited_is_a_failure_like_others
 
     timer = world.node("n").create_timer(0.01, plain if outcome is cancelled_outcome else awaited)
     with caplog.at_level(logging.ERROR):
-        await asyncio.sleep(0.1)
-    assert count >= 3
+        await until(lambda: count >= 3 and len(caplog.records) >= 3)
     ours = [record for record in caplog.records if "a timer's callback failed" in record.getMessage()]
     assert len(ours) >= 3 and all(record.exc_info for record in ours)
     assert len(ours) == len([record for record in caplog.records if record.levelno >= logging.ERROR])
@@ -177,10 +174,10 @@ async def test_closing_the_node_cancels_a_callback_without_a_word(
             ends.append("cancelled")
             raise
 
-    node.create_timer(0.01, waits)
-    await asyncio.sleep(0.05)
+    timer = node.create_timer(0.01, waits)
+    await until(lambda: timer.missed > 0)
     node.close()
-    await asyncio.sleep(0.01)
+    await until(lambda: bool(ends))
     assert ends == ["cancelled"]
     assert caplog.text == ""
 
@@ -201,10 +198,10 @@ async def test_a_plain_callback_that_returns_a_coroutine_is_awaited(
         raise ValueError("after the work")
 
     timer = world.node("n").create_timer(0.01, lambda: work())
-    await asyncio.sleep(0.2)
+    await until(lambda: runs >= 3)
     timer.close()
     gc.collect()
-    assert runs >= 3 and most == 1
+    assert most == 1
     assert timer.missed >= runs
     assert "after the work" in caplog.text and "never awaited" not in caplog.text
 
@@ -233,7 +230,7 @@ async def test_a_timer_of_another_thread_is_called_in_time_and_on_the_loop(world
     thread.join()
     assert time.monotonic() - start < 1
     assert len(calls) == 3 and {ident for _, ident in calls} == {threading.get_ident()}
-    assert 0.04 <= calls[0][0] - made[0] <= 0.15
+    assert 0.04 <= calls[0][0] - made[0] <= 0.5
 
 
 async def test_closing_in_another_thread_wakes_who_waits(world: World) -> None:
@@ -266,7 +263,7 @@ async def test_cancel_and_reset_in_another_thread(world: World) -> None:
     thread.start()
     await asyncio.wait({done}, timeout=2)
     thread.join()
-    assert 0.04 <= done.result() - again[0] <= 0.15
+    assert 0.04 <= done.result() - again[0] <= 0.5
     await asyncio.to_thread(timer.cancel)
     calls = timer.call_count
     await asyncio.sleep(0.12)
