@@ -418,12 +418,12 @@ async def test_a_slow_viewer_loses_the_oldest_messages_and_holds_up_nobody(
         await slow.send(json.dumps({"op": "fetchAsset", "uri": "", "requestId": 0}))  # refused, but in its turn
         while "assets" not in str(await asyncio.wait_for(slow.recv(), 20)):
             pass
-        await looking.send("unsubscribe", subscriptionIds=[1])
         assert await images.wait_for_subscribers(20, count=2)
         for number in range(count):
             images.publish(Image(height=number, data=bytes(1 << 20)))
             assert (await other.receive(20)).height == number
-        received = []
+        await looking.until(lambda: looking.frames and Image.decode(looking.frames[-1][2]).height == count - 1)
+        received = []  # only now, when the server has passed on every message
         while not received or received[-1] != count - 1:
             frame = await asyncio.wait_for(slow.recv(), 20)
             if isinstance(frame, bytes):
