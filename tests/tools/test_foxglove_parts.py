@@ -212,7 +212,7 @@ async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monke
     complaints: list[Any] = []
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(lambda _, context: complaints.append(context))
-    types.load_ahead()
+    await types.meanwhile(asyncio.sleep(0.1))
     await loop.run_in_executor(None, print)
     for _ in range(10):
         await asyncio.sleep(0.01)
