@@ -223,11 +223,12 @@ class Writer(Protocol):
     def handle(self) -> int:
         """Unsigned number that is unique among the writers of this machine's process (protocol.md 5.1)."""
 
-    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         """Send a sample. Never blocks and never holds the GIL inside the middleware.
 
         Args:
             identity: for services of peers that want it so (`Participant.identifies`).
+            timeout_s: how long the response to a request is waited for at most, if that is known.
 
         Returns:
             False when a reliable reader is so far behind that the middleware wants us to wait; nothing was sent.

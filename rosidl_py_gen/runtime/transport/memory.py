@@ -255,7 +255,7 @@ class MemoryWriter(_Endpoint):
         depth = (None if qos.history is History.KEEP_ALL else max(1, qos.depth)) if keeps else 0
         self._history: deque[Sample] = deque(maxlen=depth)
 
-    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         if self.closed:
             raise ClosedError("this writer is closed")
         now = time.time_ns()

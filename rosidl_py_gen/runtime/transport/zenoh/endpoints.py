@@ -135,7 +135,7 @@ class ZenohWriter:
         self._put = self._publisher.put
         self._closed = False
 
-    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         """See `transport.Writer`. A reliable keep-all writer waits here for slow peers, without the GIL."""
         if self._closed:
             raise ClosedError(f"the writer of {self.info.topic} is closed")
