@@ -184,6 +184,7 @@ class DdsParticipant:
         client_id: str = "",
         service_id: str = "",
         ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> Reader:
         """See `create_writer`."""
         raise NotImplementedError

@@ -353,8 +353,14 @@ class Participant(Protocol):
         *,
         node: int = 0,
         ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> Reader:
-        """`ignore_local`: no samples of writers of this participant. Raises `TransportError`."""
+        """Raises `TransportError`.
+
+        Args:
+            ignore_local: no samples of writers of this participant.
+            has_buffer: messages have, or may have, an unbounded array of bytes.
+        """
 
     def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
         """What reads replies and writes requests. Raises `TransportError`."""

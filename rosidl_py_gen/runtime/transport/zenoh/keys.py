@@ -47,6 +47,7 @@ def cpu_channel(key: str) -> str:
     """Where publishers of Lyrical and later send some messages to those whose token says `tokens.CPU_BACKEND`.
 
     That is done for messages with an unbounded array of bytes that are not transient local; others, and publishers of
-    earlier distributions, use the key itself (zenoh.md 9.2).
+    earlier distributions, use the key itself (zenoh.md 9.2). Arrays inside nested messages count since 3.10.1 of
+    rosidl_typesupport_fastrtps, by its release notes.
     """
     return f"{key}/_buf_cpu"
