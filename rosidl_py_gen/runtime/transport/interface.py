@@ -338,8 +338,8 @@ class Participant(Protocol):
     def counts_requests(self, guid: bytes) -> bool:
         """Whether such a server that has answered once knows requests without an `Identity` by writer and number."""
 
-    def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
-        """Why a writer and a reader of these profiles are not connected; empty when they are."""
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
+        """Why a writer and a reader of one topic and type are not connected; empty when they are."""
 
     def create_writer(self, topic: str, type: str, qos: QoSProfile, type_hash: str = "", *, node: int = 0) -> Writer:
         """Raises `TransportError` when the middleware refuses."""

@@ -12,7 +12,10 @@ from __future__ import annotations
 import re
 
 HASH_NOT_SUPPORTED = "TypeHashNotSupported"
-"""Stands where a type hash would: Humble has none. Ours have it where a type came without a hash."""
+"""Stands where a type hash would: Humble has none. So have ours in its format, and where a type came without a hash."""
+
+FORMAT_VARIABLE = "ROSIDL_PY_GEN_ZENOH_FORMAT"
+"""Of the environment: with ``humble`` no key or token of ours has a hash."""
 
 _SERVICE_HALVES = ("Request_", "Response_")
 _TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")

@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime.transport.interface import ServiceEndpoints, Transpor
 from rosidl_py_gen.runtime.transport.qos import Durability
 from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import BufferReader, ZenohReader, ZenohWriter, handler, keep
-from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid
+from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid, why_apart
 from rosidl_py_gen.runtime.transport.zenoh.keys import data_key
 from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
 from rosidl_py_gen.runtime.transport.zenoh.services import ReplyReader, ReplyWriter, RequestReader, RequestWriter
@@ -69,8 +69,10 @@ class ZenohParticipant:
     middleware = "Zenoh"
     identity_refusal: str | None = None
 
-    def __init__(self, session: Any, domain_id: int, enclave: str) -> None:
+    def __init__(self, session: Any, domain_id: int, enclave: str, *, is_humble: bool = False) -> None:
+        """`is_humble`: keys and tokens as in Humble, so without hashes."""
         self.session = session
+        self._is_humble = is_humble
         self._domain_id = domain_id
         self._enclave = enclave
         self._zid = str(session.zid())
@@ -107,7 +109,7 @@ class ZenohParticipant:
         ignore_local: bool = False,
         has_buffer: bool = False,
     ) -> ZenohReader:
-        takes_buffers = has_buffer and qos.durability is not Durability.TRANSIENT_LOCAL
+        takes_buffers = has_buffer and not self._is_humble and qos.durability is not Durability.TRANSIENT_LOCAL
         backends, make = (CPU_BACKEND, BufferReader) if takes_buffers else ("", ZenohReader)
         told = self._describe(EntityKind.SUBSCRIPTION, _name(topic), type, type_hash, qos, node, backends)
         return self._adopt(told, lambda: make(self, told.endpoints[0], told.key, ignore_local=ignore_local))
@@ -136,6 +138,8 @@ class ZenohParticipant:
     ) -> _Description:
         if self._closed:
             raise ClosedError("this participant is closed")
+        if self._is_humble:
+            type_hash = ""
         profile = read_qos(qos_text(qos))
         assert profile is not None
         owner = self._nodes.get(node)
@@ -185,9 +189,9 @@ class ZenohParticipant:
         """See `transport.Participant`; nobody does here."""
         return False
 
-    def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
         """See `transport.Participant`; nobody looks at profiles here."""
-        return ""
+        return why_apart(writer, reader)
 
     # ---------------------------------------------------------------------------------------------------- nodes
 
