@@ -128,14 +128,16 @@ async def test_without_its_format_nothing_comes_of_humble_and_a_warning_says_why
     node = ours.node("ours")
     subscription = node.create_subscription(String, "/chatter")
     node.create_client(AddTwoInts, "/add")
+    peer.tell("MS", "/parameter_events", f"rcl_interfaces::msg::dds_::ParameterEvent_/{NO_HASH}")
+    await until(lambda: node.count_subscribers("/parameter_events") == 1)
     theirs = PlainPublisher(peer, "/chatter", TEXT)
     peer.tell("SS", "/add", ADD)
-    peer.tell("MS", "/parameter_events", f"rcl_interfaces::msg::dds_::ParameterEvent_/{NO_HASH}")
     hint = r"only one of them has a type hash.*ROSIDL_PY_GEN_ZENOH_FORMAT=humble"
     await until(lambda: len(re.findall(hint, caplog.text)) >= 2)
     for end in (r"/chatter from node /peer to node /ours", r"/add from node /ours to node /peer"):
         assert len(re.findall(rf"no messages on {end}: {hint}", caplog.text)) == 1
-    assert node.count_subscribers("/parameter_events") == 1 and "no messages on /parameter_events" not in caplog.text
+    assert "no messages on /parameter_events" not in caplog.text
+    await until(lambda: len(peer.of_others("MS", "/chatter")) == 1)
     theirs.publish(text_message("without hash"))
     PlainPublisher(peer, "/chatter", f"std_msgs::msg::dds_::String_/{type_hash(String)}").publish(text_message("hash"))
     assert (await subscription.receive(5)).data == "hash"
