@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.mcap import BagTopic
     from rosidl_py_gen.runtime import Publisher
 
+_LISTENERS_S = 2.0
+"""Until everybody who listens is known; those on Fast DDS are up to a second late (fastdds.md 7)."""
 _ACKNOWLEDGED_S = 1.0
 _PROGRESS_S = 0.5
 _LEAST_DEPTH = 10
@@ -61,6 +63,8 @@ async def _play(network: Network, reader: BagReader, part: Part, wanted: _Wanted
     async with Session(network, overrides=overrides) as session:
         player = _Player(session, reader, part, wanted)
         await session.settle()
+        if network.get("spin_time_s") is None:
+            await player.heard(_LISTENERS_S)
         await asyncio.sleep(wanted.delay_s)
         with progress() as show:
             helpers = [asyncio.ensure_future(one) for one in (player.publish_clock(), player.report(show))]
@@ -154,6 +158,10 @@ class _Player:
             if (now := self._now()) is not None:
                 show(f"{duration_text(now - self._part.start_ns)} of {length}, {self.count} messages; Ctrl-C ends it")
             await asyncio.sleep(_PROGRESS_S)
+
+    async def heard(self, timeout_s: float) -> None:
+        """Wait until every topic has a subscriber, or the time has passed."""
+        await asyncio.gather(*(one.wait_for_subscribers(timeout_s) for one in self._publishers.values()))
 
     async def acknowledged(self) -> None:
         """Wait until what was published has arrived, for a second at most."""

@@ -370,11 +370,13 @@ async def test_policy_reject_refuses_while_one_runs(world: World) -> None:
 async def test_policy_queue_runs_one_after_the_other(world: World) -> None:
     running: list[int] = []
     order: list[int] = []
+    cancelled = asyncio.Event()
 
     async def execute(handle: Any) -> Any:
         running.append(1)
         assert len(running) == 1
         order.append(handle.request.order)
+        await cancelled.wait()
         await asyncio.sleep(0.005)
         running.pop()
         return result(handle.request.order)
@@ -382,6 +384,7 @@ async def test_policy_queue_runs_one_after_the_other(world: World) -> None:
     _, client = await pair(world, execute, policy="queue", on_cancel=lambda handle: True)
     handles = [await client.send_goal(goal(n)) for n in range(4)]
     await handles[2].cancel()
+    cancelled.set()
     assert [(await h.result())[0] for h in handles] == [S.SUCCEEDED, S.SUCCEEDED, S.CANCELED, S.SUCCEEDED]
     assert order == [0, 1, 3]
 

@@ -180,6 +180,7 @@ async def test_managed_publishers_are_silent_while_inactive(world: World, caplog
     heard: list[int] = []
     world.node("listener").create_subscription(TimeMessage, "t", lambda m: heard.append(m.sec))
     publisher = node.create_lifecycle_publisher(TimeMessage, "t")
+    assert await publisher.wait_for_subscribers(5)
     publisher.publish(TimeMessage(sec=1))
     await node.configure()
     publisher.publish(TimeMessage(sec=2))

@@ -2,6 +2,9 @@
 
 Decides that only the first of a batch wakes the loop: by a byte in a pipe that the loop watches, or, where it cannot
 (Windows), by a call. What comes before the loop has looked adds itself to the list and costs nothing more.
+
+There are no locks, which the loop would have to wait for as soon as it is woken: operations of a deque are single ones,
+and a file that is closed writes into no other one that has got its number. A signal handler may publish in the middle.
 """
 
 from __future__ import annotations
@@ -9,7 +12,8 @@ from __future__ import annotations
 import contextlib
 import os
 import sys
-import threading
+from collections import deque
+from io import FileIO
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -24,57 +28,54 @@ class Arrivals:
     """The sinks of one participant that have something to do."""
 
     def __init__(self) -> None:
-        self._ready: dict[Sink, None] = {}
+        self._ready: deque[Sink] = deque()
+        self._is_told = False
+        """Somebody has woken the loop, and it has not looked yet."""
         self._notify: Callable[[], None] | None = None
-        # A signal handler may publish in the middle of a change, in the same thread.
-        self._lock = threading.RLock()
-        self._ends: tuple[int, int] | None = None
+        self._ends: tuple[FileIO, FileIO] | None = None
         if sys.platform != "win32":
-            self._ends = os.pipe()
-            for end in self._ends:
+            reading, writing = os.pipe()
+            for end in reading, writing:
                 os.set_blocking(end, False)
+            self._ends = FileIO(reading, "rb"), FileIO(writing, "wb")
 
     def put(self, sink: Sink) -> None:
         """Note that `sink` has something to do; from any thread."""
-        with self._lock:
-            is_first = not self._ready
-            self._ready[sink] = None
-        if is_first:
+        self._ready.append(sink)  # before looking: `take` looks in the other order
+        if not self._is_told:
+            self._is_told = True
             self._wake()
 
     def _wake(self) -> None:
-        notify = self._notify
+        notify, ends = self._notify, self._ends
         if notify is not None:
             notify()
-            return
-        with self._lock:  # a descriptor that is closed may be somebody else's already
-            if self._ends is not None:
-                with contextlib.suppress(BlockingIOError):
-                    os.write(self._ends[1], b"\0")
+        elif ends is not None:
+            with contextlib.suppress(ValueError):  # closed meanwhile
+                ends[1].write(b"\0")
 
     def take(self) -> list[Sink]:
         """All that were put since the last time, each once."""
-        if self._ends is not None:
-            with contextlib.suppress(BlockingIOError):
-                os.read(self._ends[0], _MOST_BYTES)
-        with self._lock:
-            ready = list(self._ready)
-            self._ready.clear()
-        return ready
+        ends = self._ends
+        if ends is not None:
+            ends[0].read(_MOST_BYTES)
+        self._is_told = False
+        ready = self._ready
+        return list(dict.fromkeys([ready.popleft() for _ in range(len(ready))]))
 
     def fileno(self) -> int | None:
         """What is readable while there is something to take."""
-        return None if self._ends is None else self._ends[0]
+        return None if self._ends is None else self._ends[0].fileno()
 
     def set_notify(self, notify: Callable[[], None] | None) -> None:
         """Call `notify` in place of writing into the pipe."""
         self._notify = notify
-        if self._ready:
+        self._is_told = bool(self._ready)  # whom the last one woke may be gone
+        if self._is_told:
             self._wake()
 
     def close(self) -> None:
         """Tell nobody any more."""
-        with self._lock:
-            ends, self._ends, self._notify = self._ends, None, None
-            for end in ends or ():
-                os.close(end)
+        ends, self._ends, self._notify = self._ends, None, None
+        for end in ends or ():
+            end.close()

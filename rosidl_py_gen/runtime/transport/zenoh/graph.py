@@ -92,6 +92,8 @@ class TokenGraph:
         """The GUIDs of those who are there, and the sessions they belong to."""
         self._events: list[DiscoveryEvent] = [ParticipantFound(participant_guid(own_zid), enclave)]
         self._gone_clients: list[bytes] = []
+        self.changes = 0
+        """Counts those of who is there, as far as they were read."""
 
     def hear(self, is_there: bool, token: str) -> None:
         """Note that a token appeared or disappeared, to be read later."""
@@ -115,11 +117,13 @@ class TokenGraph:
 
     def _connect(self, endpoint: EndpointFound, zid: str) -> None:
         self._connected[_key(endpoint, endpoint.is_writer)][endpoint.guid] = zid
+        self.changes += 1
 
     def _disconnect(self, endpoint: EndpointFound) -> None:
         key = _key(endpoint, endpoint.is_writer)
         same = self._connected[key]
         same.pop(endpoint.guid, None)
+        self.changes += 1
         if not same:
             del self._connected[key]
 

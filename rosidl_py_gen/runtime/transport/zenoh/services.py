@@ -83,7 +83,15 @@ class ReplyReader(ZenohReader):
         self._asked: dict[int, _Asked] = {}
         self._answered: deque[int] = deque()
         """Those that other servers may still answer."""
+        self._servers: tuple[int, dict[str, int]] = (-1, {})
+        """The handles of the servers of each session, when the graph had changed so often."""
+        self._has_server = False
         super().__init__(owner, info, key)
+        self._matching = self._subscriber.declare_matching_listener(handler(self._match))
+
+    def _match(self, status: Any) -> None:
+        """Called by Zenoh when the first server comes within reach, or the last one is out of it."""
+        self._has_server = status.matching
 
     def _declare(self, key: str) -> Any:
         return self._owner.session.declare_querier(
@@ -96,8 +104,10 @@ class ReplyReader(ZenohReader):
     def ask(self, data: bytes, number: int) -> bool:
         """Send a request; False while no server is within reach."""
         querier = self._subscriber
-        if not querier.matching_status.matching:
-            return False
+        if not self._has_server:  # the listener is not told of the beginning
+            self._has_server = querier.matching_status.matching
+            if not self._has_server:
+                return False
         asked = self._asked[number] = _Asked(self, number)
         callback, attachment = handler(asked.on_reply, asked.on_end), pack(number, _time_ns(), self.guid)
         try:
@@ -132,18 +142,24 @@ class ReplyReader(ZenohReader):
     def close(self) -> None:
         for number in list(self._asked):  # while undeclaring, Zenoh would end them with its session locked
             self._cancel(number)
+        if not self._closed:
+            self._matching.undeclare()
         super().close()
 
     def abandon(self) -> None:
         super().abandon()
-        keep(self._asked)
+        keep(self._asked, self._matching)
         self._asked = {}
 
     def server_of(self, reply: Any) -> int:
         """The handle of the server that answered, 0 when it is not known."""
-        zid = None if reply.replier_id is None else str(reply.replier_id.zid)
-        found = (guid for guid, owner in self._owner.graph.connected(self.info).items() if owner == zid)
-        return int.from_bytes(next(found, b""), "little")
+        if reply.replier_id is None:
+            return 0
+        changes = self._owner.graph.changes
+        if self._servers[0] != changes:
+            connected = self._owner.graph.connected(self.info)
+            self._servers = changes, {zid: int.from_bytes(guid, "little") for guid, zid in connected.items()}
+        return self._servers[1].get(str(reply.replier_id.zid), 0)
 
 
 class _Asked:
