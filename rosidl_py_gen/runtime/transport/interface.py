@@ -339,8 +339,8 @@ class Participant(Protocol):
     def counts_requests(self, guid: bytes) -> bool:
         """Whether such a server that has answered once knows requests without an `Identity` by writer and number."""
 
-    def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
-        """Why a writer and a reader of these profiles are not connected; empty when they are."""
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
+        """Why a writer and a reader of one topic and type are not connected; empty when they are."""
 
     def create_writer(self, topic: str, type: str, qos: QoSProfile, type_hash: str = "", *, node: int = 0) -> Writer:
         """Raises `TransportError` when the middleware refuses."""
@@ -354,8 +354,14 @@ class Participant(Protocol):
         *,
         node: int = 0,
         ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> Reader:
-        """`ignore_local`: no samples of writers of this participant. Raises `TransportError`."""
+        """Raises `TransportError`.
+
+        Args:
+            ignore_local: no samples of writers of this participant.
+            has_buffer: messages have, or may have, an unbounded array of bytes.
+        """
 
     def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
         """What reads replies and writes requests. Raises `TransportError`."""

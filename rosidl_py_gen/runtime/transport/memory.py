@@ -132,6 +132,7 @@ class MemoryParticipant(DdsParticipant):
         client_id: str = "",
         service_id: str = "",
         ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> MemoryReader:
         with self.lock:
             told = (topic, type, effective(qos, is_writer=False), type_hash, service_id or client_id)
