@@ -30,6 +30,7 @@ from runtime_rclpy import rows as rclpy_rows
 
 FLOOR = runtime_zenoh if runtime_zenoh.is_chosen() else runtime_floor
 BASES = {"floor": "the floor", "service": "a service call", "callback": "one context"}
+BASES |= {"pipe": "the pipe", "query": "the query"}
 START = """
 import time; start = time.perf_counter()
 from rosidl_py_gen.runtime import Node
@@ -104,6 +105,8 @@ def table(quick: bool, rclpy: str | None) -> None:
     settings = {f"{kind}, {name}": {"BENCH_LOOP": loop} for kind in styles for name, loop in loops.items()}
     settings["callback, three contexts"] = {"BENCH_CONTEXTS": "3"}
     kinds |= {kind: kinds[kind.partition(",")[0]] for kind in settings}
+    if runtime_zenoh.is_chosen():
+        kinds |= runtime_zenoh.PAIRS
     kinds |= {"action": ("goal_server", "goal_client"), "parameter": ("parameter_server", "parameter_setter")}
     measured: dict[str, list[float]] = {kind: [] for kind in kinds}
     for _ in range(rounds):
@@ -112,9 +115,16 @@ def table(quick: bool, rclpy: str | None) -> None:
             measured[kind].append(pair(server, client, count, **settings.get(kind, {}))["p50"])
     print("| Figure | Measured | Target |\n|---|---|---|")
     floor = measured["floor"]
-    bare = "put and recv" if runtime_zenoh.is_chosen() else "WaitSet"
-    row(f"floor: bare {bare} round trip, String, p50", f"{min(floor):.0f} to {max(floor):.0f} us", "")
+    way = "put and recv" if runtime_zenoh.is_chosen() else "WaitSet"
+    row(f"floor: bare {way} round trip, String, p50", f"{min(floor):.0f} to {max(floor):.0f} us", "")
+    zenoh_rows = (
+        ("pipe", "a bare function that writes into a pipe", "", "floor"),
+        ("query", "a bare query and its reply", "", "floor"),
+        ("callback", "callback style beside the pipe", "1.3x", "pipe"),
+        ("service", "a service call beside the bare query", "2x", "query"),
+    )
     for kind, name, target, base in (
+        *(zenoh_rows if runtime_zenoh.is_chosen() else ()),
         ("callback", "round trip, callback style", "1.3x", "floor"),
         ("callback, uvloop", "the same on uvloop", "1.3x", "floor"),
         ("callback, plain loop", "the same by asyncio.run", "1.3x", "floor"),
@@ -130,12 +140,15 @@ def table(quick: bool, rclpy: str | None) -> None:
     ):
         times = measured[kind]
         ratio = statistics.median(ours / other for ours, other in zip(times, measured[base], strict=True))
-        goal = f"<= {target} {BASES[base]}"
+        goal = target and f"<= {target} {BASES[base]}"
         row(f"{name}, p50", f"{min(times):.0f} to {max(times):.0f} us, {ratio:.2f}x", goal)
     for cells in rclpy_rows(rclpy, 10 * rounds, child) if rclpy else ():
         row(*cells)
     paced = pair("count_paced", "send_paced", 3000 if quick else 8000, reporter=0)
     row("CPU per received message at 1 kHz", f"{paced['cpu_us']:.0f} us", "<= 60 us")
+    if runtime_zenoh.is_chosen():
+        bare = [pair(kind, "bare_send", 3000, reporter=0)["cpu_us"] for kind in ("bare_count", "pipe_count")]
+        row("of bare Zenoh, by recv and by the pipe", f"{bare[0]:.0f} and {bare[1]:.0f} us", "")
     flood = pair("count_flood", "send_flood", 50_000 if quick else 200_000, reporter=0)
     row("CPU per received message, flood", f"{flood['cpu_us']:.1f} us at {flood['per_s']:.0f}/s", "<= 15 us")
     if not runtime_zenoh.is_chosen():
@@ -163,6 +176,7 @@ ROLES: dict[str, Callable[[int], None]] = {
     "floor_ping": lambda count: FLOOR.floor_ping(count),
     "floor_serve": lambda count: runtime_floor.floor_serve(),
     "floor_call": runtime_floor.floor_call,
+    **runtime_zenoh.ROLES,
     "stream_pong": lambda count: run_node(topics.stream_pong, "pong"),
     "callback_pong": lambda count: run_node(topics.callback_pong, "pong"),
     "stream_ping": lambda count: run_node(lambda n, s: topics.stream_ping(n, s, count), "ping"),

@@ -1,14 +1,21 @@
-"""What bench/runtime.py needs for Zenoh: a router on loopback, and the floor, a round trip with eclipse-zenoh alone."""
+"""What bench/runtime.py needs for Zenoh: a router on loopback, and the floors, round trips with eclipse-zenoh alone.
+
+There are two for topics. A channel wakes a thread that waits in it without Python, which an event loop cannot do; the
+least that a loop needs is a Python function that Zenoh calls, and a pipe. Queries have a floor of their own.
+"""
 
 from __future__ import annotations
 
 import os
+import select
 import time
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
-from runtime_common import STOP, TEXT, percentile, report
+from runtime_common import STOP, TEXT, cpu_s, percentile, report
 
 
 @contextmanager
@@ -37,28 +44,62 @@ class Floor:
 
         self.session = zenoh.open(session_config(os.environ, print))
         self.publisher: Any = self.session.declare_publisher(write_to)
-        self.subscriber: Any = self.session.declare_subscriber(read_from)
+        self.subscriber: Any = self._subscribe(read_from)
+
+    def _subscribe(self, key: str) -> Any:
+        return self.session.declare_subscriber(key)
 
     def take(self) -> bytes:
         """Wait for a sample."""
         data: bytes = self.subscriber.recv().payload.to_bytes()
         return data
 
+    def wait_for_peer(self) -> None:
+        """Until somebody receives what is put."""
+        while not self.publisher.matching_status.matching:
+            time.sleep(0.01)
+        time.sleep(0.2)
 
-def floor_pong() -> None:
+
+class PipeFloor(Floor):
+    """The same as an event loop needs it: Zenoh calls a function, which writes into a pipe that is waited for."""
+
+    def _subscribe(self, key: str) -> Any:
+        from zenoh.handlers import Callback
+
+        reading, writing = os.pipe()
+        self._samples: deque[Any] = deque()
+        self._read = partial(os.read, reading, 64)
+        self._poll = select.epoll()
+        self._poll.register(reading, select.EPOLLIN)
+
+        def call(sample: Any) -> None:
+            self._samples.append(sample)
+            os.write(writing, b"\0")
+
+        return self.session.declare_subscriber(key, Callback(call, indirect=False))
+
+    def take(self) -> bytes:
+        """Wait for a sample."""
+        while not self._samples:
+            self._poll.poll()
+            self._read()
+        data: bytes = self._samples.popleft().payload.to_bytes()
+        return data
+
+
+def floor_pong(kind: type[Floor] = Floor) -> None:
     """Return every sample until the STOP text."""
-    floor = Floor("bench/pong", "bench/ping")
+    floor = kind("bench/pong", "bench/ping")
     while (data := floor.take()) != STOP.encode():
         floor.publisher.put(data)
     floor.session.close()
 
 
-def floor_ping(count: int) -> None:
+def floor_ping(count: int, kind: type[Floor] = Floor) -> None:
     """Measure `count` round trips."""
-    floor, message = Floor("bench/ping", "bench/pong"), TEXT.encode()
-    while not floor.publisher.matching_status.matching:
-        time.sleep(0.01)
-    time.sleep(0.2)
+    floor, message = kind("bench/ping", "bench/pong"), TEXT.encode()
+    floor.wait_for_peer()
     times = []
     for _ in range(count):
         start = time.perf_counter_ns()
@@ -68,3 +109,75 @@ def floor_ping(count: int) -> None:
     floor.publisher.put(STOP.encode())
     report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
     floor.session.close()
+
+
+def query_pong() -> None:
+    """Answer every query until the STOP text."""
+    floor = Floor("bench/pong", "bench/ping")
+    server = floor.session.declare_queryable("bench/query", complete=True)
+    data = b""
+    while data != STOP.encode():
+        query = server.recv()
+        data = query.payload.to_bytes()
+        query.reply("bench/query", data)
+        query.drop()
+    time.sleep(0.1)
+    floor.session.close()
+
+
+def query_ping(count: int) -> None:
+    """Measure `count` queries."""
+    floor = Floor("bench/ping", "bench/pong")
+    client = floor.session.declare_querier("bench/query")
+    while not client.matching_status.matching:
+        time.sleep(0.01)
+    time.sleep(0.2)
+    times = []
+    for _ in range(count):
+        start = time.perf_counter_ns()
+        client.get(payload=TEXT.encode()).recv()
+        times.append((time.perf_counter_ns() - start) / 1000)
+    client.get(payload=STOP.encode()).recv()
+    report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
+    floor.session.close()
+
+
+def send_paced(count: int) -> None:
+    """Put at 1 kHz."""
+    floor = Floor("bench/paced", "bench/nothing")
+    floor.wait_for_peer()
+    next_time = time.perf_counter()
+    for _ in range(count):
+        floor.publisher.put(TEXT.encode())
+        next_time += 0.001
+        time.sleep(max(0.0, next_time - time.perf_counter()))
+    floor.publisher.put(STOP.encode())
+    time.sleep(0.2)
+    floor.session.close()
+
+
+def count_paced(count: int, kind: type[Floor]) -> None:
+    """CPU of this process for each sample."""
+    floor = kind("bench/nothing", "bench/paced")
+    floor.take()
+    used = cpu_s()
+    while floor.take() != STOP.encode():
+        pass
+    report(cpu_us=(cpu_s() - used) / count * 1e6)
+    floor.session.close()
+
+
+PAIRS = {
+    "pipe": ("pipe_pong", "pipe_ping"),
+    "query": ("query_pong", "query_ping"),
+}
+"""Round trips, in the order of `runtime.pair`."""
+ROLES: dict[str, Callable[[int], None]] = {
+    "pipe_pong": lambda count: floor_pong(PipeFloor),
+    "pipe_ping": lambda count: floor_ping(count, PipeFloor),
+    "query_pong": lambda count: query_pong(),
+    "query_ping": query_ping,
+    "bare_send": send_paced,
+    "bare_count": lambda count: count_paced(count, Floor),
+    "pipe_count": lambda count: count_paced(count, PipeFloor),
+}

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 import pytest
-from std_msgs.msg import String
+from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
 from worlds import until
 
@@ -42,6 +42,7 @@ async def running(start: Start, name: str, *arguments: str) -> AsyncIterator[Pee
 async def test_topics_and_services_work_both_ways(world: World, start_peer: Start, name: str) -> None:
     node = world.node("ours")
     heard = node.create_subscription(String, "/from/peer")
+    node.create_subscription(UInt8MultiArray, "/bytes")  # its token is longer than they know
     publisher = node.create_publisher(String, "/to/peer")
     node.create_service(SetBool, "/ours/set", lambda request: SetBool.Response(success=request.data, message="ours"))
     client = node.create_client(SetBool, "/peer/set")

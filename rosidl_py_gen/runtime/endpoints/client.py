@@ -56,15 +56,17 @@ ResponseT = TypeVar("ResponseT")
 class _PendingRequest(Generic[ResponseT]):
     """A request under way."""
 
-    __slots__ = ("encoded", "has_turn", "limits", "number", "on_error", "on_reply", "sequence")
+    __slots__ = ("encoded", "has_turn", "limits", "number", "on_error", "on_reply", "sequence", "timeout_s")
 
     def __init__(
         self,
         encoded: bytes,
         on_reply: Callable[[ResponseT, bytes | None], object],
         on_error: Callable[[Exception], object],
+        timeout_s: float | None = None,
     ) -> None:
         self.encoded = encoded
+        self.timeout_s = timeout_s
         self.on_reply = on_reply
         self.on_error = on_error
         self.sequence = next(request_numbers)
@@ -204,9 +206,9 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         future: asyncio.Future[ResponseT] = loop.create_future()
         on_error = partial(settle_error, future)
         pending: _PendingRequest[ResponseT]
-        pending = _PendingRequest(encoded, lambda response, _: settle(future, response), on_error)
-        self._put(pending)
         left_s = deadline.left_s()
+        pending = _PendingRequest(encoded, lambda response, _: settle(future, response), on_error, left_s)
+        self._put(pending)
         if left_s is not None:
             self._limit(pending, loop, left_s)
         try:
@@ -311,7 +313,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             if all_have and self._matching.is_complete(None) and self._answering.all_have():
                 sent = self._writer.write(pending.encoded)
             else:
-                sent = send(self._writer, pending.encoded, client, shown)
+                sent = send(self._writer, pending.encoded, client, shown, pending.timeout_s)
         except RosidlError as error:
             self._fail(pending, error)
             return True

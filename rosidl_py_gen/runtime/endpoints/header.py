@@ -99,10 +99,10 @@ def message_of(data: Payload, begin: int) -> bytes:
     return b"".join((data[:2], b"\0\0", rest))
 
 
-def send(writer: Writer, message: bytes, client: ClientId, sequence: int) -> bool:
+def send(writer: Writer, message: bytes, client: ClientId, sequence: int, timeout_s: float | None = None) -> bool:
     """Write a request or reply for that client, in the way of its kind; see `Writer.write`."""
     if isinstance(client, bytes):
-        return writer.write(message, (client, sequence))
+        return writer.write(message, (client, sequence), timeout_s)
     return writer.write(with_header(message, client, sequence))
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle
+from rosidl_py_gen.runtime.endpoints.types import has_buffer
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
@@ -89,6 +90,7 @@ class Subscription(Owned, Generic[T]):
             message_type.type_hash,
             node=scope.number,
             ignore_local=ignore_local,
+            has_buffer=has_buffer(message_type),
         )
         self._items = self._reader.queue.items
         self._reader.set_sink(self._on_data)

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.cdr import Message, Service
+from rosidl_py_gen.fieldtype import Arity
+from rosidl_py_gen.typesupport import referenced_classes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,6 +26,9 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 Untyped: TypeAlias = "dict[str, Any]"
 """A message as `to_dict` shows it; its values are whatever the definition says."""
+
+_BUFFER_BASES = ("uint8", "char")
+"""What rosidl makes buffers of: `char` is the same to it, `byte` is not."""
 
 # Not those of `dynamic`: whoever leaves bytes as they are subscribes with a class that has the hash of a type and no
 # fields. Others must not find it when they look for a class of that hash, and describing a type must not load dynamic.
@@ -104,6 +109,19 @@ def class_of(ros_name: str, type_hash: str) -> type[Any] | None:
 
 def _remember(cls: type[Any]) -> None:
     _classes[cls._TYPE.name, cls._TYPE.hash] = cls
+
+
+def has_buffer(known: MessageType[Any]) -> bool:
+    """Whether messages have an unbounded array of bytes, also deep inside; True for raw ones of unknown fields.
+
+    Types that are loaded late have none.
+    """
+    cls = class_of(known.ros_name, known.type_hash)
+    if cls is None or not cls._TYPE.fields:
+        return known.decode is bytes
+    parts = (part for part in referenced_classes(cls).values() if issubclass(part, Message))
+    kinds = (field.type for part in parts for field in part._TYPE.fields)
+    return any(kind.base in _BUFFER_BASES and kind.arity is Arity.UNBOUNDED for kind in kinds)
 
 
 def raw_type(known: MessageType[Any]) -> MessageType[bytes]:

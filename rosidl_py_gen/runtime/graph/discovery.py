@@ -1,8 +1,8 @@
 """Keeps the graph up to date and tells peers about our own nodes.
 
-Decides when our nodes are announced (after every change, several changes of one loop iteration at once), and when a
-quality-of-service mismatch is worth a warning. The state is `state.py`; how nodes are announced is the transport's
-business.
+Decides when our nodes are announced (after every change, several changes of one loop iteration at once), and when
+there is a warning that two endpoints do not connect. The state is `state.py`; how nodes are announced, and why two
+do not connect, is the transport's business.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ class Discovery:
                 continue
             writer, reader = (new, other) if new.is_writer else (other, new)
             pair = (writer.guid, reader.guid)
-            reason = "" if pair in self._warned else self._participant.mismatch(writer.qos, reader.qos)
+            reason = "" if pair in self._warned else self._participant.mismatch(writer, reader)
             if reason:
                 self._warned.add(pair)
                 self._mismatches.append((writer, reader, reason))
@@ -164,8 +164,7 @@ class Discovery:
             name = demangle_topic(own.topic) or demangle_service(own.topic) or own.topic
             namespace, node_name = self.graph.node_of(own)
             get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(
-                f"no messages on {name} from {words[0]} to {words[1]}: "
-                f"their quality of service is incompatible. {reason}"
+                f"no messages on {name} from {words[0]} to {words[1]}: {reason}"
             )
 
     def close(self) -> None:

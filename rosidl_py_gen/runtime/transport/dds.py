@@ -184,6 +184,7 @@ class DdsParticipant:
         client_id: str = "",
         service_id: str = "",
         ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> Reader:
         """See `create_writer`."""
         raise NotImplementedError
@@ -214,10 +215,10 @@ class DdsParticipant:
         """See `transport.Participant`; Fast DDS does."""
         return guid.startswith(FAST_DDS_VENDOR)
 
-    def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
         """See `transport.Participant`."""
-        result = check_compatible(offered, requested)
-        return "" if result.matches else result.reason
+        result = check_compatible(writer.qos, reader.qos)
+        return "" if result.matches else f"their quality of service is incompatible. {result.reason}"
 
     # ---------------------------------------------------------------------------------------------------- nodes
 

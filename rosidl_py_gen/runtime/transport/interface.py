@@ -223,11 +223,12 @@ class Writer(Protocol):
     def handle(self) -> int:
         """Unsigned number that is unique among the writers of this machine's process (protocol.md 5.1)."""
 
-    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         """Send a sample. Never blocks and never holds the GIL inside the middleware.
 
         Args:
             identity: for services of peers that want it so (`Participant.identifies`).
+            timeout_s: how long the response to a request is waited for at most, if that is known.
 
         Returns:
             False when a reliable reader is so far behind that the middleware wants us to wait; nothing was sent.
@@ -338,8 +339,8 @@ class Participant(Protocol):
     def counts_requests(self, guid: bytes) -> bool:
         """Whether such a server that has answered once knows requests without an `Identity` by writer and number."""
 
-    def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
-        """Why a writer and a reader of these profiles are not connected; empty when they are."""
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
+        """Why a writer and a reader of one topic and type are not connected; empty when they are."""
 
     def create_writer(self, topic: str, type: str, qos: QoSProfile, type_hash: str = "", *, node: int = 0) -> Writer:
         """Raises `TransportError` when the middleware refuses."""
@@ -353,8 +354,14 @@ class Participant(Protocol):
         *,
         node: int = 0,
         ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> Reader:
-        """`ignore_local`: no samples of writers of this participant. Raises `TransportError`."""
+        """Raises `TransportError`.
+
+        Args:
+            ignore_local: no samples of writers of this participant.
+            has_buffer: messages have, or may have, an unbounded array of bytes.
+        """
 
     def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
         """What reads replies and writes requests. Raises `TransportError`."""

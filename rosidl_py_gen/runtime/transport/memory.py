@@ -132,6 +132,7 @@ class MemoryParticipant(DdsParticipant):
         client_id: str = "",
         service_id: str = "",
         ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> MemoryReader:
         with self.lock:
             told = (topic, type, effective(qos, is_writer=False), type_hash, service_id or client_id)
@@ -255,7 +256,7 @@ class MemoryWriter(_Endpoint):
         depth = (None if qos.history is History.KEEP_ALL else max(1, qos.depth)) if keeps else 0
         self._history: deque[Sample] = deque(maxlen=depth)
 
-    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         if self.closed:
             raise ClosedError("this writer is closed")
         now = time.time_ns()

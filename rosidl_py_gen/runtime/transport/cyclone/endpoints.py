@@ -89,7 +89,7 @@ class CycloneWriter:
         api.check(api.get_instance_handle(entity, ct.byref(handle)), "read an instance handle")
         self.handle = handle.value
 
-    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         """See `transport.Writer`. Raises `ClosedError` or `TransportError`."""
         if data.__class__ is not bytes or len(data) & 3:
             data = in_fours(data)

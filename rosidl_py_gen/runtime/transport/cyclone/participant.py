@@ -167,6 +167,7 @@ class CycloneParticipant(DdsParticipant):
         client_id: str = "",
         service_id: str = "",
         ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> CycloneReader:
         user_data = endpoint_user_data(type_hash, client_id=client_id, service_id=service_id)
         profile = effective(qos, is_writer=False)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import zenoh
 
 from rosidl_py_gen.errors import RosidlError, printable
+from rosidl_py_gen.runtime.transport.zenoh.keys import FORMAT_VARIABLE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -109,6 +110,14 @@ def router_attempts(environ: Mapping[str, str]) -> float:
             f"got {_shown(text)}"
         ) from None
     return math.inf if attempts == 0 else max(0, attempts)
+
+
+def is_humble(environ: Mapping[str, str]) -> bool:
+    """Whether keys and tokens shall be as in Humble, and not as in all later distributions."""
+    text = environ.get(FORMAT_VARIABLE, "")
+    if text not in ("", "humble"):
+        raise ZenohConfigError(f"{FORMAT_VARIABLE} must be 'humble', or nothing for later ROS, got {_shown(text)}")
+    return text == "humble"
 
 
 def insert(config: zenoh.Config, key: str, value: str, *, where: str) -> None:

@@ -3,6 +3,11 @@
 Decides what a quality of service means to Zenoh (zenoh.md 5): only endpoints that are transient local are "advanced"
 ones, with a cache or a history; everybody else's are on the same key and exchange samples with them all the same.
 
+Publishers of Lyrical and later send messages with an unbounded array of bytes on another key, and nothing at all to a
+subscriber that does not say it listens there. So ours do, and say so, always: earlier distributions read a token
+no further than they know it, never send on that key, and have no use for the GID of a subscriber, which is all that
+changes for them. Waiting until somebody of Lyrical is there would mean another token, and samples lost meanwhile.
+
 Samples arrive on a thread of Zenoh, or on that of whoever publishes in this process. They go into the queue there, and
 nothing else happens: whoever blocks that thread stops everything that arrives.
 """
@@ -25,6 +30,7 @@ from rosidl_py_gen.runtime.transport.interface import ReceiveQueue, TransportErr
 from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
 from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
 from rosidl_py_gen.runtime.transport.zenoh.graph import participant_guid
+from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_channel
 from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
 
 if TYPE_CHECKING:
@@ -135,7 +141,7 @@ class ZenohWriter:
         self._put = self._publisher.put
         self._closed = False
 
-    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         """See `transport.Writer`. A reliable keep-all writer waits here for slow peers, without the GIL."""
         if self._closed:
             raise ClosedError(f"the writer of {self.info.topic} is closed")
@@ -255,3 +261,24 @@ class ZenohReader:
         """In a forked child: touch nothing."""
         self._closed, self._sink = True, None
         keep(self._subscriber)
+
+
+class BufferReader(ZenohReader):
+    """A reader that listens on the key for buffers, too; each sample comes on one of the two."""
+
+    def __init__(self, owner: Host, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+        super().__init__(owner, info, key, ignore_local=ignore_local)
+        try:
+            self._channel = self._declare(cpu_channel(key))
+        except BaseException:
+            self._subscriber.undeclare()
+            raise
+
+    def close(self) -> None:
+        if not self._closed:
+            super().close()
+            self._channel.undeclare()
+
+    def abandon(self) -> None:
+        super().abandon()
+        keep(self._channel)

@@ -16,9 +16,9 @@ from collections import defaultdict, deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.names.dds import reply_name, request_name, topic_name
+from rosidl_py_gen.runtime.names.dds import REPLY_PREFIX, demangle_type, reply_name, request_name, topic_name
 from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodeEntities, NodesFound, ParticipantFound
-from rosidl_py_gen.runtime.transport.zenoh.keys import known_hash
+from rosidl_py_gen.runtime.transport.zenoh.keys import FORMAT_VARIABLE, known_hash
 from rosidl_py_gen.runtime.transport.zenoh.tokens import EndpointToken, EntityKind, NodeToken, gid_of, read_token
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent
 
+_OF_EVERY_NODE = topic_name("/parameter_events")
 _FLIPPED = (1 << 128) - 1
 
 
@@ -221,6 +222,25 @@ class TokenGraph:
 
 
 def _key(endpoint: EndpointFound, is_writer: bool) -> Key:
+    return endpoint.topic, endpoint.type, _told_hash(endpoint), is_writer
+
+
+def _told_hash(endpoint: EndpointFound) -> str:
     # A service that tells no hash has that of its request at most in our own graph, and others do not know it.
-    told = endpoint.service_hash if endpoint.service_id else endpoint.type_hash
-    return endpoint.topic, endpoint.type, told, is_writer
+    return endpoint.service_hash if endpoint.service_id else endpoint.type_hash
+
+
+def why_apart(writer: EndpointFound, reader: EndpointFound) -> str:
+    """Why two endpoints of one topic and type are not connected: their hashes differ. Empty when they are.
+
+    Of a service only the half that asks has a reason, and none where every node has both ends: there would be hundreds.
+    """
+    hashes = {_told_hash(writer), _told_hash(reader)}
+    if len(hashes) == 1 or writer.topic == _OF_EVERY_NODE or writer.topic.startswith(f"{REPLY_PREFIX}/"):
+        return ""
+    if "" in hashes:
+        return (
+            "only one of them has a type hash, and Humble has none: all nodes of a domain have to use the format of "
+            f"Humble ({FORMAT_VARIABLE}=humble), or none"
+        )
+    return f"they have {demangle_type(writer.type) or writer.type} by different definitions"

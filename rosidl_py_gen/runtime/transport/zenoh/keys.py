@@ -12,7 +12,10 @@ from __future__ import annotations
 import re
 
 HASH_NOT_SUPPORTED = "TypeHashNotSupported"
-"""Stands where a type hash would: Humble has none. Ours have it where a type came without a hash."""
+"""Stands where a type hash would: Humble has none. So have ours in its format, and where a type came without a hash."""
+
+FORMAT_VARIABLE = "ROSIDL_PY_GEN_ZENOH_FORMAT"
+"""Of the environment: with ``humble`` no key or token of ours has a hash."""
 
 _SERVICE_HALVES = ("Request_", "Response_")
 _TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
@@ -47,6 +50,7 @@ def cpu_channel(key: str) -> str:
     """Where publishers of Lyrical and later send some messages to those whose token says `tokens.CPU_BACKEND`.
 
     That is done for messages with an unbounded array of bytes that are not transient local; others, and publishers of
-    earlier distributions, use the key itself (zenoh.md 9.2).
+    earlier distributions, use the key itself (zenoh.md 9.2). Arrays inside nested messages count since 3.10.1 of
+    rosidl_typesupport_fastrtps, by its release notes.
     """
     return f"{key}/_buf_cpu"

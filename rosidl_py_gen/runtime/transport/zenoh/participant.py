@@ -20,13 +20,21 @@ import zenoh
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.names.dds import demangle_topic, type_name
 from rosidl_py_gen.runtime.transport.interface import ServiceEndpoints, TransportError
+from rosidl_py_gen.runtime.transport.qos import Durability
 from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
-from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, ZenohWriter, handler, keep
-from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid
+from rosidl_py_gen.runtime.transport.zenoh.endpoints import BufferReader, ZenohReader, ZenohWriter, handler, keep
+from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid, why_apart
 from rosidl_py_gen.runtime.transport.zenoh.keys import data_key
 from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
 from rosidl_py_gen.runtime.transport.zenoh.services import ReplyReader, ReplyWriter, RequestReader, RequestWriter
-from rosidl_py_gen.runtime.transport.zenoh.tokens import EndpointToken, EntityKind, NodeToken, gid_of, tokens_of
+from rosidl_py_gen.runtime.transport.zenoh.tokens import (
+    CPU_BACKEND,
+    EndpointToken,
+    EntityKind,
+    NodeToken,
+    gid_of,
+    tokens_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -61,8 +69,10 @@ class ZenohParticipant:
     middleware = "Zenoh"
     identity_refusal: str | None = None
 
-    def __init__(self, session: Any, domain_id: int, enclave: str) -> None:
+    def __init__(self, session: Any, domain_id: int, enclave: str, *, is_humble: bool = False) -> None:
+        """`is_humble`: keys and tokens as in Humble, so without hashes."""
         self.session = session
+        self._is_humble = is_humble
         self._domain_id = domain_id
         self._enclave = enclave
         self._zid = str(session.zid())
@@ -97,9 +107,12 @@ class ZenohParticipant:
         *,
         node: int = 0,
         ignore_local: bool = False,
+        has_buffer: bool = False,
     ) -> ZenohReader:
-        told = self._describe(EntityKind.SUBSCRIPTION, _name(topic), type, type_hash, qos, node)
-        return self._adopt(told, lambda: ZenohReader(self, told.endpoints[0], told.key, ignore_local=ignore_local))
+        takes_buffers = has_buffer and not self._is_humble and qos.durability is not Durability.TRANSIENT_LOCAL
+        backends, make = (CPU_BACKEND, BufferReader) if takes_buffers else ("", ZenohReader)
+        told = self._describe(EntityKind.SUBSCRIPTION, _name(topic), type, type_hash, qos, node, backends)
+        return self._adopt(told, lambda: make(self, told.endpoints[0], told.key, ignore_local=ignore_local))
 
     def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
         told = self._describe_service(EntityKind.CLIENT, service, qos, node)
@@ -114,14 +127,23 @@ class ZenohParticipant:
         return ServiceEndpoints(reader, ReplyWriter(self, replies, reader, told.key), requests.guid)
 
     def _describe(
-        self, kind: EntityKind, name: str, type: str, type_hash: str, qos: QoSProfile, node: int
+        self,
+        kind: EntityKind,
+        name: str,
+        type: str,
+        type_hash: str,
+        qos: QoSProfile,
+        node: int,
+        backends: str = "",
     ) -> _Description:
         if self._closed:
             raise ClosedError("this participant is closed")
+        if self._is_humble:
+            type_hash = ""
         profile = read_qos(qos_text(qos))
         assert profile is not None
         owner = self._nodes.get(node)
-        token = EndpointToken(owner or self._nobody, next(self._ids), kind, name, type, type_hash, profile)
+        token = EndpointToken(owner or self._nobody, next(self._ids), kind, name, type, type_hash, profile, backends)
         text = str(token)
         key = data_key(self._domain_id, name, type, type_hash)
         return _Description(key, text if owner else "", endpoints_of(token, gid_of(text)))
@@ -167,9 +189,9 @@ class ZenohParticipant:
         """See `transport.Participant`; nobody does here."""
         return False
 
-    def mismatch(self, offered: QoSProfile, requested: QoSProfile) -> str:
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
         """See `transport.Participant`; nobody looks at profiles here."""
-        return ""
+        return why_apart(writer, reader)
 
     # ---------------------------------------------------------------------------------------------------- nodes
 

@@ -2,8 +2,8 @@
 
 Decides that a request waits until a server is within reach, so that it is never lost for being early; that a query
 which ends without a response, because its servers died, is told to the client as such; and how long queries are kept
-that nobody answers: until their client is gone, or many others came behind. Queries never end by themselves, as calls
-do not; a client that gives one up cancels it.
+that nobody answers: until their client is gone, or many others came behind. A query has the time that its
+call has, as Zenoh keeps 1 kB of each until that has passed, answered or not; a client that gives one up cancels it.
 
 Source: zenoh.md 6.
 """
@@ -30,6 +30,11 @@ if TYPE_CHECKING:
 
 _ENDLESS_S = 1e9
 """Zenoh refuses infinity."""
+_GET_RESULT = "/_action/get_result/"
+"""In the keys of requests that may take for ever, as rmw_zenoh_cpp has it. Others have `queries_default_timeout`."""
+_LATER_S = 1.0
+"""So much longer than a call Zenoh waits: the call says it better."""
+_TIMEOUT = b"Timeout"
 _MOST_QUERIES = 10_000
 _MOST_BYTES = 64 * 2**20
 """Of requests that nobody answered yet, together."""
@@ -86,6 +91,8 @@ class ReplyReader(ZenohReader):
         self._servers: tuple[int, dict[str, int]] = (-1, {})
         """The handles of the servers of each session, when the graph had changed so often."""
         self._has_server = False
+        self._key = key
+        self._longest_s = _ENDLESS_S if _GET_RESULT in key else None
         super().__init__(owner, info, key)
         self._matching = self._subscriber.declare_matching_listener(handler(self._match))
 
@@ -98,20 +105,27 @@ class ReplyReader(ZenohReader):
             key,
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=_ENDLESS_S,
         )
 
-    def ask(self, data: bytes, number: int) -> bool:
+    def ask(self, data: bytes, number: int, timeout_s: float | None) -> bool:
         """Send a request; False while no server is within reach."""
-        querier = self._subscriber
         if not self._has_server:  # the listener is not told of the beginning
-            self._has_server = querier.matching_status.matching
+            self._has_server = self._subscriber.matching_status.matching
             if not self._has_server:
                 return False
         asked = self._asked[number] = _Asked(self, number)
         callback, attachment = handler(asked.on_reply, asked.on_end), pack(number, _time_ns(), self.guid)
         try:
-            querier.get(callback, payload=data, attachment=attachment, cancellation_token=asked.token)
+            self._owner.session.get(
+                self._key,
+                callback,
+                target=zenoh.QueryTarget.ALL_COMPLETE,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=self._longest_s if timeout_s is None else min(timeout_s + _LATER_S, _ENDLESS_S),
+                payload=data,
+                attachment=attachment,
+                cancellation_token=asked.token,
+            )
         except BaseException:
             self._cancel(number)
             raise
@@ -178,7 +192,9 @@ class _Asked:
         """Called by Zenoh with each reply; an error is none."""
         sample = reply.ok
         if sample is None:
-            self._reason = (f"answered with an error: {_printable(reply.err.payload.to_bytes())}",)
+            said = reply.err.payload.to_bytes()
+            is_late = said == _TIMEOUT
+            self._reason = ("did not answer in time" if is_late else f"answered with an error: {_printable(said)}",)
             return
         told = self._client.read_attachment(sample)
         data = sample.payload.to_bytes()
@@ -213,14 +229,14 @@ class RequestWriter(_Half):
         super().__init__(owner, info)
         self._reader = reader
 
-    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         """See `transport.Writer`; False while no server is within reach."""
         if self._closed:
             raise ClosedError(f"the writer of {self.info.topic} is closed")
         if identity is None:
             raise TransportError(f"a request on {self.info.topic} needs an identity")
         try:
-            return self._reader.ask(bytes(data), identity[1])
+            return self._reader.ask(bytes(data), identity[1], timeout_s)
         except zenoh.ZError as error:
             raise TransportError(f"send a request of {len(data)} bytes on {self.info.topic}: {error}") from None
 
@@ -317,7 +333,7 @@ class ReplyWriter(_Half):
         self._reader = reader
         self._key = key
 
-    def write(self, data: Payload, identity: Identity | None = None) -> bool:
+    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         """See `transport.Writer`; what answers nothing that is still asked is dropped."""
         if self._closed:
             raise ClosedError(f"the writer of {self.info.topic} is closed")

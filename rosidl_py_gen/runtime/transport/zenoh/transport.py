@@ -16,7 +16,13 @@ from rosidl_py_gen.runtime.transport.interface import BackendMissingError, Trans
 try:
     import zenoh
 
-    from rosidl_py_gen.runtime.transport.zenoh.config import endpoints_of, insert, router_attempts, session_config
+    from rosidl_py_gen.runtime.transport.zenoh.config import (
+        endpoints_of,
+        insert,
+        is_humble,
+        router_attempts,
+        session_config,
+    )
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 except ImportError as err:
     raise BackendMissingError(
@@ -53,7 +59,7 @@ class ZenohTransport:
         config = session_config(os.environ, get_root_logger().warning)
         # Zenoh would wait for all peers it hears of, and often half a second for one that is gone already.
         insert(config, "open/return_conditions/connect_scouted", "false", where="own settings")
-        attempts = router_attempts(os.environ)
+        attempts, humble = router_attempts(os.environ), is_humble(os.environ)
         asked = endpoints_of(config, "connect")
         ZenohTransport._was_used = True
         try:
@@ -64,7 +70,7 @@ class ZenohTransport:
                 f"Zenoh could not open a session: {reason}. It was told to connect with {', '.join(asked) or 'nobody'}"
             ) from None
         _look_for_router(session, attempts, asked)
-        return ZenohParticipant(session, settings.domain_id, enclave)
+        return ZenohParticipant(session, settings.domain_id, enclave, is_humble=humble)
 
     @classmethod
     def after_fork(cls) -> None:

@@ -12,6 +12,7 @@ import zenoh
 
 from rosidl_py_gen.runtime.transport.interface import Service, TransportError
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.zenoh import endpoints
 from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
 from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 
@@ -64,6 +65,26 @@ def test_what_zenoh_refuses_to_create_is_a_transport_error(
         create(participant)
     assert (session.calls[-1] == "undeclare") == (refused == "declare_token")
     participant.close()
+
+
+@pytest.mark.parametrize("is_refused", [True, False])
+def test_of_the_two_subscribers_of_a_reader_for_buffers_none_is_left(
+    is_refused: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = Session()
+    participant = ZenohParticipant(session, 0, "/")
+    if is_refused:
+
+        def refuse(key: str) -> str:
+            raise zenoh.ZError("no")
+
+        monkeypatch.setattr(endpoints, "cpu_channel", refuse)
+        with pytest.raises(TransportError):
+            participant.create_reader("rt/t", "T", DEFAULT, has_buffer=True)
+    else:
+        participant.create_reader("rt/t", "T", DEFAULT, has_buffer=True).close()
+    own = session.calls[session.calls.index("liveliness") + 2 :]  # the first subscriber is that of tokens
+    assert own.count("declare_subscriber") == own.count("undeclare") == (1 if is_refused else 2)
 
 
 def test_a_session_is_closed_whatever_zenoh_refuses_to_undeclare() -> None:

@@ -7,6 +7,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from example_interfaces.action import Fibonacci
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import String
 from worlds import World, until, zenoh_environment
@@ -108,6 +109,29 @@ async def test_an_error_in_place_of_a_response_is_told(pair: Pair) -> None:
     with pytest.raises(ServerLostError, match=r"server of /add answered with an error: no  \[31mnumbers!+\Z") as caught:
         await calling
     assert len(str(caught.value)) < 400
+
+
+async def test_only_calls_without_a_limit_have_that_of_zenoh_and_results_of_actions_have_none(
+    zenoh: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    override = f"{zenoh_environment()['ZENOH_CONFIG_OVERRIDE']};queries_default_timeout=200"
+    monkeypatch.setenv("ZENOH_CONFIG_OVERRIDE", override)
+    pair = Pair(zenoh)
+    endless, limited = pair.call(None), pair.call(20)
+    requests = [await anext(pair.server) for _ in range(2)]
+    with pytest.raises(ServerLostError, match="the server of /add did not answer in time"):
+        await endless
+    requests[1].respond(AddTwoInts.Response(sum=3))
+    assert (await limited).sum == 3
+
+    async def execute(goal: Any) -> Any:
+        await asyncio.sleep(0.5)
+        return Fibonacci.Result(sequence=[1])
+
+    pair.node.create_action_server(Fibonacci, "fibonacci", execute)
+    client = zenoh.node("sender").create_action_client(Fibonacci, "fibonacci")
+    goal = await client.send_goal(Fibonacci.Goal(order=1), timeout_s=20)
+    assert list((await goal.result())[1].sequence) == [1]
 
 
 @pytest.mark.parametrize(

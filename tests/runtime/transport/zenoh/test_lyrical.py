@@ -1,0 +1,169 @@
+"""Subscriptions of messages with an unbounded array of bytes, for which publishers of Lyrical have keys of their own.
+
+The publisher chooses the key as rmw_zenoh_cpp 0.10.5 does (rmw_publisher_data.cpp, `publish` and
+`on_subscriber_discovered`; zenoh.md 9.2 to 9.4).
+"""
+
+from __future__ import annotations
+
+import itertools
+import struct
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import xxhash
+from nav_msgs.msg import OccupancyGrid
+from sensor_msgs.msg import Image
+from std_msgs.msg import ByteMultiArray, Empty, String, UInt8MultiArray
+from visualization_msgs.msg import MarkerArray
+from worlds import until
+from zenoh_peer import PLAIN, PlainPublisher
+
+from rosidl_py_gen import compile_text, type_hash
+from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.runtime.endpoints.types import has_buffer, message_type, raw_type
+from rosidl_py_gen.tools.types import opaque_class
+
+if TYPE_CHECKING:
+    from worlds import World
+    from zenoh_peer import Peer
+
+BYTES = f"std_msgs::msg::dds_::UInt8MultiArray_/{type_hash(UInt8MultiArray)}"
+
+
+def bytes_message(*values: int) -> bytes:
+    """A UInt8MultiArray without dimensions."""
+    return b"\0\1\0\0" + struct.pack("<III", 0, 0, len(values)) + bytes(values)
+
+
+class LyricalPublisher(PlainPublisher):
+    """One that is buffer-aware: every subscription it knows is of its group of the CPU, or has a key of its own."""
+
+    def __init__(self, peer: Peer, name: str, type_and_hash: str) -> None:
+        super().__init__(peer, name, type_and_hash)
+        self.gid = peer.tell("MP", name, type_and_hash, f"{PLAIN}/backends:cpu:")
+
+    def publish(self, data: bytes) -> None:
+        subscribers = self.peer.of_others("MS", self.name)
+        is_cpu = [chunks[13:] == ["backends:cpu:"] for chunks in subscribers]
+        if any(is_cpu):
+            self.put(f"{self.base}/_buf_cpu", data)
+        for chunks in itertools.compress(subscribers, [not cpu for cpu in is_cpu]):
+            gid = xxhash.xxh3_128_intdigest("/".join(chunks).encode()).to_bytes(16, "little")
+            self.put(f"{self.base}/_buf/{gid.hex()}", b"\0\1\0\0a descriptor")
+
+    def publish_serialized(self, data: bytes) -> None:
+        self.put(self.base, data)
+
+
+@pytest.mark.parametrize(
+    ("cls", "expected"),
+    [
+        (UInt8MultiArray, True),
+        (Image, True),
+        (MarkerArray, True),  # a compressed image in each marker
+        (OccupancyGrid, False),  # int8
+        (ByteMultiArray, False),  # an octet is no uint8
+        (String, False),
+        (Empty, False),
+        (compile_text("p/msg/Chars", "char[] data"), True),
+        (compile_text("p/msg/Bounded", "uint8[<=9] some\nuint8[9] all"), False),
+    ],
+)
+def test_messages_with_an_unbounded_array_of_bytes_are_known_by_their_fields(cls: type[Any], expected: bool) -> None:
+    assert has_buffer(message_type(cls)) is expected
+    assert has_buffer(raw_type(message_type(cls))) is (expected or cls is Empty)
+
+
+async def test_a_publisher_of_lyrical_reaches_our_subscriptions(ours: World, peer: Peer) -> None:
+    subscription = ours.node("ours").create_subscription(UInt8MultiArray, "/bytes")
+    publisher = LyricalPublisher(peer, "/bytes", BYTES)
+    publisher.publish(bytes_message(0))  # may be too early for it to know anybody
+    await until(lambda: len(peer.of_others("MS", "/bytes")) == 1)
+    next(publisher.numbers)  # its numbers have gaps: they are of all its keys together
+    publisher.publish(bytes_message(1, 2))
+    publisher.publish_serialized(bytes_message(3))
+    publisher.publish(bytes_message(4))
+    found: list[list[int]] = []
+    while not found or found[-1] != [4]:
+        message, info = await subscription.receive_with_info(5)
+        assert info.publisher_gid == publisher.gid
+        found.append(list(message.data))
+    assert found[-3:] == [[1, 2], [3], [4]] and found[:-3] in ([], [[0]])
+
+
+async def test_without_the_last_chunk_of_its_token_a_subscription_would_hear_nothing(ours: World, peer: Peer) -> None:
+    node = ours.node("ours")
+    participant: Any = node.scope.participant
+    number = node.scope.number
+    reader = participant.create_reader(
+        "rt/bytes", *BYTES.split("/")[:1], QoSProfile(), type_hash(UInt8MultiArray), node=number
+    )
+    publisher = LyricalPublisher(peer, "/bytes", BYTES)
+    await until(lambda: len(peer.of_others("MS", "/bytes")) == 1)
+    publisher.publish(bytes_message(1))
+    publisher.publish_serialized(bytes_message(2))
+    await until(lambda: len(reader.queue.items) > 0)
+    assert [sample[0][-1] for sample in reader.queue.items] == [2]
+    reader.close()
+
+
+async def test_a_subscription_without_fields_hears_a_publisher_of_lyrical(ours: World, peer: Peer) -> None:
+    node = ours.node("ours")
+    publisher = LyricalPublisher(peer, "/bytes", BYTES)
+    await until(lambda: node.count_publishers("/bytes") > 0)
+    session: Any = type("Session", (), {"node": node})
+    subscription = node.create_subscription(opaque_class(session, "/bytes"), "/bytes", raw=True)
+    await until(lambda: len(peer.of_others("MS", "/bytes")) == 1)
+    publisher.publish(bytes_message(7))
+    assert await subscription.receive(5) == bytes_message(7)
+
+
+@pytest.mark.parametrize(
+    ("cls", "qos", "end"),
+    [
+        (UInt8MultiArray, 10, f"{PLAIN}/backends:cpu:"),
+        (UInt8MultiArray, QoSProfile().transient_local(), ":1:,10:,:,:,,"),
+        (String, 10, PLAIN),
+    ],
+)
+async def test_only_volatile_subscriptions_of_such_messages_say_what_they_take(
+    ours: World, peer: Peer, cls: type[Any], qos: Any, end: str
+) -> None:
+    node = ours.node("ours")
+    subscription = node.create_subscription(cls, "/t", qos=qos)
+    await until(lambda: len(peer.of_others("MS", "/t")) == 1)
+    (chunks,) = peer.of_others("MS", "/t")
+    assert "/".join(chunks[12:]) == end
+    gid = xxhash.xxh3_128_intdigest("/".join(chunks).encode()).to_bytes(16, "little")
+    (info,) = node.get_subscriptions_info_by_topic("/t")
+    assert bytes(info.endpoint_gid) == gid
+    subscription.close()
+    await until(lambda: not peer.of_others("MS", "/t"))
+
+
+async def test_such_messages_of_jazzy_and_of_ours_arrive_once(ours: World, peer: Peer) -> None:
+    alice, bob = ours.pair()
+    subscription = alice.create_subscription(UInt8MultiArray, "/bytes")
+    among_us, theirs = bob.create_publisher(UInt8MultiArray, "/bytes"), PlainPublisher(peer, "/bytes", BYTES)
+    assert await among_us.wait_for_subscribers(5)
+    await until(lambda: len(peer.of_others("MS", "/bytes")) == 1 and alice.count_publishers("/bytes") == 2)
+    for number in range(3):
+        among_us.publish(UInt8MultiArray(data=[number]))
+    assert [list((await subscription.receive(5)).data) for _ in range(3)] == [[0], [1], [2]]
+    for number in range(3):
+        theirs.publish(bytes_message(number))
+    assert [list((await subscription.receive(5)).data) for _ in range(3)] == [[0], [1], [2]]
+
+
+async def test_our_publishers_reach_subscriptions_of_lyrical(ours: World, peer: Peer) -> None:
+    heard: list[bytes] = []
+    for key in (peer.key("/bytes", BYTES), f"{peer.key('/bytes', BYTES)}/_buf_cpu"):
+        peer.listen(key, heard)
+    peer.tell("MS", "/bytes", BYTES, f"{PLAIN}/backends:cpu:")
+    publisher = ours.node("ours").create_publisher(UInt8MultiArray, "/bytes")
+    assert await publisher.wait_for_subscribers(5)
+    publisher.publish(UInt8MultiArray(data=[1]))
+    publisher.publish(UInt8MultiArray(data=[2]))
+    await until(lambda: len(heard) >= 2)
+    assert heard == [bytes_message(1), bytes_message(2)]
