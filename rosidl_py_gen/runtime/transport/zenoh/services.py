@@ -90,15 +90,11 @@ class ReplyReader(ZenohReader):
         """Those that other servers may still answer."""
         self._servers: tuple[int, dict[str, int]] = (-1, {})
         """The handles of the servers of each session, when the graph had changed so often."""
-        self._has_server = False
+        self._reached_at = -1
+        """How often the graph had changed when a server was within reach; asking Zenoh takes 40 us."""
         self._key = key
         self._longest_s = _ENDLESS_S if _GET_RESULT in key else None
         super().__init__(owner, info, key)
-        self._matching = self._subscriber.declare_matching_listener(handler(self._match))
-
-    def _match(self, status: Any) -> None:
-        """Called by Zenoh when the first server comes within reach, or the last one is out of it."""
-        self._has_server = status.matching
 
     def _declare(self, key: str) -> Any:
         return self._owner.session.declare_querier(
@@ -109,10 +105,13 @@ class ReplyReader(ZenohReader):
 
     def ask(self, data: bytes, number: int, timeout_s: float | None) -> bool:
         """Send a request; False while no server is within reach."""
-        if not self._has_server:  # the listener is not told of the beginning
-            self._has_server = self._subscriber.matching_status.matching
-            if not self._has_server:
+        # Not by a listener: Zenoh calls that on the thread which undeclaring an advanced publisher waits for, for up to
+        # ten seconds and with Python's lock.
+        changes = self._owner.graph.changes
+        if changes != self._reached_at:
+            if not self._subscriber.matching_status.matching:
                 return False
+            self._reached_at = changes
         asked = self._asked[number] = _Asked(self, number)
         callback, attachment = handler(asked.on_reply, asked.on_end), pack(number, _time_ns(), self.guid)
         try:
@@ -156,13 +155,11 @@ class ReplyReader(ZenohReader):
     def close(self) -> None:
         for number in list(self._asked):  # while undeclaring, Zenoh would end them with its session locked
             self._cancel(number)
-        if not self._closed:
-            self._matching.undeclare()
         super().close()
 
     def abandon(self) -> None:
         super().abandon()
-        keep(self._asked, self._matching)
+        keep(self._asked)
         self._asked = {}
 
     def server_of(self, reply: Any) -> int:
