@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stam
 from rosidl_py_gen.runtime.endpoints.scope import Composite
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
-from rosidl_py_gen.runtime.loop.callbacks import settle
+from rosidl_py_gen.runtime.loop.callbacks import settle_threadsafe
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
@@ -203,4 +203,4 @@ class ActionServer(Composite, Generic[ActionT_co]):
         """
         super().close()
         for answer in list(self._undecided.values()):
-            settle(answer, None)
+            settle_threadsafe(answer, None)

@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, G
 from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.loop.callbacks import settle
+from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
@@ -112,7 +112,7 @@ class ServerGoal(Generic[ActionT_co]):
         self._result = result
         self._changed.wake()
         for answer in self.cancel_answers:
-            settle(answer, False)
+            settle_threadsafe(answer, False)
 
     async def encoded_result(self) -> bytes:
         """What get_result answers, once the goal has ended; the server asks this."""

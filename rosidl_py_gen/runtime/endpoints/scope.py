@@ -8,6 +8,7 @@ what: a scope closes all that is made with it, and what is made of several parts
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import copy
 import itertools
 import time
@@ -163,10 +164,14 @@ class Scope:
         # One graph message at the end of a node, not one per endpoint. What another thread is making just now closes
         # itself, and what comes of a task that is cancelled counts as its end.
         self.closed = True
-        current = None if current_loop() is None else asyncio.current_task()
-        for task in self._tasks - {current}:
-            if not task.get_loop().is_closed():
+        here = current_loop()
+        for task in self._tasks - {None if here is None else asyncio.current_task()}:
+            loop = task.get_loop()
+            if loop is here:
                 task.cancel()
+            else:
+                with contextlib.suppress(RuntimeError):  # it is closed
+                    loop.call_soon_threadsafe(task.cancel)
         for endpoint in reversed(list(self.owned.values())):
             endpoint.close()
         self.owned.clear()

@@ -8,10 +8,11 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from worlds import World
+from worlds import World, until
 
 from rosidl_py_gen import get_action, get_message
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime import AlreadyRespondedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -133,3 +134,65 @@ async def test_a_handler_that_closes_its_own_server_goes_on(world: World, caplog
     with contextlib.suppress(asyncio.CancelledError, Exception):
         await asked
     assert "Traceback" not in caplog.text and "without ending goal" not in caplog.text
+
+
+@pytest.mark.parametrize("what", ["node", "action server"])
+async def test_tasks_end_when_another_thread_closes_what_they_belong_to(world: World, what: str) -> None:
+    """In the debug mode of asyncio, which refuses to cancel a task of a loop in another thread."""
+    began, ended = asyncio.Event(), asyncio.Event()
+
+    async def wait(_: Any) -> None:
+        began.set()
+        try:
+            await asyncio.sleep(60)
+        finally:
+            ended.set()
+
+    asyncio.get_running_loop().set_debug(True)
+    node, other = world.node("n"), world.node("other")
+    if what == "node":
+        closing: Any = node
+        node.create_subscription(Int32, "t", wait)
+        publisher = other.create_publisher(Int32, "t")
+        assert await publisher.wait_for_subscribers(5)
+        publisher.publish(Int32())
+    else:
+        closing = node.create_action_server(Fibonacci, "fib", wait)
+        await other.create_action_client(Fibonacci, "fib").send_goal(Fibonacci.Goal(), timeout_s=5)
+    await asyncio.wait_for(began.wait(), 5)
+    failures: list[BaseException] = []
+
+    def close() -> None:
+        try:
+            closing.close()
+        except BaseException as error:
+            failures.append(error)
+
+    await asyncio.to_thread(close)
+    await asyncio.wait_for(ended.wait(), 5)
+    assert failures == []
+
+
+async def test_whoever_waits_for_another_thread_to_close_is_told(memory: World) -> None:
+    """In the debug mode of asyncio, too: a call under way, and requests that nobody has decided about."""
+    asyncio.get_running_loop().set_debug(True)
+    node, other = memory.node("n"), memory.node("other")
+    server = other.create_action_server(Fibonacci, "fib")
+    client = node.create_action_client(Fibonacci, "fib")
+    goals, cancels = server.__aiter__(), server.cancel_requests()
+    asked = [asyncio.ensure_future(client.send_goal(Fibonacci.Goal())) for _ in range(2)]
+    taken = (await anext(goals)).accept()
+    undecided = await anext(goals)
+    cancelling = asyncio.ensure_future((await asked[0]).cancel())
+    cancel = await anext(cancels)
+    await asyncio.to_thread(server.close)
+    assert taken.cancel_requested
+    assert [goal async for goal in goals] == [one async for one in cancels] == []
+    for request in (undecided, cancel):
+        await until(request._answer.done)
+        with pytest.raises(AlreadyRespondedError):
+            request.accept()
+    await asyncio.to_thread(client.close)
+    for waiting in (asked[1], cancelling):
+        with pytest.raises(ClosedError):
+            await asyncio.wait_for(waiting, 5)
