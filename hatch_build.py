@@ -1,7 +1,7 @@
-"""Compile the templates while a wheel is built, so that nobody who installed it waits for that.
+"""Compile the templates and generate the bundled interfaces while a wheel is built, so that nobody waits for that.
 
-What jinja2 makes of `templates/` goes into a new folder outside the checkout, from there into the wheel, and away: no
-compiled template can be older than its text. An editable install has none and reads the texts.
+What is made of `templates/` and `interfaces/` goes into new folders outside the checkout, from there into the wheel,
+and away: nothing of it can be older than its text. An editable install has none of it and reads the texts.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
-class CompiledTemplates(BuildHookInterface):
+class MadeForWheels(BuildHookInterface):
     """Hatch finds this class by its base."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
@@ -22,11 +22,14 @@ class CompiledTemplates(BuildHookInterface):
             return
         sys.path.insert(0, self.root)
         from rosidl_py_gen.codegen.render import environment_of_texts
+        from rosidl_py_gen.generate import generate_ready_made
 
         self._folder = TemporaryDirectory()
-        environment_of_texts().compile_templates(self._folder.name, zip=None, ignore_errors=False)
-        for path in Path(self._folder.name).glob("*.py"):
-            build_data["force_include"][str(path)] = f"rosidl_py_gen/compiled_templates/{path.name}"
+        top = Path(self._folder.name)
+        environment_of_texts().compile_templates(top / "compiled_templates", zip=None, ignore_errors=False)
+        generate_ready_made(top / "ready_made")
+        for path in top.rglob("*.py"):
+            build_data["force_include"][str(path)] = f"rosidl_py_gen/{path.relative_to(top).as_posix()}"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         if version != "editable":

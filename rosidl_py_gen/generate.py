@@ -14,6 +14,7 @@ from pathlib import Path
 from rosidl_py_gen.codegen.sources import Target, module_name, module_path, package_sources
 from rosidl_py_gen.codegen.write import Changes, apply_changes, our_packages, ours_below, plan_changes
 from rosidl_py_gen.errors import DefinitionError, Problem, shown_path
+from rosidl_py_gen.importable import READY_MADE
 from rosidl_py_gen.names import RosName, py_name
 from rosidl_py_gen.ownership import MARK
 from rosidl_py_gen.resources import interfaces_dir
@@ -142,7 +143,7 @@ def generate(
     problems = in_order([*library.findings.problems, *(left_out if keep_going else ())])
     if problems and not (keep_going and names):
         raise DefinitionError(problems, notes, partial=bool(names))
-    known = own_classes(library) if not root else lambda name: None
+    known = own_classes(library) if root != _MSGS else lambda name: None
     done = iter(range(len(names)))
     files = package_sources(
         library,
@@ -219,6 +220,14 @@ def regenerate_msgs(folder: Path, dry: bool = False) -> Changes:
     if not dry:
         apply_changes(folder, table, changes)
     return Changes((*run.changes.written, *changes.written), run.changes.removed, run.changes.unchanged)
+
+
+def generate_ready_made(folder: Path) -> Run:
+    """Generate all bundled interfaces for a wheel, where they are the package `READY_MADE`."""
+    search = search_path([interfaces_dir()], ament="", bundled=False)
+    run = generate(search, [], folder, root=READY_MADE)
+    (folder / "__init__.py").write_text(f'{MARK}. Do not edit.\n"""The bundled interfaces."""\n', encoding="utf-8")
+    return run
 
 
 def _hash_table(library: Library, names: list[RosName]) -> str:

@@ -79,11 +79,17 @@ def links(page: Path) -> list[str]:
     return [target for target in targets if not re.match(r"[a-z]+:", target)]
 
 
-def named_tests(page: Path) -> list[tuple[str, str]]:
-    """(file, function) of every test a page names; ``…::`` means the file named before, a last ``…`` any ending."""
+def rows(page: Path) -> list[list[str]]:
+    """Cells of every row of every table, headings and the lines below them included."""
+    lines = [line.strip("|") for line in prose(page).splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.split("|")] for line in lines]
+
+
+def named_tests(text: str) -> list[tuple[str, str]]:
+    """(file, function) of every test a text names; ``…::`` means the file named before, a last ``…`` any ending."""
     found = []
     file = ""
-    for name in _NAMED_TEST.findall(prose(page)):
+    for name in _NAMED_TEST.findall(text):
         first, _, function = name.partition("::")
         file = file if first == "…" else first
         found.append((file, function))

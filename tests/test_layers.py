@@ -40,6 +40,7 @@ OWNERS = {
     "errors": "base",
     "names": "base",
     "ownership": "base",
+    "importable": "base",
     "description_cache": "base",
     "registration": "base",
     "resources": "base",

@@ -1,7 +1,11 @@
-"""The wheel holds every template compiled, and prints the same with these alone as a checkout does from the texts."""
+"""The wheel holds every template compiled, and prints the same with these alone as a checkout does from the texts.
+
+It holds the bundled interfaces generated, too, which `get_message` and its like take where nothing else is meant.
+"""
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -49,3 +53,107 @@ def test_compiled_templates_print_what_their_texts_print(package: Path, tmp_path
         printed[name] = {path.relative_to(out): path.read_bytes() for path in out.rglob("*.py")}
     assert printed["wheel"] == printed["checkout"]
     assert len(printed["wheel"]) > 200
+
+
+def found(package: Path, program: str, **environment: str) -> list[str]:
+    """The words a program prints that imports the wheel's package."""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=package.parent,
+        env={**os.environ, "AMENT_PREFIX_PATH": "", "PYTHONPATH": "", **environment},
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
+POSE = "geometry_msgs/msg/PoseStamped"
+READY = "rosidl_py_gen.ready_made"
+
+
+def test_a_wheel_holds_all_bundled_interfaces_ready_made_and_a_checkout_none(package: Path, tmp_path: Path) -> None:
+    run(TOP, "rosidl_py_gen.cli", "--out", str(tmp_path))
+    printed = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.py")}
+    ready = {path.relative_to(package / "ready_made").as_posix() for path in (package / "ready_made").rglob("*.py")}
+    assert ready == {*printed, "__init__.py"}
+    assert not (TOP / "rosidl_py_gen" / "ready_made").exists()
+
+
+def test_every_bundled_definition_gives_the_ready_made_class_and_no_compiler_is_loaded(package: Path) -> None:
+    program = """
+import sys
+from rosidl_py_gen import get_action, get_message, get_service
+from rosidl_py_gen.resources import interfaces_dir
+get = {"msg": get_message, "srv": get_service, "action": get_action}
+for file in interfaces_dir().glob("*/*/*.*"):
+    if file.parent.name in get:
+        name = f"{file.parent.parent.name}/{file.parent.name}/{file.stem}"
+        cls = get[file.parent.name](name)
+        assert cls._TYPE.name == name, name
+        print(cls.__module__.rpartition(".")[0])
+assert "jinja2" not in sys.modules and "rosidl_py_gen.spec" not in sys.modules
+"""
+    modules = found(package, program)
+    assert len(modules) > 200
+    assert f"{READY}.geometry_msgs.msg" in modules
+    assert all(name.startswith((READY, "rosidl_py_gen.msgs.")) for name in modules)
+
+
+def test_ready_made_classes_describe_themselves_as_compiled_ones_do(package: Path) -> None:
+    program = f"""
+from rosidl_py_gen import get_message, type_description, type_hash
+cls = get_message("{POSE}")
+print(cls.__module__.split(".")[0], type_hash(cls))
+print(repr(type_description(cls)).replace(" ", ""))
+"""
+    ready = found(package, program)
+    assert found(package, f"import os; os.environ['AMENT_PREFIX_PATH'] = '/nowhere'\n{program}") == [
+        "rosidl_py_gen_memory",
+        *ready[1:],
+    ]
+
+
+def test_a_definition_that_comes_before_the_bundled_one_is_taken(package: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "share" / "std_msgs" / "msg"
+    folder.mkdir(parents=True)
+    (folder / "Header.msg").write_text("string other\n")
+    program = f'from rosidl_py_gen import get_message\nprint(*get_message("{POSE}").__slots__)\n'
+    program += f'print(*get_message("{POSE}")().header.__slots__)'
+    assert found(package, program, AMENT_PREFIX_PATH=str(tmp_path)) == ["header", "pose", "other"]
+    program = program.replace(f'"{POSE}"', f'"{POSE}", path={str(tmp_path / "share")!r}')
+    assert found(package, program) == ["header", "pose", "other"]
+
+
+def test_a_type_has_one_class_where_only_a_part_of_it_was_generated_by_the_user(package: Path, tmp_path: Path) -> None:
+    run(TOP, "rosidl_py_gen.cli", "--out", str(tmp_path), "--filter", "std_msgs")
+    program = f"""
+from rosidl_py_gen import get_message
+from std_msgs.msg import Header
+pose = get_message("{POSE}")
+assert type(pose().header) is Header
+print(pose.__module__.split(".")[0], get_message("std_msgs/msg/Header").__module__)
+"""
+    words = found(package, program, PYTHONPATH=str(tmp_path))
+    assert words == ["rosidl_py_gen_memory", "std_msgs.msg._header"]
+
+
+def test_a_type_has_one_class_whether_a_text_or_the_wheel_was_asked_first(package: Path) -> None:
+    header = "builtin_interfaces/Time stamp\\nstring frame_id\\n"
+    text_first = f"""
+from rosidl_py_gen import compile_text, get_message
+header = compile_text("std_msgs/msg/Header", "{header}")
+pose = get_message("{POSE}")
+assert type(pose().header) is header is get_message("std_msgs/msg/Header")
+print(pose.__module__.split(".")[0])
+"""
+    wheel_first = f"""
+from rosidl_py_gen import compile_text, get_message
+pose = get_message("{POSE}")
+header = compile_text("std_msgs/msg/Header", "{header}")
+assert type(pose().header) is header is get_message("std_msgs/msg/Header")
+print(header.__module__)
+"""
+    assert found(package, text_first) == ["rosidl_py_gen_memory"]
+    assert found(package, wheel_first) == [f"{READY}.std_msgs.msg._header"]

@@ -1,5 +1,5 @@
 """Worlds for tests with nodes: every test that uses `world` runs on the memory transport and again on real DDS, those
-of some files on Zenoh, too.
+of some files on Zenoh, too; every test that uses `network` runs on DDS and on Zenoh, with processes of its own.
 
 All stay on this machine: a fixture sets the environment so, refuses to join a domain that is not loopback only or not
 one of ours, and to open a session of Zenoh that listens elsewhere. Zenoh's sessions meet at a router in this process.
@@ -52,21 +52,28 @@ FIRST_DOMAIN, DOMAINS = 60, 85
 _LOCAL_ENDPOINTS = ("tcp/127.0.0.1:", "tls/127.0.0.1:", "tcp/localhost:", "tls/localhost:", "tcp/[::1]:")
 _open_session = zenoh.open
 ON_ZENOH = {
-    "test_actions.py",
+    "test_action_bytes.py",
     "test_action_clients.py",
+    "test_actions.py",
     "test_arrays.py",
+    "test_buffer.py",
     "test_contexts.py",
     "test_introspection.py",
     "test_lifecycle.py",
     "test_node.py",
+    "test_node_services.py",
     "test_parameter_client.py",
     "test_parameter_services.py",
+    "test_parameter_threads.py",
     "test_services.py",
     "test_sim_time.py",
+    "test_sim_time_sleep.py",
+    "test_stress.py",
+    "test_threads_and_loops.py",
     "test_topics.py",
     "test_type_description.py",
 }
-"""Files of tests that run on Zenoh as well."""
+"""Files whose tests with a `world` run on Zenoh as well."""
 
 
 @functools.cache
@@ -189,12 +196,18 @@ def world(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> It
     made.close()
 
 
+network = world
+"""As `world`, for tests with processes of their own: on DDS and on Zenoh, which new processes of the test use, too."""
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     """Run tests with a `world` on all transports: on Zenoh where that matters, and where it has what they are about."""
+    refusal = metafunc.definition.get_closest_marker("without_zenoh")
     if "world" in metafunc.fixturenames:
-        refusal = metafunc.definition.get_closest_marker("without_zenoh")
         zenoh_too = refusal is None and metafunc.definition.path.name in ON_ZENOH
         metafunc.parametrize("world", ["memory", "dds", *["zenoh"] * zenoh_too], indirect=True)
+    if "network" in metafunc.fixturenames:
+        metafunc.parametrize("network", ["dds", *["zenoh"] * (refusal is None)], indirect=True)
 
 
 @pytest.fixture

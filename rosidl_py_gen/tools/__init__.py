@@ -146,8 +146,10 @@ def main(arguments: list[str] | None = None) -> None:
     """The console script; see the head of this file for exit codes."""
     if arguments is None:
         # Looking for garbage in what is imported, and once more at the end, takes a tenth of a short command.
-        gc.set_threshold(50_000)
+        gc.set_threshold(200_000)
         atexit.register(gc.freeze)
+        # Nothing here does linear algebra, for which numpy starts a thread on each core that is busy until it sleeps.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # closed; a socket would get its number
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))

@@ -8,7 +8,7 @@ in AMENT_PREFIX_PATH, or bundled.
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen import get_action, get_message, get_service
 from rosidl_py_gen.cdr import Message, TypeInfo
@@ -18,18 +18,31 @@ from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Awaitable, Sequence
 
     from rosidl_py_gen.cdr import Action, Service
     from rosidl_py_gen.tools.session import Session
 
+T = TypeVar("T")
+
 _PATIENCE_S = 10.0
 """How long somebody may take to describe a type that is known nowhere else."""
+_A_WHILE_S = 0.02
+"""Peers on a quiet network are found before; with them loading would only compete with what the command does next, and
+the type may be ready-made."""
 _GOAL_SERVICE, _GOAL_TYPE = "/_action/send_goal", "_SendGoal"
 
 
-def load_ahead() -> None:
-    """Load what making classes needs in a thread, while the command waits for others. Called on the loop."""
+async def meanwhile(others: Awaitable[T]) -> T:
+    """Wait for others; if that takes a while, what making classes needs is loaded meanwhile, in a thread."""
+    loading = asyncio.get_running_loop().call_later(_A_WHILE_S, _load_ahead)
+    try:
+        return await others
+    finally:
+        loading.cancel()
+
+
+def _load_ahead() -> None:
     loading = asyncio.get_running_loop().run_in_executor(None, load_compiler)
     loading.add_done_callback(lambda done: done.cancelled() or done.exception())  # whoever needs it meets that again
 

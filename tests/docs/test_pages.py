@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import re
+from fnmatch import fnmatchcase
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from doc_pages import PAGES, ROOT, anchors, links, named_tests, prose
+from doc_pages import PAGES, ROOT, anchors, links, named_tests, prose, rows
+from worlds import ON_ZENOH
 
 LINKING = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 API = "\n".join(prose(page) for page in PAGES if page.parent.name == "api")
@@ -31,7 +34,7 @@ def test_links_lead_somewhere(page: Path) -> None:
 
 @pytest.mark.parametrize(("page", "folder", "least"), [("r2r.md", "runtime", 90), ("interop.md", "interop_rclpy", 15)])
 def test_tests_that_a_page_names_exist(page: str, folder: str, least: int) -> None:
-    named = named_tests(ROOT / "docs" / page)
+    named = named_tests(prose(ROOT / "docs" / page))
     assert len(named) >= least
     for file, function in named:
         text = (ROOT / "tests" / folder / file).read_text(encoding="utf-8")
@@ -39,9 +42,34 @@ def test_tests_that_a_page_names_exist(page: str, folder: str, least: int) -> No
         assert not function or re.search(rf"def {function.rstrip('…')}{end}", text), f"no {function} in {file}"
 
 
+def runs_on_zenoh(file: Path, name: str) -> bool:
+    """Whether that test of a file does, or any of them; `name` may end in "…"."""
+    if file.parent.name == "zenoh":
+        return True
+    fixtures = {"network"} | ({"world"} if file.name in ON_ZENOH else set())
+    wanted = (name or "test_…").replace("…", "*")
+    for test in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(test, ast.FunctionDef | ast.AsyncFunctionDef) and fnmatchcase(test.name, wanted):
+            marks = " ".join(map(ast.unparse, test.decorator_list))
+            used = {argument.arg for argument in test.args.args} | set(re.findall(r"usefixtures\('(\w+)'", marks))
+            if used & fixtures and "without_zenoh" not in marks:
+                return True
+    return False
+
+
+def test_what_works_on_zenoh_is_tested_there() -> None:
+    heads, _, *others = rows(ROOT / "docs/r2r.md")
+    assert heads == ["r2r", "Here", "", "Zenoh", "Test"] and len(others) > 80
+    for what, _, state, zenoh, tests in others:
+        assert re.fullmatch(r"yes(, .+)?|same|no: .+|-", zenoh), what
+        assert (zenoh == "-") == state.startswith("no"), what
+        named = [(ROOT / "tests/runtime" / file, name) for file, name in named_tests(tests)]
+        assert not zenoh.startswith("yes") or any(runs_on_zenoh(*test) for test in named), what
+
+
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_other_pages_name_no_tests(page: Path) -> None:
-    assert page.name in ("r2r.md", "interop.md") or named_tests(page) == []
+    assert page.name in ("r2r.md", "interop.md") or named_tests(prose(page)) == []
 
 
 @pytest.mark.parametrize("package", ["rosidl_py_gen", *(f"rosidl_py_gen.{name}" for name in PARTS)])

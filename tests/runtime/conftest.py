@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from worlds import dds, memory, only_loopback, pytest_generate_tests, pytest_pyfunc_call, world
+from worlds import dds, memory, network, only_loopback, pytest_generate_tests, pytest_pyfunc_call, world
 
 sys.path.insert(0, str(Path(__file__).parent / "actions"))  # for the scripts and worlds of its tests
 
-__all__ = ["dds", "memory", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call", "world"]
+__all__ = ["dds", "memory", "network", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call", "world"]

@@ -84,8 +84,10 @@ def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT)
     assert process.returncode == 0
 
 
-@pytest.mark.parametrize("listener", ["listener.py", "listener_callbacks.py"])
-@pytest.mark.parametrize("talker", ["talker.py", "talker_callbacks.py"])
+@pytest.mark.usefixtures("network")
+@pytest.mark.parametrize(
+    ("talker", "listener"), [("talker.py", "listener_callbacks.py"), ("talker_callbacks.py", "listener.py")]
+)
 def test_talker_and_listener(talker: str, listener: str) -> None:
     hearing, talking = start(listener), start(talker)
     assert hearing.stdout is not None
@@ -95,6 +97,7 @@ def test_talker_and_listener(talker: str, listener: str) -> None:
     stop(talking, signal.SIGTERM)
 
 
+@pytest.mark.usefixtures("network")
 @pytest.mark.parametrize("service", ["service.py", "service_callbacks.py"])
 def test_service_and_client(service: str) -> None:
     serving = start(service)
@@ -124,6 +127,7 @@ def test_ctrl_c_ends_asyncio_run_at_once_although_the_loop_waits_in_dds() -> Non
     assert (output, errors) == ("interrupted\n", "")
 
 
+@pytest.mark.usefixtures("network")
 def test_fibonacci_with_a_cancel() -> None:
     serving = start("fibonacci_server.py")
     output, errors = start("fibonacci_client.py", "4").communicate(timeout=20)
@@ -139,6 +143,7 @@ def test_fibonacci_with_a_cancel() -> None:
     stop(serving)
 
 
+@pytest.mark.usefixtures("network")
 def test_parameters_from_a_file_and_set_from_outside() -> None:
     driving = start("parameters.py", "--ros-args", "--params-file", str(EXAMPLES / "parameters.yaml"))
     assert driving.stdout is not None
@@ -174,6 +179,7 @@ def test_points_are_turned_and_filtered() -> None:
     stop(turning)
 
 
+@pytest.mark.usefixtures("network")
 def test_a_camera_shows_the_same_disc_on_pictures_and_depths() -> None:
     camera = start("camera.py")
 

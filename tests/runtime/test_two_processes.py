@@ -77,8 +77,8 @@ async def result(process: subprocess.Popen[str]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("pause_s", [0.0, 0.05], ids=["fast reader", "slow reader"])
-async def test_keep_all_loses_nothing_between_two_processes(dds: World, pause_s: float) -> None:
-    publisher = dds.node("talker").create_publisher(Int32, "numbers", QoSProfile().keep_all())
+async def test_keep_all_loses_nothing_between_two_processes(network: World, pause_s: float) -> None:
+    publisher = network.node("talker").create_publisher(Int32, "numbers", QoSProfile().keep_all())
     with counter(pause_s) as process:
         assert await publisher.wait_for_subscribers(timeout_s=10)
         for number in range(COUNT):
@@ -88,8 +88,8 @@ async def test_keep_all_loses_nothing_between_two_processes(dds: World, pause_s:
     assert publisher.dropped == 0
 
 
-async def test_publishing_from_many_threads_loses_nothing_between_two_processes(dds: World) -> None:
-    publisher: Publisher[Int32] = dds.node("talker").create_publisher(Int32, "numbers", QoSProfile().keep_all())
+async def test_publishing_from_many_threads_loses_nothing_between_two_processes(network: World) -> None:
+    publisher: Publisher[Int32] = network.node("talker").create_publisher(Int32, "numbers", QoSProfile().keep_all())
     each = COUNT // THREADS
     begin = threading.Barrier(THREADS)
 

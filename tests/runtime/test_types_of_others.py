@@ -55,7 +55,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def robot() -> Iterator[None]:
+def robot(network: World) -> Iterator[None]:
     """A process with a node and definitions of its own."""
     process = subprocess.Popen(
         [sys.executable, "-c", ROBOT],
@@ -80,10 +80,10 @@ def robot() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("robot")
-async def test_what_only_another_process_defines_can_be_used(dds: World) -> None:
+async def test_what_only_another_process_defines_can_be_used(network: World) -> None:
     with pytest.raises(TypeNotFoundError):
         get_message("robot_only_msgs/msg/Note")
-    node = dds.node("stranger")
+    node = network.node("stranger")
     note: Any = await node.resolve_type("notes", timeout_s=10)
     message = await node.create_subscription(note, "notes").receive(10)
     assert [(part.word, part.state) for part in message.parts] == [("a", 3), ("b", 9)]

@@ -12,14 +12,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from worlds import GENERATED, dds, memory, only_loopback, pytest_pyfunc_call, second_domain_id, start_process
+from worlds import (
+    GENERATED,
+    dds,
+    memory,
+    network,
+    only_loopback,
+    pytest_generate_tests,
+    pytest_pyfunc_call,
+    second_domain_id,
+    start_process,
+)
 
 from rosidl_py_gen import tools
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-__all__ = ["dds", "memory", "only_loopback", "pytest_pyfunc_call"]
+__all__ = ["dds", "memory", "network", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call"]
 
 PATIENCE_S = 25
 

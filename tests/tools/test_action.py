@@ -46,8 +46,8 @@ class Counter:
         return None
 
 
-async def test_a_goal_is_followed_to_its_result(dds: World, tool: Tool) -> None:
-    counter = Counter(dds)
+async def test_a_goal_is_followed_to_its_result(network: World, tool: Tool) -> None:
+    counter = Counter(network)
     ended = await tool("action", "send_goal", "/count", "{order: 2}", "--feedback")
     (goal,) = counter.goals
     assert ended.out == (

@@ -9,6 +9,7 @@ import shutil
 import socket
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,8 +41,8 @@ def levels(findings: Iterable[Finding], word: str) -> list[str]:
 # ------------------------------------------------------------------------------------------------------------ as a run
 
 
-async def test_a_good_machine_with_peers_is_well(dds: World, tool: Tool) -> None:
-    node, other = dds.pair()
+async def test_a_good_machine_with_peers_is_well(network: World, tool: Tool) -> None:
+    node, other = network.pair()
     node.create_publisher(String, "/talk")
     await until(lambda: other.count_publishers("/talk") == 1)
     done = await tool("doctor", "--json")
@@ -50,13 +51,14 @@ async def test_a_good_machine_with_peers_is_well(dds: World, tool: Tool) -> None
     assert found["broken"] is False
     texts = [row["text"] for row in found["peers"]]
     assert any("a message went there and back" in text for text in texts)
-    (peers,) = [row["data"] for row in found["peers"] if "Cyclone DDS, ROS Iron or later" in row["text"]]
+    middleware = "Cyclone DDS" if network.kind == "dds" else "Zenoh"
+    (peers,) = [row["data"] for row in found["peers"] if f"{middleware}, ROS Iron or later" in row["text"]]
     assert (peers["participants"], peers["nodes"]) == (2, ["/alice", "/bob"])
     assert [row["level"] for row in found["installation"]] == ["ok"] * len(found["installation"])
 
 
-async def test_what_does_not_fit_together_is_told(dds: World, tool: Tool) -> None:
-    node, twin = dds.node("same"), dds.node("same")
+async def test_what_does_not_fit_together_is_told(network: World, tool: Tool) -> None:
+    node, twin = network.node("same"), network.node("same")
     node.create_publisher(String, "/scan", qos=QoSProfile().best_effort())
     twin.create_subscription(String, "/scan")
     node.create_publisher(String, "/mixed")
@@ -64,22 +66,25 @@ async def test_what_does_not_fit_together_is_told(dds: World, tool: Tool) -> Non
     await until(lambda: twin.count_publishers("/scan") == 1 and twin.count_publishers("/mixed") == 1)
     done, report = await asyncio.gather(tool("doctor"), tool("doctor", "--report"))
     assert "warning  2 nodes have the same name: /same" in done.out
-    assert "no messages on /scan from /same to /same: ERROR: Best effort publisher" in done.out
+    refused = "no messages on /scan from /same to /same: their quality of service is incompatible. ERROR: Best effort"
+    assert (refused in done.out) == (network.kind == "dds")  # on Zenoh they connect
     assert "types differ, std_msgs/msg/String and std_msgs/msg/Bool" in done.out
     assert "2 nodes have the same name" in report.out
     assert "/same" not in report.out and "/scan" not in report.out
 
 
 async def test_what_is_broken_ends_with_one_and_no_traceback(tool: Tool) -> None:
-    domain, uri, off = await asyncio.gather(
+    domain, uri, off, zenoh = await asyncio.gather(
         tool("doctor", ROS_DOMAIN_ID="999"),
         tool("doctor", "--report", CYCLONEDDS_URI="<CycloneDDS>\n<Secret"),
         tool("doctor", "--discovery", "off", "--json"),
+        tool("doctor", RMW_IMPLEMENTATION="rmw_zenoh_cpp", ZENOH_SESSION_CONFIG_URI="/no/such.json5"),
     )
-    for done in (domain, uri):
+    for done in (domain, uri, zenoh):
         assert done.code == 1 and "Traceback" not in done.err + done.out
     assert "broken   ROS_DOMAIN_ID must be a whole number from 0 to 232" in domain.out
     assert "CYCLONEDDS_URI is not well-formed XML" in uri.out and "Secret" not in uri.out
+    assert "broken   Zenoh does not start: ZENOH_SESSION_CONFIG_URI='/no/such.json5'" in zenoh.out
     assert off.code == 0 and any("discovery is off" in row["text"] for row in json.loads(off.out)["peers"])
 
 
@@ -93,6 +98,30 @@ def test_a_machine_without_network_or_proc_gets_its_answers() -> None:
     assert done.returncode == 1 and "Traceback" not in done.stderr
     assert "no network interface is up" in done.stdout
     assert "is not told by this system" in done.stdout and "DDS does not start" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("rmw", "missing", "broken"),
+    [
+        ("rmw_cyclonedds_cpp", "cyclonedds", ["cyclonedds is not installed"]),
+        ("rmw_cyclonedds_cpp", "eclipse-zenoh", []),
+        ("rmw_zenoh_cpp", "eclipse-zenoh", ["eclipse-zenoh is not installed"]),
+        ("rmw_zenoh_cpp", "cyclonedds", []),
+    ],
+)
+def test_only_the_middleware_that_is_used_has_to_be_installed(
+    rmw: str, missing: str, broken: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def version(name: str) -> str:
+        if name == missing:
+            raise PackageNotFoundError(name)
+        return "1.0"
+
+    monkeypatch.setenv("RMW_IMPLEMENTATION", rmw)
+    monkeypatch.setattr(doctor_machine, "version", version)
+    found = list(doctor_machine.libraries())
+    assert [one.text for one in found if one.level == BROKEN] == broken
+    assert missing not in " ".join(one.text for one in found if one.level == OK)
 
 
 # ------------------------------------------------------------------------------------------------------------ settings

@@ -78,7 +78,8 @@ def watching(serving: Callable[..., Any]) -> Callable[..., Any]:
 # ------------------------------------------------------------------------------------------------------------- topics
 
 
-async def test_a_topic_is_passed_on_as_it_is_and_only_while_somebody_watches(node: Node, watching: Any) -> None:
+async def test_a_topic_is_passed_on_as_it_is_and_only_while_somebody_watches(network: World, watching: Any) -> None:
+    node = network.node("robot")
     words = node.create_publisher(String, "words")
     async with watching() as seen:
         channel = await seen.until(lambda: seen.channels.get("/words"))

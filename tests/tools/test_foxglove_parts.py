@@ -204,6 +204,20 @@ async def test_viewers_can_define_so_many_types_and_no_more(
     await publisher.close()
 
 
+async def test_the_compiler_is_loaded_ahead_only_when_others_are_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, loaded, times = asyncio.get_running_loop(), asyncio.Event(), []
+
+    def load() -> None:
+        times.append(loop.time())
+        loop.call_soon_threadsafe(loaded.set)
+
+    monkeypatch.setattr(types, "load_compiler", load)
+    await types.meanwhile(asyncio.sleep(0))
+    began = loop.time()
+    await asyncio.wait_for(types.meanwhile(loaded.wait()), 10)
+    assert [time > began for time in times] == [True]
+
+
 async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail() -> None:
         raise ImportError("broken")
@@ -212,7 +226,7 @@ async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monke
     complaints: list[Any] = []
     loop = asyncio.get_running_loop()
     loop.set_exception_handler(lambda _, context: complaints.append(context))
-    types.load_ahead()
+    await types.meanwhile(asyncio.sleep(0.1))
     await loop.run_in_executor(None, print)
     for _ in range(10):
         await asyncio.sleep(0.01)

@@ -21,8 +21,8 @@ class Camera(LifecycleNode):
         return Outcome.FAILURE
 
 
-async def test_a_node_is_led_through_its_states(dds: World, tool: Tool) -> None:
-    async with Camera("camera", context=dds.context()):
+async def test_a_node_is_led_through_its_states(network: World, tool: Tool) -> None:
+    async with Camera("camera", context=network.context()):
         assert (await tool("lifecycle", "get", "/camera")).out == "unconfigured [1]\n"
         assert (await tool("lifecycle", "set", "/camera", "configure")).out == "Transitioning successful\n"
         state, possible, failed = await asyncio.gather(

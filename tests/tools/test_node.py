@@ -26,8 +26,8 @@ async def test_list_shows_names_and_leaves_hidden_ones_out(dds: World, tool: Too
     assert "/_secret" in [one["name"] for one in json.loads(every.out)]
 
 
-async def test_info_shows_what_a_node_has(dds: World, tool: Tool) -> None:
-    node = dds.node("busy", start_services=False, enable_rosout=False, parameter_events=False)
+async def test_info_shows_what_a_node_has(network: World, tool: Tool) -> None:
+    node = network.node("busy", start_services=False, enable_rosout=False, parameter_events=False)
     node.create_publisher(String, "out")
     node.create_subscription(String, "in")
     node.create_service(Trigger, "trigger")

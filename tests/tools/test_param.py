@@ -110,8 +110,8 @@ async def test_describe_shows_limits(dds: World, tool: Tool) -> None:
     assert json.loads(as_json.out)[0]["floating_point_range"] == {"from_value": 0.0, "to_value": 3.0, "step": 0.5}
 
 
-async def test_what_is_dumped_can_be_loaded(dds: World, tool: Tool, tmp_path: Path) -> None:
-    node, file = drive(dds), tmp_path / "drive.yaml"
+async def test_what_is_dumped_can_be_loaded(network: World, tool: Tool, tmp_path: Path) -> None:
+    node, file = drive(network), tmp_path / "drive.yaml"
     printed, written, as_json = await asyncio.gather(
         tool("param", "dump", "/drive"),
         tool("param", "dump", "/drive", "-o", str(file)),

@@ -37,8 +37,8 @@ def serve(world: World) -> tuple[Node, ServiceServer[Any, Any]]:
     return node, node.create_service(AddTwoInts, "/add", add)
 
 
-async def test_a_call_prints_request_and_response(dds: World, tool: Tool) -> None:
-    serve(dds)
+async def test_a_call_prints_request_and_response(network: World, tool: Tool) -> None:
+    serve(network)
     ended = await tool("service", "call", "/add", "{a: 1, b: 2}")
     assert ended.out == (
         "requester: making request: example_interfaces.srv.AddTwoInts_Request(a=1, b=2)\n\n"
@@ -125,8 +125,8 @@ async def test_info_counts_and_names_both_ends(dds: World, tool: Tool) -> None:
     assert found["endpoints"][0]["reliability"] == "RELIABLE"
 
 
-async def test_echo_shows_what_passes(dds: World, tool: Tool) -> None:
-    node, server = serve(dds)
+async def test_echo_shows_what_passes(network: World, tool: Tool) -> None:
+    node, server = serve(network)
     server.configure_introspection(node.clock, SERVICES_DEFAULT, IntrospectionState.CONTENTS)
     process = await tool.start("service", "echo", "/add", "--json")
     await until(lambda: node.count_subscribers("/add/_service_event") > 0, 10)

@@ -74,7 +74,8 @@ def test_an_unknown_topic_is_named_with_the_one_that_was_meant(topic_peer: tuple
     assert error.splitlines(keepends=True)[-1] == expected
 
 
-async def test_pub_sends_what_the_command_line_says_to_whoever_listens(node: Node, tool: Any) -> None:
+async def test_pub_sends_what_the_command_line_says_to_whoever_listens(network: World, tool: Any) -> None:
+    node = network.node("robot", enable_rosout=False, parameter_events=False)
     words, poses = node.create_subscription(STRING, "/words"), node.create_subscription(POSE, "/poses")
     once, timed, stamped = await asyncio.gather(
         tool("topic", "pub", "/words", "data: hello", "--once"),

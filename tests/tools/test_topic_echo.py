@@ -65,7 +65,8 @@ def test_messages_the_filter_has_no_value_for_are_noted_once(topic_peer: tuple[s
     assert (code, out, err) == (0, "- 4.0\n---\n", "left out a message: there is no element 0 among 0\n")
 
 
-async def test_only_what_the_filter_lets_through_is_shown(node: Node, tool: Any) -> None:
+async def test_only_what_the_filter_lets_through_is_shown(network: World, tool: Any) -> None:
+    node = network.node("robot", enable_rosout=False, parameter_events=False)
     publisher = node.create_publisher(STRING, "/words", LATCHED)
     for word in ("a", "needle 1", "b", "needle 2", "\x1b[31mneedle\t3\nnext line"):
         publisher.publish({"data": word})

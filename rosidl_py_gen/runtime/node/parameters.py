@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
 from rosidl_py_gen.runtime.node.type_description import start_type_descriptions
-from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterServices
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.node.options import NodeOptions
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
+    from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
     from rosidl_py_gen.runtime.time.clock import Clock
@@ -69,7 +69,11 @@ class NodeParameters:
         merged = self.context.ros_arguments.overrides_for(self._names.fully_qualified_name)
         merged.update({item.name: item.value for item in as_parameters(options.overrides or {})})
         self._changes = changes = list[Stream[ParameterChange]]()
-        events = ParameterEventPublisher(self.scope, self._names, self.clock) if options.parameter_events else None
+        events: ParameterEventPublisher | None = None
+        if options.parameter_events:
+            from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher
+
+            events = ParameterEventPublisher(self.scope, self._names, self.clock)
 
         def tell(event: ParameterEvent) -> None:
             for stream in tuple(changes):
@@ -88,6 +92,8 @@ class NodeParameters:
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
+            from rosidl_py_gen.runtime.parameters.service import ParameterServices
+
             ParameterServices(self.scope, self._names, self._store)
         if options.logger_services:
             from rosidl_py_gen.runtime.node.logger_levels import start_logger_services

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.codec import encode
 from rosidl_py_gen.descriptions import rihs01
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
+from rosidl_py_gen.importable import READY_MADE
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
 from rosidl_py_gen.names import split_ros_name
@@ -167,7 +168,7 @@ def type_source(name: str, cls: type[Any] | None = None) -> msg.TypeSource:
 
 
 def _interface_folders(package: str, cls: type[Any] | None) -> Iterator[Path]:
-    if cls is None or not cls.__module__.startswith(f"{_BUNDLED}."):
+    if cls is None or not cls.__module__.startswith((f"{_BUNDLED}.", READY_MADE)):
         for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
             if prefix:
                 yield Path(prefix) / "share" / package

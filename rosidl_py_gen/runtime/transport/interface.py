@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import struct
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, Durability, History, Liveliness, QoSProfile, Reliability
+from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -166,26 +166,6 @@ DiscoveryEvent: TypeAlias = "ParticipantFound | NodesFound | EndpointFound | Los
 
 
 # ------------------------------------------------------------------------------------------------------- reader queue
-
-
-def effective(qos: QoSProfile, *, is_writer: bool) -> QoSProfile:
-    """The profile as discovery shows it: SYSTEM_DEFAULT and unspecified values replaced by what they mean.
-
-    Source: protocol.md 7.3 and 6.4 (durations that are not set are infinite, a reader has no lifespan).
-    """
-    keep_all = qos.history is History.KEEP_ALL
-    return replace(
-        qos,
-        history=History.KEEP_ALL if keep_all else History.KEEP_LAST,
-        depth=0 if keep_all else max(1, qos.depth),
-        reliability=qos.reliability if qos.reliability is Reliability.BEST_EFFORT else Reliability.RELIABLE,
-        durability=qos.durability if qos.durability is Durability.TRANSIENT_LOCAL else Durability.VOLATILE,
-        liveliness=qos.liveliness if qos.liveliness is Liveliness.MANUAL_BY_TOPIC else Liveliness.AUTOMATIC,
-        deadline_ns=qos.deadline_ns or INFINITE_NS,
-        lifespan_ns=(is_writer and qos.lifespan_ns) or INFINITE_NS,
-        liveliness_lease_ns=qos.liveliness_lease_ns or INFINITE_NS,
-        avoid_ros_namespace_conventions=False,
-    )
 
 
 class ReceiveQueue:

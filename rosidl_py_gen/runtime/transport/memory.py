@@ -21,12 +21,11 @@ from rosidl_py_gen.runtime.transport.interface import (
     Lost,
     ParticipantFound,
     ReceiveQueue,
-    effective,
     identified,
     in_fours,
 )
 from rosidl_py_gen.runtime.transport.matching import check_compatible
-from rosidl_py_gen.runtime.transport.qos import Durability, History
+from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -221,3 +221,23 @@ def as_profile(qos: QoSLike) -> QoSProfile:
     if isinstance(qos, bool) or not isinstance(qos, int):
         raise InvalidQoSError(f"qos must be a QoSProfile or an int (keep-last depth), got {qos!r}")
     return DEFAULT.keep_last(qos)
+
+
+def effective(qos: QoSProfile, *, is_writer: bool) -> QoSProfile:
+    """The profile as discovery shows it: SYSTEM_DEFAULT and unspecified values replaced by what they mean.
+
+    Source: protocol.md 7.3 and 6.4 (durations that are not set are infinite, a reader has no lifespan).
+    """
+    keep_all = qos.history is History.KEEP_ALL
+    return replace(
+        qos,
+        history=History.KEEP_ALL if keep_all else History.KEEP_LAST,
+        depth=0 if keep_all else max(1, qos.depth),
+        reliability=qos.reliability if qos.reliability is Reliability.BEST_EFFORT else Reliability.RELIABLE,
+        durability=qos.durability if qos.durability is Durability.TRANSIENT_LOCAL else Durability.VOLATILE,
+        liveliness=qos.liveliness if qos.liveliness is Liveliness.MANUAL_BY_TOPIC else Liveliness.AUTOMATIC,
+        deadline_ns=qos.deadline_ns or INFINITE_NS,
+        lifespan_ns=(is_writer and qos.lifespan_ns) or INFINITE_NS,
+        liveliness_lease_ns=qos.liveliness_lease_ns or INFINITE_NS,
+        avoid_ros_namespace_conventions=False,
+    )

@@ -39,9 +39,8 @@ async def _send_goal(
     type_name, text = messages.type_and_values(words, stdin=stdin)
     show = _Printer(as_json)
     async with Session(network) as session:
-        types.load_ahead()
         show.say("Waiting for an action server to become available...")
-        name = await find_action(session, action, timeout_s)
+        name = await types.meanwhile(find_action(session, action, timeout_s))
         cls: Any = await types.action_class(session, name, type_name, paths)
         goal = messages.message_from(cls.Goal, text)
         client = session.node.create_action_client(cls, name)

@@ -70,6 +70,8 @@ def _settings(network: Network) -> list[Finding]:
 
 
 def _network(settings: DomainSettings | None) -> list[Finding]:
+    if doctor_machine.on_zenoh(os.environ):
+        return careful("network interfaces", lambda: doctor_network.list_interfaces(doctor_network.interfaces()))
     return [
         *careful("network interfaces", lambda: doctor_network.check_interfaces(doctor_network.interfaces(), settings)),
         *careful("socket buffers", doctor_machine.socket_buffers),
@@ -88,10 +90,11 @@ def _domain_settings(network: Network) -> DomainSettings | None:
 async def _answers(network: Network) -> list[Finding]:
     try:
         session = Session(network)
-    except Exception as error:  # whatever keeps DDS from starting is what the doctor is here for
+    except Exception as error:  # whatever keeps it from starting is what the doctor is here for
         name = "" if isinstance(error, RosidlError) else f"{type(error).__name__}: "
         reason = str(error).partition(" The configuration was ")[0]
-        return [Finding(BROKEN, f"DDS does not start: {name}{reason}")]
+        middleware = "Zenoh" if doctor_machine.on_zenoh(os.environ) else "DDS"
+        return [Finding(BROKEN, f"{middleware} does not start: {name}{reason}")]
     async with session:
         fast_dds = careful("services of Fast DDS nodes", lambda: _fast_dds(session))
         if session.context.settings.discovery.name == "OFF":

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.node.environment import read_environment
+from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
 from rosidl_py_gen.runtime.transport.cyclone.sockets import ENOUGH_BYTES
 from rosidl_py_gen.spec.find import search_path
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, PRIVATE_VARIABLES, WARNING, Finding
@@ -25,7 +25,12 @@ _SHOWN_VARIABLES = (
 )
 _DDS = ("rmw_cyclonedds_cpp", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
 _FIRST_PORT, _PORTS = 7400, 250
-_INSTALL = "pip install 'rosidl-py-gen[node]'"
+_ONLY_FOR = {"cyclonedds": DDS, "eclipse-zenoh": ZENOH}
+
+
+def on_zenoh(environ: Mapping[str, str]) -> bool:
+    """Whether nodes are on Zenoh, to which nothing applies that is said of DDS."""
+    return middleware(environ, lambda warning: None) == ZENOH
 
 
 # -------------------------------------------------------------------------------------------------------- installation
@@ -41,12 +46,15 @@ def python() -> Iterator[Finding]:
 
 def libraries() -> Iterator[Finding]:
     """What the extra brings, and what the base needs."""
-    for name in ("cyclonedds", "PyYAML", "rich", "numpy"):
+    chosen, extra = (ZENOH, "zenoh") if on_zenoh(os.environ) else (DDS, "node")
+    for name in (*_ONLY_FOR, "PyYAML", "rich", "numpy"):
         try:
             yield Finding(OK, f"{name} {version(name)}", data={name: version(name)})
         except PackageNotFoundError:
+            if _ONLY_FOR.get(name, chosen) != chosen:
+                continue
             wheels = "; its wheels are for CPython 3.10 to 3.13" if name == "cyclonedds" else ""
-            yield Finding(BROKEN, f"{name} is not installed", f"{_INSTALL}{wheels}")
+            yield Finding(BROKEN, f"{name} is not installed", f"pip install 'rosidl-py-gen[{extra}]'{wheels}")
 
 
 def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:
@@ -85,7 +93,8 @@ def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str |
         yield Finding(OK, text + peers, public=public, data=data)
         for sentence in found.warnings:
             yield Finding(WARNING, sentence)
-        yield from _ports(found.domain_id)
+        if not on_zenoh(environ):
+            yield from _ports(found.domain_id)
     for name in (*_SHOWN_VARIABLES, *PRIVATE_VARIABLES):
         value = environ.get(name, "")
         if value:

@@ -95,13 +95,17 @@ def multicast_works(address: str) -> bool:
         return False
 
 
-def check_interfaces(found: list[Interface], settings: DomainSettings | None) -> Iterator[Finding]:
-    """Each interface, and whether they fit the discovery range."""
+def list_interfaces(found: list[Interface]) -> Iterator[Finding]:
+    """Each interface."""
     for one in found:
         yield _describe(one)
     if not found:
         yield Finding(NOTE, "network interfaces are not told by this system")
-        return
+
+
+def check_interfaces(found: list[Interface], settings: DomainSettings | None) -> Iterator[Finding]:
+    """Each interface, and whether they fit the discovery range of DDS."""
+    yield from list_interfaces(found)
     if all(one.is_up is None for one in found):
         return
     if not any(one.is_up and one.address for one in found):

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
-from rosidl_py_gen.runtime.transport.matching import Compatibility, check_compatible
 from rosidl_py_gen.tools.doctor.echo import topics
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding
 
@@ -41,6 +40,7 @@ _VENDORS = {
 }
 """Numbers of the OMG (dds-foundation.org, "DDS-RTPS vendor and product ids"); the first byte is 1."""
 _ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
+_ON_ZENOH = "does `rosidl-py zenoh-router` run on each machine, and do the routers connect with each other?"
 _FOUND_S, _ANSWER_S, _END_S = 5.0, 2.0, 2.0
 _MOST_NAMES, _MOST_MISMATCHES = 20, 20
 
@@ -94,7 +94,7 @@ class SelfTest:
             "a firewall on this machine? UDP has to pass on all its interfaces, multicast included; "
             "try `rosidl-py doctor --discovery localhost`, and unset CYCLONEDDS_URI"
         )
-        return Finding(BROKEN, text, advice)
+        return Finding(BROKEN, text, advice if _is_dds(self._session) else _ON_ZENOH)
 
     def close(self) -> None:
         """End the process."""
@@ -147,6 +147,10 @@ def _counted(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def _is_dds(session: Session) -> bool:
+    return session.context.participant.middleware == "DDS"
+
+
 def _nobody(session: Session) -> Finding:
     settings = session.context.settings
     first = 7400 + 250 * settings.domain_id
@@ -159,6 +163,8 @@ def _nobody(session: Session) -> Finding:
             f" Between machines UDP ports {first} to {first + 249} and multicast to 239.255.0.1 have to pass "
             "firewalls; else name the machines in ROS_STATIC_PEERS"
         )
+    if not _is_dds(session):
+        advice = f"do the others have ROS_DOMAIN_ID={settings.domain_id}? If so, {_ON_ZENOH}"
     return Finding(NOTE, f"nobody else answers in domain {settings.domain_id}", advice)
 
 
@@ -181,24 +187,25 @@ def mismatches(node: Node) -> Iterator[Finding]:
         for topic, _ in node.get_topic_names_and_types()
         for writer in node.get_publishers_info_by_topic(topic)
         for reader in node.get_subscriptions_info_by_topic(topic)
-        for finding in _mismatch(topic, writer, reader)
+        for finding in _mismatch(node, topic, writer, reader)
     )
     yield from islice(found, _MOST_MISMATCHES)
 
 
-def _mismatch(topic: str, writer: TopicEndpointInfo, reader: TopicEndpointInfo) -> Iterator[Finding]:
+def _mismatch(node: Node, topic: str, writer: TopicEndpointInfo, reader: TopicEndpointInfo) -> Iterator[Finding]:
+    endpoints, participant = node.scope.graph.endpoints, node.scope.participant
     nodes = [f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in (writer, reader)]
     said = f"no messages on {topic} from {nodes[0]} to {nodes[1]}"
     hashes = {writer.topic_type_hash, reader.topic_type_hash} - {""}
     if writer.topic_type != reader.topic_type:
         text = f"types differ, {writer.topic_type} and {reader.topic_type}"
         yield Finding(WARNING, f"{said}: {text}", public="types differ on a topic")
+    elif reason := participant.mismatch(endpoints[writer.endpoint_gid], endpoints[reader.endpoint_gid]):
+        advice, public = "", "two ends of a topic do not connect"
+        if participant.middleware == "DDS":  # elsewhere the reason may name a type
+            advice = "give both the same reliability and durability, or the publisher the stronger ones"
+            public += f": {reason}"
+        yield Finding(WARNING, f"{said}: {reason}", advice, public=public)
     elif len(hashes) > 1:
         text = f"both have a {writer.topic_type}, but by different definitions; what arrives may be misread"
         yield Finding(WARNING, f"{topic}: {nodes[0]} and {nodes[1]} {text}", public="definitions differ on a topic")
-    else:
-        result = check_compatible(writer.qos_profile, reader.qos_profile)
-        if result.compatibility is Compatibility.ERROR:
-            advice = "give both the same reliability and durability, or the publisher the stronger ones"
-            public = f"quality of service differs on a topic: {result.reason}"
-            yield Finding(WARNING, f"{said}: {result.reason}", advice, public=public)

@@ -36,8 +36,7 @@ async def _call(
 ) -> int:
     type_name, text = messages.type_and_values(words, stdin=stdin)
     async with Session(network) as session:
-        types.load_ahead()
-        name = await find_service(session, service, timeout_s)
+        name = await types.meanwhile(find_service(session, service, timeout_s))
         cls: Any = await types.service_class(session, name, type_name, paths)
         request = messages.message_from(cls.Request, text)
         client = session.node.create_client(cls, name)

@@ -37,8 +37,7 @@ async def _echo(
     as_json: bool,
 ) -> int:
     async with Session(network) as session:
-        types.load_ahead()
-        name = await find_service(session, service)
+        name = await types.meanwhile(find_service(session, service))
         cls: Any = await types.service_class(session, name, type_name, paths)
         events = session.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
         if not await events.wait_for_publishers(_PATIENCE_S):

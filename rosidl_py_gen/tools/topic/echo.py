@@ -60,15 +60,19 @@ def run(
 
 async def _echo(network: Network, wanted: _Wanted) -> int:
     async with Session(network) as session:
-        if not wanted.raw:
-            types.load_ahead()
-        if wanted.type_name is None:
-            topic = await found(session, wanted.topic, wanted.timeout_s)
-        else:
-            topic = full_name(session, wanted.topic)
-            await session.settle()
+        naming = _topic_name(session, wanted)
+        topic = await (naming if wanted.raw else types.meanwhile(naming))
         await _Echo(session, topic, wanted).run()
     return 0
+
+
+async def _topic_name(session: Session, wanted: _Wanted) -> str:
+    """The full name of the topic, once its publishers had time to be seen."""
+    if wanted.type_name is None:
+        return await found(session, wanted.topic, wanted.timeout_s)
+    topic = full_name(session, wanted.topic)
+    await session.settle()
+    return topic
 
 
 class _Echo:

@@ -50,9 +50,8 @@ def run(network: Network, *, words: Sequence[str], once: bool, times: int | None
 
 async def _publish(network: Network, type_name: str | None, text: str, wanted: _Wanted) -> int:
     async with Session(network) as session:
-        types.load_ahead()
         if type_name is None:
-            topic = await found(session, wanted.topic, wanted.timeout_s)
+            topic = await types.meanwhile(found(session, wanted.topic, wanted.timeout_s))
         else:
             topic = full_name(session, wanted.topic)
         cls = await types.message_class(session, topic, type_name, wanted.paths)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
 from action_worlds import Fibonacci
 from worlds import World, until
 
@@ -50,6 +51,7 @@ async def until_canceled(goal: Any) -> Any:
     return goal.canceled(Fibonacci.Result(sequence=[1, 2]))
 
 
+@pytest.mark.without_zenoh("nobody else can read requests and replies")
 async def test_a_goal_from_sending_to_its_cancelled_end(world: World) -> None:
     watcher = world.node("watcher")
     send = tap_service(watcher, "/fib/_action/send_goal", f"{ACTION}SendGoal_")
@@ -80,6 +82,7 @@ async def test_a_goal_from_sending_to_its_cancelled_end(world: World) -> None:
     assert status.take(service=False) == [wire(*row, number) for number in ("02", "03", "05")]
 
 
+@pytest.mark.without_zenoh("nobody else can read requests and replies")
 async def test_cancel_all_and_cancel_before_select_by_zeros(world: World) -> None:
     cancel = tap_service(world.node("watcher"), "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
     world.node("server").create_action_server(Fibonacci, "fib", until_canceled)
@@ -90,6 +93,7 @@ async def test_cancel_all_and_cancel_before_select_by_zeros(world: World) -> Non
     assert cancel[1].take() == [wire("00 00 00 00", "00 00 00 00")] * 2
 
 
+@pytest.mark.without_zenoh("nobody else can read requests and replies")
 async def test_an_unknown_goal_is_answered_unknown_with_a_default_result(world: World) -> None:
     result = tap_service(world.node("watcher"), "/fib/_action/get_result", f"{ACTION}GetResult_")
     world.node("server").create_action_server(Fibonacci, "fib", until_canceled)

@@ -121,6 +121,7 @@ def test_publishing_on_a_loop_is_enough_to_bring_a_node_to_life(world: World) ->
     asyncio.run(main())  # and again on the next loop
 
 
+@pytest.mark.without_zenoh("it tells of nodes without a reader that may fill up")
 def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(world: World) -> None:
     one, other = world.node("one"), world.node("other")
     deadline = time.monotonic() + 5

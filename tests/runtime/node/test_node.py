@@ -311,6 +311,7 @@ def test_closing_a_context_closes_its_nodes(world: World) -> None:
         Node("m", context=context)
 
 
+@pytest.mark.usefixtures("network")
 def test_the_default_context_lives_from_the_first_node_to_the_last() -> None:
     with Node("a") as first, Node("b") as second:
         context = first.context
@@ -357,7 +358,8 @@ async def test_two_contexts_of_different_domains_do_not_meet() -> None:
         second.close()
 
 
-async def test_two_contexts_of_different_dds_domains_do_not_meet() -> None:
+@pytest.mark.usefixtures("network")
+async def test_two_contexts_of_different_domains_of_a_network_do_not_meet() -> None:
     assert domain_id() != second_domain_id()
     with (
         Context(domain_id()) as one,

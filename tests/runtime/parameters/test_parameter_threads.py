@@ -81,6 +81,7 @@ async def test_events_and_services_go_on_while_a_thread_sets(world: World) -> No
     events: list[EventMessage] = []
     subscription = other.create_subscription(EventMessage, "/parameter_events", None, 1000)
     await subscription.wait_for_publishers(5, count=2)
+    await until(lambda: node.count_subscribers("/parameter_events") == 1)
     remote = other.create_parameter_client("/n")
     assert await remote.wait_for_services(5)
     listener = asyncio.ensure_future(collect(subscription, events))

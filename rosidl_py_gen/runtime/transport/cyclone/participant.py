@@ -38,7 +38,8 @@ from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
 from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
 from rosidl_py_gen.runtime.transport.dds import DdsParticipant
-from rosidl_py_gen.runtime.transport.interface import BackendMissingError, ReceiveQueue, effective
+from rosidl_py_gen.runtime.transport.interface import BackendMissingError, ReceiveQueue
+from rosidl_py_gen.runtime.transport.qos import effective
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -47,7 +47,7 @@ def participant_qos(api: Api, user_data: bytes) -> Iterator[int]:
 def endpoint_qos(
     api: Api, profile: QoSProfile, user_data: bytes, *, is_writer: bool, ignore_local: bool = False
 ) -> Iterator[int]:
-    """QoS of a writer or reader; `profile` went through `transport.effective`."""
+    """QoS of a writer or reader; `profile` went through `qos.effective`."""
     qos = api.create_qos()
     try:
         _set_common(api, qos, profile)
