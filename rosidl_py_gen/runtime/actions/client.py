@@ -36,7 +36,7 @@ from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stam
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.matching import Matching
-from rosidl_py_gen.runtime.endpoints.scope import Owned
+from rosidl_py_gen.runtime.endpoints.scope import Composite
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -60,7 +60,7 @@ _CANCEL_ERRORS: dict[int, tuple[type[ActionError], str]] = {
 }
 
 
-class ActionClient(Owned, Generic[ActionT_co]):
+class ActionClient(Composite, Generic[ActionT_co]):
     """Made by `create_action_client`."""
 
     def __init__(
@@ -86,15 +86,16 @@ class ActionClient(Owned, Generic[ActionT_co]):
         # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
         # know who wants the feedback. Feedback is kept until it is sorted: the queue is shared by all goals, each has
         # its own depth.
+        parts = self._parts
         self._feedback: Subscription[Any] = Subscription(
-            scope, action_type.feedback_message, names.feedback, self._on_feedback, carrier_qos(DEFAULT)
+            parts, action_type.feedback_message, names.feedback, self._on_feedback, carrier_qos(DEFAULT)
         )
         self._status: Subscription[bytes] = Subscription(
-            scope, raw_type(action_type.status), names.status, self._on_status, ACTION_STATUS
+            parts, raw_type(action_type.status), names.status, self._on_status, ACTION_STATUS
         )
-        self._send: Client[Any, Any] = Client(scope, action_type.send_goal, names.send_goal, SERVICES_DEFAULT)
-        self._cancel: Client[Any, Any] = Client(scope, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT)
-        self._result = ResultClient(scope, action_type.get_result, names.get_result, lost_after_ns)
+        self._send: Client[Any, Any] = Client(parts, action_type.send_goal, names.send_goal, SERVICES_DEFAULT)
+        self._cancel: Client[Any, Any] = Client(parts, action_type.cancel, names.cancel_goal, SERVICES_DEFAULT)
+        self._result = ResultClient(parts, action_type.get_result, names.get_result, lost_after_ns)
         scope.own(self)
 
     # ------------------------------------------------------------------------------------------------ availability
@@ -280,10 +281,7 @@ class ActionClient(Owned, Generic[ActionT_co]):
 
     def close(self) -> None:
         """Let go of all goals: whoever waits gets `ClosedError`, feedback ends. May be called twice."""
-        if not self._ends():
-            return
         for handle in list(self._goals.values()):
             handle.failed(ClosedError(f"the action client of {self.name} was closed"))
         self._goals.clear()
-        for endpoint in (self._send, self._cancel, self._result, self._feedback, self._status):
-            endpoint.close()
+        super().close()

@@ -11,23 +11,20 @@ from __future__ import annotations
 
 import asyncio
 import inspect
-import sys
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.actions.server_goal import Finished, ServerGoal
+from rosidl_py_gen.runtime.actions.server_goal import FINISHED, Finished, ServerGoal
 from rosidl_py_gen.runtime.loop.callbacks import in_thread, is_async
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
     from rosidl_py_gen.runtime.endpoints.publisher import Publisher
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.server import ServiceServer
-
-T = TypeVar("T")
 
 _PATIENCE_S = 0.1
 _HEARTBEAT_S = 0.01
@@ -72,17 +69,15 @@ class FeedbackReadiness:
 
 
 class HandlerRunner:
-    """The running handlers of one action server; the `Owner` of its function."""
+    """Calls the handler of one action server; `scope` is the server's."""
 
     def __init__(self, scope: Scope, action: str, execute: Callable[..., Any], readiness: FeedbackReadiness) -> None:
-        self.closed = False
         self._scope = scope
         self._action = action
         self._execute = execute
         self._is_async = is_async(execute)
-        self._handler = UserFunction(self, self._call, f"the handler of action {action}")
+        self._handler = UserFunction(scope, self._call, f"the handler of action {action}")
         self._readiness = readiness
-        self._tasks: set[asyncio.Task[Any]] = set()
 
     def run(self, goal: ServerGoal[Any]) -> None:
         """Run the handler on a goal that is EXECUTING or CANCELING."""
@@ -91,14 +86,20 @@ class HandlerRunner:
             task.add_done_callback(lambda _: self._ended(goal))
 
     def _ended(self, goal: ServerGoal[Any]) -> None:
-        if goal.is_active and not self.closed:
+        if goal.is_active and not self._scope.closed:
             goal.abort()
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
-        if not self._readiness.is_given():
-            await self._readiness.wait()
-        if self._is_async:
-            return await self._execute(goal)
+        try:
+            if not self._readiness.is_given():
+                await self._readiness.wait()
+            return await (self._execute if self._is_async else self._in_thread)(goal)
+        except ClosedError:
+            if self._scope.closed:  # a goal that cannot be ended any more is no failure of its handler
+                return FINISHED
+            raise
+
+    async def _in_thread(self, goal: ServerGoal[Any]) -> Any:
         try:
             outcome = await in_thread(f"action handler {self._action}", self._execute, goal)
             return await outcome if inspect.isawaitable(outcome) else outcome
@@ -107,28 +108,11 @@ class HandlerRunner:
             raise
 
     def _returned(self, goal: ServerGoal[Any], outcome: object) -> None:
-        if goal.is_active and outcome is not None and not isinstance(outcome, Finished):
+        if self._scope.closed or not goal.is_active:
+            return
+        if outcome is not None and not isinstance(outcome, Finished):
             goal.succeed(outcome)
-        elif goal.is_active:
+        else:
             self._scope.logger.warning(
                 f"the handler of action {self._action} returned without ending goal {goal.goal_id.hex()}; aborting it"
             )
-
-    def start(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
-        """See `Owner`."""
-        task = self._scope.start(coroutine)
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-        return task
-
-    def report_failure(self, doing: str) -> None:
-        """See `Owner`; a goal that cannot be ended because the server is closed is no failure of its handler."""
-        if not (self.closed and isinstance(sys.exc_info()[1], ClosedError)):
-            self._scope.report_failure(doing)
-
-    def close(self) -> None:
-        """Cancel what awaits something. A plain function goes on until it looks at `cancel_requested`."""
-        self.closed = True
-        for task in self._tasks:
-            if not task.get_loop().is_closed():
-                task.cancel()

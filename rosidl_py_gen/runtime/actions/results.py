@@ -74,7 +74,7 @@ class ResultClient:
         return len(self._wanted)
 
     def ask(self, request: Any, tell: Callable[[Any], None], fail: Callable[[Exception], None]) -> None:
-        """Send a request; one of the functions will be called, on the loop's thread or by `close`.
+        """Send a request; one of the functions will be called, on the loop's thread or when the client closes.
 
         Args:
             tell: gets the response.
@@ -118,7 +118,7 @@ class ResultClient:
     def _look(self) -> None:
         """While results are awaited, look at the servers from time to time; one timer for all goals."""
         self._look_timer = None
-        if not self._wanted:
+        if not self._wanted or self._scope.closed:
             return
         loop = self._scope.bridge.running_loop()
         present, now_s = self.client.servers(), loop.time()
@@ -134,10 +134,3 @@ class ResultClient:
                 )
                 self._end(wanted, wanted.fail, ActionServerLostError(message + "the goal's result is lost"))
         self._look_timer = loop.call_later(_LOOK_S, self._look)
-
-    def close(self) -> None:
-        """Every result that is awaited fails with `ClosedError`. May be called twice."""
-        self.client.close()
-        self._wanted.clear()
-        if self._look_timer is not None:
-            self._look_timer.cancel()

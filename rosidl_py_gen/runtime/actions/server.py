@@ -20,10 +20,10 @@ from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness, HandlerRu
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
-from rosidl_py_gen.runtime.endpoints.scope import Owned
+from rosidl_py_gen.runtime.endpoints.scope import Composite
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
-from rosidl_py_gen.runtime.loop.callbacks import settle
+from rosidl_py_gen.runtime.loop.callbacks import settle_threadsafe
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
 
 
-class ActionServer(Owned, Generic[ActionT_co]):
+class ActionServer(Composite, Generic[ActionT_co]):
     """Made by `create_action_server`; without `execute` it is an async iterator of `GoalRequest`."""
 
     def __init__(
@@ -64,25 +64,27 @@ class ActionServer(Owned, Generic[ActionT_co]):
         self._policy = policy
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
         self._undecided: dict[bytes, asyncio.Future[GoalInfo | None]] = {}
+        parts = self._parts
         self._goals = ServerGoals(
-            scope, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=policy
+            parts, clock, action_type, names, self._run, result_timeout_s=result_timeout_s, policy=policy
         )
-        self._accept = None if accept is None else UserFunction(scope, accept, f"the accept callback of {self.name}")
+        self._accept = None if accept is None else UserFunction(parts, accept, f"the accept callback of {self.name}")
         self._on_cancel: UserFunction | bool = (
             on_cancel
             if isinstance(on_cancel, bool)
-            else UserFunction(scope, on_cancel, f"the on_cancel callback of {self.name}")
+            else UserFunction(parts, on_cancel, f"the on_cancel callback of {self.name}")
         )
         self._requests: Stream[GoalRequest[ActionT_co]] = Stream()
         self._cancels: Stream[CancelRequest[ActionT_co]] | None = None
         get_result = replace(action_type.get_result, response=raw_type(action_type.get_result.response))
-        self._services: list[ServiceServer[Any, Any]] = [
-            ServiceServer(scope, action_type.send_goal, names.send_goal, self._on_send_goal, SERVICES_DEFAULT),
-            ServiceServer(scope, action_type.cancel, names.cancel_goal, self._on_cancel_goal, SERVICES_DEFAULT),
-            ServiceServer(scope, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT),
-        ]
-        readiness = FeedbackReadiness(scope, self._services[0], self._goals.feedback)
-        self._runner = None if execute is None else HandlerRunner(scope, self.name, execute, readiness)
+        parts.own(self._requests)
+        send_goal: ServiceServer[Any, Any] = ServiceServer(
+            parts, action_type.send_goal, names.send_goal, self._on_send_goal, SERVICES_DEFAULT
+        )
+        ServiceServer(parts, action_type.cancel, names.cancel_goal, self._on_cancel_goal, SERVICES_DEFAULT)
+        ServiceServer(parts, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT)
+        readiness = FeedbackReadiness(parts, send_goal, self._goals.feedback)
+        self._runner = None if execute is None else HandlerRunner(parts, self.name, execute, readiness)
         scope.own(self)
 
     def _run(self, goal: ServerGoal[Any]) -> None:
@@ -102,6 +104,7 @@ class ActionServer(Owned, Generic[ActionT_co]):
             raise TypeError(f"action {self.name} has on_cancel; its cancels cannot be iterated over too")
         if self._cancels is None:
             self._cancels = Stream()
+            self._parts.own(self._cancels)
         return self._cancels
 
     @property
@@ -196,17 +199,8 @@ class ActionServer(Owned, Generic[ActionT_co]):
     def close(self) -> None:
         """Stop serving. May be called twice.
 
-        `cancel_requested` of every goal becomes true, handlers that await something are cancelled, iterators end.
+        `cancel_requested` of every goal becomes true, functions that await something are cancelled, iterators end.
         """
-        if not self._ends():
-            return
-        if self._runner is not None:
-            self._runner.close()
-        for service in self._services:
-            service.close()
-        self._requests.close()
-        for answer in self._undecided.values():
-            settle(answer, None)
-        if self._cancels is not None:
-            self._cancels.close()
-        self._goals.close()
+        super().close()
+        for answer in list(self._undecided.values()):
+            settle_threadsafe(answer, None)

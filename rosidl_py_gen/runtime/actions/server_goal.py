@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, G
 from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.loop.callbacks import settle
+from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
@@ -112,7 +112,7 @@ class ServerGoal(Generic[ActionT_co]):
         self._result = result
         self._changed.wake()
         for answer in self.cancel_answers:
-            settle(answer, False)
+            settle_threadsafe(answer, False)
 
     async def encoded_result(self) -> bytes:
         """What get_result answers, once the goal has ended; the server asks this."""
@@ -187,18 +187,19 @@ class ServerGoals:
         self._name = names.action
         self._run = run
         self._policy = policy
-        self._closed = False
         self.book: GoalBook[bytes] = GoalBook(limit_to_ns("result_timeout_s", result_timeout_s))
         self.active: dict[bytes, ServerGoal[Any]] = {}
         """Goals that have not ended, in the order of acceptance."""
         self._running: set[bytes] = set()
         self._queue: deque[ServerGoal[Any]] = deque()
         self._expiry: asyncio.TimerHandle | None = None
-        self._jumps = clock.create_jump_callback(
-            post=lambda jump: self.expire(), on_clock_change=True, min_forward=Duration(nanoseconds=1)
-        )
         self.feedback: Publisher[Any] = Publisher(scope, action_type.feedback_message, names.feedback, DEFAULT)
         self._status = StatusTopic(scope, action_type.status, names.status)
+        scope.own(self)
+        jumped = clock.create_jump_callback(
+            post=lambda jump: self.expire(), on_clock_change=True, min_forward=Duration(nanoseconds=1)
+        )
+        scope.own(jumped)
 
     def on_loop(self, function: Callable[[], T]) -> T:
         """Run `function` on the loop's thread; to other threads it returns when the status is published."""
@@ -217,7 +218,7 @@ class ServerGoals:
 
     def enter(self, goal: ServerGoal[Any], decision: GoalDecision) -> GoalInfo | None:
         """Do with a new goal what was decided; None when it is rejected, by the policy or a closed server too."""
-        if decision is GoalDecision.REJECT or self._closed or (self._policy == "reject" and self.active):
+        if decision is GoalDecision.REJECT or self._scope.closed or (self._policy == "reject" and self.active):
             return None
         info = self.book.accept(goal.goal_id, self._clock.now_ns())
         assert info is not None, "a known id was refused before"
@@ -271,7 +272,7 @@ class ServerGoals:
         Raises:
             GoalTransitionError, UnknownGoalError, EncodeError, TypeError, ClosedError.
         """
-        self._scope.require_open(self._closed, f"action server {self._name}")
+        self._scope.require_open(False, f"action server {self._name}")
         data = self._type.encode_result(ENDS[event], result)
         self.book.finish(goal_id, event, data, self._clock.now_ns())
         self._status.rows.set_status(goal_id, ENDS[event])
@@ -318,7 +319,7 @@ class ServerGoals:
 
     def expire(self) -> None:
         """Forget the goals whose results were kept long enough, and come back for the next one."""
-        if self._closed:
+        if self._scope.closed:
             return
         now_ns = self._clock.now_ns()
         self._status.rows.remove(self.book.expire(now_ns))
@@ -334,13 +335,9 @@ class ServerGoals:
         self.expire()
 
     def close(self) -> None:
-        """Ask all handlers to end, and publish no more; after the services, so that nobody is answered any more."""
-        self._closed = True
-        self._jumps.close()
+        """Ask all handlers to end. The services, which are newer, are closed by then: nobody is answered any more."""
         if self._expiry is not None:
             self._expiry.cancel()
         for goal in self.active.values():
             goal.request_cancel()
             goal.mark_ended(b"")
-        self.feedback.close()
-        self._status.close()

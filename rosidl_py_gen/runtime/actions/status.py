@@ -85,20 +85,13 @@ class StatusTopic:
         self._publisher: Publisher[bytes] = Publisher(scope, raw_type(message_type), topic, ACTION_STATUS)
         self._after_answer = AfterAnswer(scope.bridge, self._publisher.publish_without_waiting)
         self.flush = self._after_answer.flush
-        self._closed = False
+        scope.own(self._after_answer)
 
     def publish(self) -> None:
         """Publish the rows as they are now."""
-        if not self._closed:
-            self._after_answer.add(self.rows.message())
+        self._after_answer.add(self.rows.message())
 
     def flush_here(self) -> None:
         """Write what waits, if this is the loop's thread: what its caller publishes next comes behind."""
         if self._bridge.in_loop_thread():
             self.flush()
-
-    def close(self) -> None:
-        """Write what waits, then close the publisher."""
-        self._closed = True
-        self.flush()
-        self._publisher.close()

@@ -32,7 +32,7 @@ from rosidl_py_gen.runtime.endpoints.header import (
 from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import request_numbers
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
-from rosidl_py_gen.runtime.loop.callbacks import settle, settle_error
+from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import History
@@ -204,7 +204,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         if not self._is_available() and not await self.wait_for_service(deadline.left_s()):
             raise CallTimeoutError(f"no server of {self.name} ({self.service_type}) appeared in {timeout_s} s")
         future: asyncio.Future[ResponseT] = loop.create_future()
-        on_error = partial(settle_error, future)
+        on_error = partial(settle_threadsafe, future, None)
         pending: _PendingRequest[ResponseT]
         left_s = deadline.left_s()
         pending = _PendingRequest(encoded, lambda response, _: settle(future, response), on_error, left_s)

@@ -1,12 +1,15 @@
 """What the endpoints of one node share, without knowing the node.
 
 Endpoints get a `Scope` and a resolved name, never the node: a node holds its endpoints, and the way back would make a
-cycle. Decides how to wait for the graph, how callbacks are run and how their failures are reported.
+cycle. Decides how to wait for the graph, how callbacks are run and how their failures are reported; and who closes
+what: a scope closes all that is made with it, and what is made of several parts has a nested one for them.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import copy
 import itertools
 import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -60,6 +63,19 @@ class Owned:
         return True
 
 
+class Composite(Owned):
+    """What is made of parts: whatever is made with `_parts` ends with it, endpoints as well as tasks."""
+
+    def __init__(self, scope: Scope) -> None:
+        super().__init__(scope)
+        self._parts = scope.child()
+
+    def close(self) -> None:
+        """Close everything this is made of. From any thread; may be called twice."""
+        if self._ends():
+            self._parts.close()
+
+
 class Throttle:
     """Lets something pass at most once a second; one for each endpoint, so that one cannot silence another."""
 
@@ -76,7 +92,7 @@ class Throttle:
 
 
 class Scope:
-    """One node's share of a context."""
+    """One node's share of a context; or of that, what belongs to one `Composite`."""
 
     def __init__(
         self,
@@ -97,20 +113,28 @@ class Scope:
         self.logger = node_logger(fully_qualified_name)
         self.closed = False
         self.owned: dict[int, Closable] = {}
-        """Everything of this node that has to be closed with it, oldest first; emptied by `close`."""
+        """Everything that has to be closed with this scope, oldest first; emptied by `close`."""
         self.has_callbacks = False
         """Whether there ever was an endpoint with a function of the user."""
         self.request_window = request_windows.of
         """All clients of a service in one context share its window."""
         self._tasks: set[asyncio.Task[Any]] = set()
+        self._node: Scope | None = None
+        """The node's, in one that is nested."""
+
+    def child(self) -> Scope:
+        """One that closes before the node does: what it owns, and its tasks, are its own, the rest is the node's."""
+        child = copy.copy(self)
+        child.owned, child._tasks, child._node = {}, set(), self._node or self
+        return child
 
     # ---------------------------------------------------------------------------------------------------- entities
 
     def own(self, endpoint: Closable, *, reader: bytes = b"", writer: bytes = b"") -> None:
-        """Announce these GUIDs, and close `endpoint` with the node; it lives until then, or until it calls `disown`.
+        """Announce these GUIDs, and close `endpoint` with the scope; it lives until then, or until it calls `disown`.
 
         Raises:
-            ClosedError: the node was closed meanwhile, by another thread; then the endpoint is closed, too.
+            ClosedError: the scope was closed meanwhile, by another thread; then the endpoint is closed, too.
         """
         self.owned[id(endpoint)] = endpoint
         if reader or writer:
@@ -123,7 +147,7 @@ class Scope:
     def disown(self, endpoint: object, *guids: bytes) -> None:
         """Undo `own`; nothing is announced when the whole node is going."""
         self.owned.pop(id(endpoint), None)
-        if guids and not self.closed:
+        if guids and not (self._node or self).closed:
             self.discovery.change_endpoints(self.number, remove=guids)
 
     def require_open(self, closed: bool, what: str) -> None:
@@ -133,22 +157,34 @@ class Scope:
             raise ClosedError(f"{named} is closed")
 
     def close(self) -> None:
-        """Cancel all tasks but the calling one, close everything that is owned, newest first, withdraw the node."""
-        current = None if current_loop() is None else asyncio.current_task()
-        for task in self._tasks - {current}:
-            if not task.get_loop().is_closed():
-                task.cancel()
-        # One graph message at the end, not one per endpoint; what another thread is making just now closes itself.
+        """Cancel all tasks but the calling one, close everything that is owned, newest first, withdraw the node.
+
+        May be called twice.
+        """
+        # One graph message at the end of a node, not one per endpoint. What another thread is making just now closes
+        # itself, and what comes of a task that is cancelled counts as its end.
         self.closed = True
+        here = current_loop()
+        for task in self._tasks - {None if here is None else asyncio.current_task()}:
+            loop = task.get_loop()
+            if loop is here:
+                task.cancel()
+            else:
+                with contextlib.suppress(RuntimeError):  # it is closed
+                    loop.call_soon_threadsafe(task.cancel)
         for endpoint in reversed(list(self.owned.values())):
             endpoint.close()
         self.owned.clear()
-        self.discovery.remove_node(self.number)
+        if self._node is None:
+            self.discovery.remove_node(self.number)
 
     def abandon(self, reason: str) -> None:
         """In a forked child: look closed, and touch nothing of the transport; errors give the reason."""
         self.closed = True
         self.node_name += f" ({reason})"
+        for part in self.owned.values():
+            if isinstance(part, Composite):
+                part._parts.abandon(reason)
         self.owned.clear()
 
     # ----------------------------------------------------------------------------------------------------- waiting
@@ -185,7 +221,7 @@ class Scope:
     # --------------------------------------------------------------------------------------------------- callbacks
 
     def start(self, coroutine: Coroutine[Any, Any, T]) -> asyncio.Task[T]:
-        """Run a coroutine as a task that is kept alive, and cancelled when the node closes."""
+        """Run a coroutine as a task that is kept alive, and cancelled when the scope closes."""
         task = start_task(self.bridge.running_loop(), coroutine)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)

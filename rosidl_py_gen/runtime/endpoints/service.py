@@ -71,3 +71,10 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
 
             self._events = ServiceEvents(self._scope, self._type, self.name, is_client=self._is_client)
         self._tap = self._events if self._events.configure(clock, qos, state) else None
+
+    def _ends(self, *guids: bytes) -> bool:
+        """As `Owned._ends`; from then on no events are published, either."""
+        ends = super()._ends(*guids)
+        if ends and self._events is not None:
+            self._events.close()
+        return ends

@@ -40,3 +40,6 @@ class AfterAnswer(Generic[T]):
         with self._lock:
             while self._waiting:
                 self._send(self._waiting.popleft())
+
+    close = flush
+    """Its owner ends: what waits is sent, through something older that is still open."""

@@ -44,10 +44,14 @@ def settle(future: asyncio.Future[T], result: T) -> None:
         future.set_result(result)
 
 
-def settle_error(future: asyncio.Future[Any], error: BaseException) -> None:
-    """`settle` with an error."""
-    if not future.done() and not future.get_loop().is_closed():
-        future.set_exception(error)
+def settle_threadsafe(future: asyncio.Future[Any], result: object, error: BaseException | None = None) -> None:
+    """`settle` from any thread, with an error if there is one."""
+    loop = future.get_loop()
+    if loop is not current_loop():
+        with contextlib.suppress(RuntimeError):  # it is closed
+            loop.call_soon_threadsafe(settle_threadsafe, future, result, error)
+    elif not future.done():
+        future.set_result(result) if error is None else future.set_exception(error)
 
 
 def is_own_cancel() -> bool:

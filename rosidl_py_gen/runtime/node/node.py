@@ -24,7 +24,7 @@ from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph import NodeGraph
 from rosidl_py_gen.runtime.node.options import NodeOptions
 from rosidl_py_gen.runtime.node.parameters import NodeParameters
-from rosidl_py_gen.runtime.node.rosout import RosoutPublisher
+from rosidl_py_gen.runtime.node.rosout import start_rosout
 from rosidl_py_gen.runtime.node.time import NodeTime
 from rosidl_py_gen.runtime.node.types import NodeTypes
 from rosidl_py_gen.runtime.time.clock import Clock
@@ -123,7 +123,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         """Bring up what every node has; subclasses add to it. The node is closed when this fails."""
         self.context.bridge.adopt_running_loop()
         if options.enable_rosout and self.context.ros_arguments.logs.rosout:
-            RosoutPublisher(self.scope)
+            start_rosout(self.scope)
         self._open_parameters(options)
 
     # -------------------------------------------------------------------------------------------------------- names

@@ -19,17 +19,13 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.logs.rosout import LogFields
 
 
-class RosoutPublisher:
-    """The ``/rosout`` publisher of one node; lives until the node closes."""
+def start_rosout(scope: Scope) -> None:
+    """Publish what is logged as this node until it closes."""
+    publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
 
-    def __init__(self, scope: Scope) -> None:
-        self._publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
-        self._registration = shared_router().register(scope.logger.name, self._publish)
-        scope.own(self)
-
-    def _publish(self, fields: LogFields) -> None:
+    def publish(fields: LogFields) -> None:
         sec, nanosec = divmod(fields.stamp_ns, 1_000_000_000)
-        self._publisher.publish_without_waiting(
+        publisher.publish_without_waiting(
             Log(
                 stamp=Time(sec=sec, nanosec=nanosec),
                 level=fields.level,
@@ -41,7 +37,4 @@ class RosoutPublisher:
             )
         )
 
-    def close(self) -> None:
-        """Stop publishing."""
-        self._registration.close()
-        self._publisher.close()
+    scope.own(shared_router().register(scope.logger.name, publish))

@@ -11,23 +11,21 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.endpoints.scope import Owned
+from rosidl_py_gen.runtime.endpoints.scope import Composite
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
+from rosidl_py_gen.runtime.endpoints.timer import Timer
 from rosidl_py_gen.runtime.endpoints.types import message_type
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, SetResult, parameter_value
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.schedule import period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration, Time, TimeRangeError, finite_number, seconds_to_ns
 from rosidl_py_gen.runtime.transport.qos import CLOCK, DEFAULT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.endpoints.timer import Timer
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterStore
     from rosidl_py_gen.runtime.parameters.values import Parameter
-    from rosidl_py_gen.runtime.time.clock import Clock
-
 
 USE_SIM_TIME = "use_sim_time"
 NOT_BOOL_REASON = "use_sim_time parameter set to something besides a bool"
@@ -77,32 +75,27 @@ class TimeSource:
         self._clock.set_ros_time_override(Time.from_msg(message.clock))
 
 
-class SimTimePublisher(Owned):
+class SimTimePublisher(Composite):
     """Publishes ``/clock``; made by `create_sim_time_publisher`.
 
     Time moves with `advance` and `set_time`, and while `rate` is not 0 by itself: `rate` simulated seconds pass in one
-    second, in steps of the given timer.
+    second, in steps of `period_s`.
     """
 
-    def __init__(
-        self, scope: Scope, topic: str, start: Time, rate: float, make_timer: Callable[[Callable[[], None]], Timer]
-    ) -> None:
-        """Raises `TypeError` and `TimeRangeError` that name the argument; `make_timer` may too."""
+    def __init__(self, scope: Scope, topic: str, start: Time, rate: float, period_s: float) -> None:
+        """Raises `TypeError` and `TimeRangeError` that name the argument."""
         _require_time("start", start)
         self._rate = _checked_rate(rate)
+        period_ns = period_to_ns(period_s)
+        if not period_ns:
+            raise TimeRangeError("period_s, the seconds between two messages, must be more than 0")
         super().__init__(scope)
         self._now_ns = start.nanoseconds
         self._wall_ns = time.monotonic_ns()
-        self._timer = make_timer(self._tick)
-        try:
-            if not self._timer.period:
-                raise TimeRangeError("period_s, the seconds between two messages, must be more than 0")
-            if not self._rate:
-                self._timer.cancel()
-            self._publisher: Publisher[ClockMessage] = Publisher(scope, message_type(ClockMessage), topic, DEFAULT)
-        except BaseException:
-            self._timer.close()
-            raise
+        self._publisher: Publisher[ClockMessage] = Publisher(self._parts, message_type(ClockMessage), topic, DEFAULT)
+        self._timer = Timer(self._parts, period_ns, self._tick, Clock(ClockType.STEADY_TIME))
+        if not self._rate:
+            self._timer.cancel()
         scope.own(self)
 
     @property
@@ -156,12 +149,6 @@ class SimTimePublisher(Owned):
     async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
         """Wait until at least `count` nodes follow; False when the time passed."""
         return await self._publisher.wait_for_subscribers(timeout_s, count=count)
-
-    def close(self) -> None:
-        """May be called twice."""
-        if self._ends():
-            self._timer.close()
-            self._publisher.close()
 
 
 def _checked_rate(rate: object) -> float:

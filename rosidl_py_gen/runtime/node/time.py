@@ -60,9 +60,5 @@ class NodeTime:
     ) -> SimTimePublisher:
         """Publish ``/clock`` by hand (`advance`, `set_time`), or by itself with `rate` simulated seconds a second."""
         self._require_open()
-
-        def make_timer(callback: Callable[[], None]) -> Timer:
-            return Timer(self.scope, period_to_ns(period_s), callback, Clock(ClockType.STEADY_TIME))
-
         begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
-        return SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, make_timer)
+        return SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, period_s)

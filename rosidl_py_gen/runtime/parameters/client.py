@@ -28,7 +28,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import (
     SetParametersAtomically_Request,
 )
 from rosidl_py_gen.runtime.endpoints.client import Client
-from rosidl_py_gen.runtime.endpoints.scope import Owned
+from rosidl_py_gen.runtime.endpoints.scope import Composite
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
 from rosidl_py_gen.runtime.loop.stream import Stream
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Sequence
 
-    from rosidl_py_gen.runtime.endpoints.scope import Closable, Scope
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent, SetResult
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
@@ -129,7 +129,7 @@ class _Asked:
         raise MalformedAnswerError(f"{self._node} answered {len(found)} values for {len(self.names)} parameters")
 
 
-class ParameterClient(Owned):
+class ParameterClient(Composite):
     """Made by `create_parameter_client`. Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds."""
 
     def __init__(self, scope: Scope, names: NodeNames, node: str) -> None:
@@ -137,13 +137,11 @@ class ParameterClient(Owned):
         """Fully qualified name of the remote node."""
         super().__init__(scope)
         self._names = names
-        self._streams: list[ParameterEvents] = []
-
         self._clients: list[Client[Any, Any]] = []
 
         def client(service: Any, name: str) -> Client[Any, Any]:
             topic = names.resolve_service(f"{self.node}/{name}")
-            self._clients.append(Client(scope, service_type(service), topic, PARAMETERS))
+            self._clients.append(Client(self._parts, service_type(service), topic, PARAMETERS))
             return self._clients[-1]
 
         self._get = client(GetParameters, "get_parameters")
@@ -284,13 +282,4 @@ class ParameterClient(Owned):
     def events(self) -> ParameterEvents:
         """What happens to the remote node's parameters from now on."""
         self._scope.require_open(self._closed, f"the parameter client of {self.node}")
-        stream = ParameterEvents(self._scope, self._names, self.node)
-        self._streams = [*(known for known in self._streams if not known.closed), stream]
-        return stream
-
-    def close(self) -> None:
-        """May be called twice; event streams end."""
-        self._ends()
-        parts: tuple[Closable, ...] = (*self._streams, *self._clients)
-        for part in parts:
-            part.close()
+        return ParameterEvents(self._parts, self._names, self.node)

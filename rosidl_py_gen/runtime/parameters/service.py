@@ -45,6 +45,7 @@ class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
         self._after_answer = AfterAnswer(scope.bridge, self._send)
         message_type = late_message_type("rcl_interfaces/msg/ParameterEvent")
         super().__init__(scope, message_type, names.resolve_topic("/parameter_events"), PARAMETER_EVENTS)
+        scope.own(self._after_answer)
 
     def tell(self, event: ParameterEvent) -> None:
         """Tell the world, unless nobody listens: who comes later does not get it (the topic is volatile)."""
@@ -57,11 +58,6 @@ class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
             self.publish(event_to_message(event, self._node, stamp_ns))
         except Exception:
             self._scope.report_failure("publishing a parameter event")
-
-    def close(self) -> None:
-        """Send what waits; may be called twice."""
-        self._after_answer.flush()
-        super().close()
 
 
 class ParameterServices:

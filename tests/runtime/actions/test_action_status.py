@@ -20,7 +20,7 @@ from rosidl_py_gen.runtime.actions.status import StatusRows, find_status
 def record(monkeypatch: pytest.MonkeyPatch, server: Any) -> list[str]:
     """What an action server writes from now on, in order, by the last part of the topic."""
     written: list[str] = []
-    endpoints = [server._goals._status._publisher, server._goals.feedback, *server._services]
+    endpoints = [one for one in server._parts.owned.values() if hasattr(one, "_writer")]
     for writer in (endpoint._writer for endpoint in endpoints):
         owner = next(one for one in endpoints if one._writer is writer)
         name = str(getattr(owner, "topic", None) or owner.name).rpartition("/")[2]

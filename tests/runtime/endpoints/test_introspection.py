@@ -104,6 +104,16 @@ async def test_something_else_than_a_clock_is_refused(world: World, clock: Any) 
     assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
 
 
+async def test_the_publisher_of_events_goes_with_its_client_or_server(world: World) -> None:
+    _, client, server, node, caller = await exchange(world, STATE.CONTENTS, STATE.METADATA)
+    topic = "/add/_service_event"
+    await until(lambda: node.count_publishers(topic) == caller.count_publishers(topic) == 2)
+    client.close()
+    await until(lambda: node.count_publishers(topic) == caller.count_publishers(topic) == 1)
+    server.close()
+    await until(lambda: node.count_publishers(topic) == caller.count_publishers(topic) == 0)
+
+
 async def test_another_clock_counts_from_the_next_event_on(world: World) -> None:
     events, client, server, *_ = await exchange(world, STATE.OFF, STATE.METADATA)
     await until(lambda: len(events) == 2)

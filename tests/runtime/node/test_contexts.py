@@ -141,12 +141,15 @@ def test_inherited_things_say_that_they_do_not_work_after_a_fork(world: World) -
     node = world.node("parent")
     publisher = node.create_publisher(Int32, "s")
     subscription = node.create_subscription(Int32, "s")
+    time, parameters = node.create_sim_time_publisher(), node.create_parameter_client("other")
     uses: list[Callable[[], object]] = [
         lambda: publisher.publish(Int32()),
         lambda: node.create_publisher(Int32, "t"),
         lambda: node.create_timer(1.0),
         node.get_node_names,
         lambda: asyncio.run(subscription.receive()),
+        lambda: time.advance(1.0),
+        lambda: asyncio.run(parameters.get("x", 1)),
         lambda: asyncio.run(node.wait_for_node("x", 1)),
         lambda: asyncio.run(enter(node)),
         lambda: Node("child", context=node.context),
@@ -154,7 +157,7 @@ def test_inherited_things_say_that_they_do_not_work_after_a_fork(world: World) -
     for use in uses:
         answer = in_forked_child(use)
         assert answer.startswith("ClosedError: ") and "before this process was forked" in answer, answer
-    for end in (node.close, publisher.close, subscription.close):
+    for end in (node.close, publisher.close, subscription.close, time.close, parameters.close):
         assert in_forked_child(end) == "None"
     assert in_forked_child(node.context.close) == "None"
     assert in_forked_child(lambda: node.logger.warning("from the child")) == "None"

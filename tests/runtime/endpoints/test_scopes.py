@@ -1,0 +1,198 @@
+"""Who closes what: a node closes all that was made with it, and what is made of several parts closes those."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from worlds import World, until
+
+from rosidl_py_gen import get_action, get_message
+from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime import AlreadyRespondedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime import Node
+
+Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
+Int32: Any = get_message("std_msgs/msg/Int32")
+
+
+def parameters_with_events(node: Node) -> Any:
+    client = node.create_parameter_client("/other")
+    client.events()
+    return client
+
+
+WHOLES: dict[str, tuple[Callable[[Node], Any], int]] = {
+    "action server": (lambda node: node.create_action_server(Fibonacci, "fib", lambda goal: None), 8),
+    "action client": (lambda node: node.create_action_client(Fibonacci, "fib"), 8),
+    "parameter client": (parameters_with_events, 13),
+    "publisher of time": (lambda node: node.create_sim_time_publisher(rate=1.0), 1),
+}
+
+
+def in_thread(function: Callable[[], object]) -> None:
+    """Call it in a thread of its own, and wait for its end."""
+    thread = threading.Thread(target=function)
+    thread.start()
+    thread.join()
+
+
+@pytest.mark.parametrize("call", [lambda function: function(), in_thread], ids=["here", "in a thread"])
+@pytest.mark.parametrize("name", WHOLES)
+async def test_what_is_made_of_parts_takes_all_of_them_along(world: World, name: str, call: Any) -> None:
+    node = world.node("n")
+    scope = node.scope
+    owned, endpoints = list(scope.owned.values()), scope.discovery.endpoints_of(scope.number)
+    make, count = WHOLES[name]
+    whole = make(node)
+    assert len(scope.discovery.endpoints_of(scope.number) - endpoints) == count
+    call(whole.close)
+    call(whole.close)
+    assert list(scope.owned.values()) == owned
+    assert scope.discovery.endpoints_of(scope.number) == endpoints
+    assert not scope.closed and node.create_publisher(Int32, "still_alive")
+
+
+@pytest.mark.parametrize("closed_first", [False, True])
+def test_a_node_goes_with_one_message_whatever_it_has(
+    memory: World, monkeypatch: pytest.MonkeyPatch, closed_first: bool
+) -> None:
+    """Without a loop, each change of an endpoint would be announced at once."""
+    node = memory.node("n")
+    wholes = [make(node) for make, _ in WHOLES.values()]
+    if closed_first:
+        wholes[0].close()
+    participant, announced = node.context.participant, []
+    monkeypatch.setattr(participant, "announce", lambda nodes: announced.append(len(nodes)))
+    node.close()
+    assert announced == [0]
+
+
+def test_what_is_being_made_while_its_node_closes_leaves_nothing_behind(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another thread closes the node when the last part of an action client is about to be made."""
+    node, other = memory.node("n"), memory.node("other")
+    participant, create, made = node.context.participant, node.context.participant.create_client, []
+
+    def create_client(*arguments: Any, **options: Any) -> Any:
+        made.append(create(*arguments, **options))
+        if len(made) == 3:
+            in_thread(node.close)
+        return made[-1]
+
+    monkeypatch.setattr(participant, "create_client", create_client)
+    with pytest.raises(ClosedError, match=r"^node /n is closed$"):
+        node.create_action_client(Fibonacci, "fib")
+    assert not node.scope.owned
+    assert other.count_subscribers("/fib/_action/feedback") == other.count_clients("/fib/_action/get_result") == 0
+
+
+async def test_callbacks_of_an_action_server_that_wait_end_with_it(world: World) -> None:
+    began, ended = asyncio.Event(), asyncio.Event()
+
+    async def decide(goal: Any) -> bool:
+        began.set()
+        try:
+            await asyncio.sleep(60)
+        finally:
+            ended.set()
+        return True
+
+    server = world.node("server").create_action_server(Fibonacci, "fib", lambda goal: None, accept=decide)
+    client = world.node("client").create_action_client(Fibonacci, "fib")
+    asked = asyncio.ensure_future(client.send_goal(Fibonacci.Goal()))
+    await asyncio.wait_for(began.wait(), 5)
+    server.close()
+    await asyncio.wait_for(ended.wait(), 5)
+    asked.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await asked
+
+
+async def test_a_handler_that_closes_its_own_server_goes_on(world: World, caplog: pytest.LogCaptureFixture) -> None:
+    went_on = asyncio.Event()
+
+    async def close_and_go_on(goal: Any) -> Any:
+        server.close()
+        await asyncio.sleep(0)
+        went_on.set()
+        return Fibonacci.Result()
+
+    server = world.node("server").create_action_server(Fibonacci, "fib", close_and_go_on)
+    client = world.node("client").create_action_client(Fibonacci, "fib")
+    asked = asyncio.ensure_future(client.send_goal(Fibonacci.Goal(), timeout_s=5))
+    await asyncio.wait_for(went_on.wait(), 5)
+    asked.cancel()
+    with contextlib.suppress(asyncio.CancelledError, Exception):
+        await asked
+    assert "Traceback" not in caplog.text and "without ending goal" not in caplog.text
+
+
+@pytest.mark.parametrize("what", ["node", "action server"])
+async def test_tasks_end_when_another_thread_closes_what_they_belong_to(world: World, what: str) -> None:
+    """In the debug mode of asyncio, which refuses to cancel a task of a loop in another thread."""
+    began, ended = asyncio.Event(), asyncio.Event()
+
+    async def wait(_: Any) -> None:
+        began.set()
+        try:
+            await asyncio.sleep(60)
+        finally:
+            ended.set()
+
+    asyncio.get_running_loop().set_debug(True)
+    node, other = world.node("n"), world.node("other")
+    if what == "node":
+        closing: Any = node
+        node.create_subscription(Int32, "t", wait)
+        publisher = other.create_publisher(Int32, "t")
+        assert await publisher.wait_for_subscribers(5)
+        publisher.publish(Int32())
+    else:
+        closing = node.create_action_server(Fibonacci, "fib", wait)
+        await other.create_action_client(Fibonacci, "fib").send_goal(Fibonacci.Goal(), timeout_s=5)
+    await asyncio.wait_for(began.wait(), 5)
+    failures: list[BaseException] = []
+
+    def close() -> None:
+        try:
+            closing.close()
+        except BaseException as error:
+            failures.append(error)
+
+    await asyncio.to_thread(close)
+    await asyncio.wait_for(ended.wait(), 5)
+    assert failures == []
+
+
+async def test_whoever_waits_for_another_thread_to_close_is_told(memory: World) -> None:
+    """In the debug mode of asyncio, too: a call under way, and requests that nobody has decided about."""
+    asyncio.get_running_loop().set_debug(True)
+    node, other = memory.node("n"), memory.node("other")
+    server = other.create_action_server(Fibonacci, "fib")
+    client = node.create_action_client(Fibonacci, "fib")
+    goals, cancels = server.__aiter__(), server.cancel_requests()
+    asked = [asyncio.ensure_future(client.send_goal(Fibonacci.Goal())) for _ in range(2)]
+    taken = (await anext(goals)).accept()
+    undecided = await anext(goals)
+    cancelling = asyncio.ensure_future((await asked[0]).cancel())
+    cancel = await anext(cancels)
+    await asyncio.to_thread(server.close)
+    assert taken.cancel_requested
+    assert [goal async for goal in goals] == [one async for one in cancels] == []
+    for request in (undecided, cancel):
+        await until(request._answer.done)
+        with pytest.raises(AlreadyRespondedError):
+            request.accept()
+    await asyncio.to_thread(client.close)
+    for waiting in (asked[1], cancelling):
+        with pytest.raises(ClosedError):
+            await asyncio.wait_for(waiting, 5)
