@@ -178,9 +178,9 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
     client = await client_of_theirs(dds.node("tester"), shared_peer, name, kind, "trigger", note="first")
     write, named = client._writer.write, []
 
-    def watched(data: bytes, identity: Any = None) -> Any:
+    def watched(data: bytes, identity: Any = None, timeout_s: float | None = None) -> Any:
         named.append(identity is not None)
-        return write(data, identity)
+        return write(data, identity, timeout_s)
 
     monkeypatch.setattr(client._writer, "write", watched)
     for _ in range(3):

@@ -246,7 +246,7 @@ async def test_a_stream_of_another_nodes_events(world: World) -> None:
     node.declare_parameter("a", 1)
     got = await take(events)
     assert (got.node, got.event.new) == ("/n", (Parameter("a", parameter_value(1)),))
-    assert [(await take(everything)).node for _ in range(2)] == ["/noise", "/n"]
+    assert {(await take(everything)).node for _ in range(2)} == {"/noise", "/n"}  # connections of their own
     remote.close()
     remote.close()
     with pytest.raises(StopAsyncIteration):
