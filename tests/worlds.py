@@ -105,6 +105,15 @@ def zenoh_environment() -> dict[str, str]:
     return {"RMW_IMPLEMENTATION": "rmw_zenoh_cpp", "ZENOH_CONFIG_OVERRIDE": endpoints}
 
 
+def world_on_zenoh(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+    """What a fixture yields that is a world on Zenoh; for processes that the test starts, too."""
+    for name, value in zenoh_environment().items():
+        monkeypatch.setenv(name, value)
+    made = World("zenoh")
+    yield made
+    made.close()
+
+
 @pytest.fixture(autouse=True)
 def only_loopback(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Force discovery onto localhost, and fail whoever joins DDS any other way."""

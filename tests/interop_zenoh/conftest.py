@@ -20,7 +20,7 @@ from worlds import (
     only_loopback,
     pytest_pyfunc_call,
     until,
-    zenoh_environment,
+    world_on_zenoh,
     zenoh_router,
 )
 
@@ -120,8 +120,4 @@ def start_peer(pythons: dict[str, Path]) -> Callable[..., Awaitable[Peer]]:
 @pytest.fixture
 def world(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     """A world on Zenoh; its sessions meet the peers at the router of this test process."""
-    for name, value in zenoh_environment().items():
-        monkeypatch.setenv(name, value)
-    made = World("zenoh")
-    yield made
-    made.close()
+    yield from world_on_zenoh(monkeypatch)

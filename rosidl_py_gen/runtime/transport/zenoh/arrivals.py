@@ -70,8 +70,9 @@ class Arrivals:
     def set_notify(self, notify: Callable[[], None] | None) -> None:
         """Call `notify` in place of writing into the pipe."""
         self._notify = notify
-        self._is_told = bool(self._ready)  # whom the last one woke may be gone
-        if self._is_told:
+        self._is_told = False  # whom the last one woke may be gone; before looking, as in `take`
+        if self._ready:
+            self._is_told = True
             self._wake()
 
     def close(self) -> None:

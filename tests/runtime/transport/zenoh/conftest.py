@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from worlds import World, zenoh_environment
+from worlds import World, world_on_zenoh
 from zenoh_peer import Peer
 
 if TYPE_CHECKING:
@@ -13,17 +13,13 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture
-def ours(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
+def zenoh(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     """A world on Zenoh."""
-    for name, value in zenoh_environment().items():
-        monkeypatch.setenv(name, value)
-    made = World("zenoh")
-    yield made
-    made.close()
+    yield from world_on_zenoh(monkeypatch)
 
 
 @pytest.fixture
-def peer(ours: World) -> Iterator[Peer]:
+def peer(zenoh: World) -> Iterator[Peer]:
     """A peer that sees the nodes of that world."""
     made = Peer()
     yield made

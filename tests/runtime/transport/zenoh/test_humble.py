@@ -71,8 +71,8 @@ def call_of_humble(peer: Peer, name: str, data: bytes) -> list[bytes]:
 
 
 @pytest.mark.usefixtures("humble")
-async def test_topics_and_services_of_humble_work_both_ways_in_its_format(ours: World, peer: Peer) -> None:
-    alice, bob = ours.pair()
+async def test_topics_and_services_of_humble_work_both_ways_in_its_format(zenoh: World, peer: Peer) -> None:
+    alice, bob = zenoh.pair()
     theirs, heard = PlainPublisher(peer, "/from/humble", TEXT), list[bytes]()
     peer.listen(peer.key("/to/humble", TEXT), heard)
     peer.tell("MS", "/to/humble", TEXT)
@@ -111,8 +111,8 @@ async def test_topics_and_services_of_humble_work_both_ways_in_its_format(ours: 
 
 
 @pytest.mark.usefixtures("humble")
-async def test_humble_reads_every_token_of_its_format(ours: World, peer: Peer) -> None:
-    node = ours.node("ours")
+async def test_humble_reads_every_token_of_its_format(zenoh: World, peer: Peer) -> None:
+    node = zenoh.node("ours")
     node.create_subscription(Image, "/image", qos=presets.SENSOR_DATA)
     node.create_publisher(String, "/best", qos=presets.BEST_AVAILABLE)
     node.create_subscription(String, "/best", qos=presets.BEST_AVAILABLE)
@@ -123,9 +123,9 @@ async def test_humble_reads_every_token_of_its_format(ours: World, peer: Peer) -
 
 
 async def test_without_its_format_nothing_comes_of_humble_and_a_warning_says_why(
-    ours: World, peer: Peer, caplog: pytest.LogCaptureFixture
+    zenoh: World, peer: Peer, caplog: pytest.LogCaptureFixture
 ) -> None:
-    node = ours.node("ours")
+    node = zenoh.node("ours")
     subscription = node.create_subscription(String, "/chatter")
     node.create_client(AddTwoInts, "/add")
     peer.tell("MS", "/parameter_events", f"rcl_interfaces::msg::dds_::ParameterEvent_/{NO_HASH}")
@@ -144,9 +144,9 @@ async def test_without_its_format_nothing_comes_of_humble_and_a_warning_says_why
 
 
 async def test_another_definition_is_a_warning_and_the_same_one_is_none(
-    ours: World, peer: Peer, caplog: pytest.LogCaptureFixture
+    zenoh: World, peer: Peer, caplog: pytest.LogCaptureFixture
 ) -> None:
-    publisher = ours.node("ours").create_publisher(String, "/chatter")
+    publisher = zenoh.node("ours").create_publisher(String, "/chatter")
     peer.tell("MS", "/chatter", f"std_msgs::msg::dds_::String_/{type_hash(String)}")
     peer.tell("MS", "/chatter", f"std_msgs::msg::dds_::String_/RIHS01_{0:064x}")
     said = (

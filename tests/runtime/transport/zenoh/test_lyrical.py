@@ -75,8 +75,8 @@ def test_messages_with_an_unbounded_array_of_bytes_are_known_by_their_fields(cls
     assert has_buffer(raw_type(message_type(cls))) is (expected or cls is Empty)
 
 
-async def test_a_publisher_of_lyrical_reaches_our_subscriptions(ours: World, peer: Peer) -> None:
-    subscription = ours.node("ours").create_subscription(UInt8MultiArray, "/bytes")
+async def test_a_publisher_of_lyrical_reaches_our_subscriptions(zenoh: World, peer: Peer) -> None:
+    subscription = zenoh.node("ours").create_subscription(UInt8MultiArray, "/bytes")
     publisher = LyricalPublisher(peer, "/bytes", BYTES)
     publisher.publish(bytes_message(0))  # may be too early for it to know anybody
     await until(lambda: len(peer.of_others("MS", "/bytes")) == 1)
@@ -92,8 +92,8 @@ async def test_a_publisher_of_lyrical_reaches_our_subscriptions(ours: World, pee
     assert found[-3:] == [[1, 2], [3], [4]] and found[:-3] in ([], [[0]])
 
 
-async def test_without_the_last_chunk_of_its_token_a_subscription_would_hear_nothing(ours: World, peer: Peer) -> None:
-    node = ours.node("ours")
+async def test_without_the_last_chunk_of_its_token_a_subscription_would_hear_nothing(zenoh: World, peer: Peer) -> None:
+    node = zenoh.node("ours")
     participant: Any = node.scope.participant
     number = node.scope.number
     reader = participant.create_reader(
@@ -108,8 +108,8 @@ async def test_without_the_last_chunk_of_its_token_a_subscription_would_hear_not
     reader.close()
 
 
-async def test_a_subscription_without_fields_hears_a_publisher_of_lyrical(ours: World, peer: Peer) -> None:
-    node = ours.node("ours")
+async def test_a_subscription_without_fields_hears_a_publisher_of_lyrical(zenoh: World, peer: Peer) -> None:
+    node = zenoh.node("ours")
     publisher = LyricalPublisher(peer, "/bytes", BYTES)
     await until(lambda: node.count_publishers("/bytes") > 0)
     session: Any = type("Session", (), {"node": node})
@@ -128,9 +128,9 @@ async def test_a_subscription_without_fields_hears_a_publisher_of_lyrical(ours: 
     ],
 )
 async def test_only_volatile_subscriptions_of_such_messages_say_what_they_take(
-    ours: World, peer: Peer, cls: type[Any], qos: Any, end: str
+    zenoh: World, peer: Peer, cls: type[Any], qos: Any, end: str
 ) -> None:
-    node = ours.node("ours")
+    node = zenoh.node("ours")
     subscription = node.create_subscription(cls, "/t", qos=qos)
     await until(lambda: len(peer.of_others("MS", "/t")) == 1)
     (chunks,) = peer.of_others("MS", "/t")
@@ -142,8 +142,8 @@ async def test_only_volatile_subscriptions_of_such_messages_say_what_they_take(
     await until(lambda: not peer.of_others("MS", "/t"))
 
 
-async def test_such_messages_of_jazzy_and_of_ours_arrive_once(ours: World, peer: Peer) -> None:
-    alice, bob = ours.pair()
+async def test_such_messages_of_jazzy_and_of_ours_arrive_once(zenoh: World, peer: Peer) -> None:
+    alice, bob = zenoh.pair()
     subscription = alice.create_subscription(UInt8MultiArray, "/bytes")
     among_us, theirs = bob.create_publisher(UInt8MultiArray, "/bytes"), PlainPublisher(peer, "/bytes", BYTES)
     assert await among_us.wait_for_subscribers(5)
@@ -156,12 +156,12 @@ async def test_such_messages_of_jazzy_and_of_ours_arrive_once(ours: World, peer:
     assert [list((await subscription.receive(5)).data) for _ in range(3)] == [[0], [1], [2]]
 
 
-async def test_our_publishers_reach_subscriptions_of_lyrical(ours: World, peer: Peer) -> None:
+async def test_our_publishers_reach_subscriptions_of_lyrical(zenoh: World, peer: Peer) -> None:
     heard: list[bytes] = []
     for key in (peer.key("/bytes", BYTES), f"{peer.key('/bytes', BYTES)}/_buf_cpu"):
         peer.listen(key, heard)
     peer.tell("MS", "/bytes", BYTES, f"{PLAIN}/backends:cpu:")
-    publisher = ours.node("ours").create_publisher(UInt8MultiArray, "/bytes")
+    publisher = zenoh.node("ours").create_publisher(UInt8MultiArray, "/bytes")
     assert await publisher.wait_for_subscribers(5)
     publisher.publish(UInt8MultiArray(data=[1]))
     publisher.publish(UInt8MultiArray(data=[2]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+from collections import deque
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -112,3 +113,26 @@ def test_what_arrives_after_the_end_is_written_nowhere() -> None:
     finally:
         os.close(reading)
         os.close(writing)
+
+
+def test_what_arrives_while_another_way_to_tell_is_set_is_told() -> None:
+    arrivals, told = Arrivals(), []
+
+    class Meanwhile(deque[Any]):
+        """Another thread puts something just after somebody has looked."""
+
+        def __len__(self) -> int:
+            found = super().__len__()
+            if not self.was_looked_at:
+                self.was_looked_at = True
+                arrivals.put(lambda: None)
+            return found
+
+        was_looked_at = False
+
+    arrivals.put(lambda: None)
+    arrivals._ready.clear()  # the loop that was told is gone
+    arrivals._ready = Meanwhile()
+    arrivals.set_notify(lambda: told.append(1))
+    assert told and len(arrivals.take()) == 1
+    arrivals.close()

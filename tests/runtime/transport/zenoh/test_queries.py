@@ -18,19 +18,9 @@ from rosidl_py_gen.runtime.transport.zenoh import services
 from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    pass
 
 GID = bytes(range(16))
-
-
-@pytest.fixture
-def zenoh(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
-    """A world on Zenoh."""
-    for name, value in zenoh_environment().items():
-        monkeypatch.setenv(name, value)
-    made = World("zenoh")
-    yield made
-    made.close()
 
 
 class Pair:

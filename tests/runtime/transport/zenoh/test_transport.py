@@ -27,17 +27,7 @@ from rosidl_py_gen.runtime.transport.zenoh import services
 from rosidl_py_gen.runtime.transport.zenoh.transport import ZenohTransport
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-
-@pytest.fixture
-def zenoh(monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
-    """A world on Zenoh."""
-    for name, value in zenoh_environment().items():
-        monkeypatch.setenv(name, value)
-    made = World("zenoh")
-    yield made
-    made.close()
+    pass
 
 
 def program(text: str, **environment: str) -> subprocess.Popen[str]:
