@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.names.dds import parse_user_data
 from rosidl_py_gen.runtime.transport.cyclone import abi
-from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_user_data
+from rosidl_py_gen.runtime.transport.cyclone.pipe import putw
+from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
+from rosidl_py_gen.runtime.transport.dds import FAST_DDS_VENDOR
 from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
 
 if TYPE_CHECKING:
@@ -31,25 +33,45 @@ _BATCH = 64
 _REMEMBERED = 4096
 """Handles of lost endpoints that are still known: their last samples may lie in a queue."""
 _ALIVE = 16
+_FEW = 8
+_NEW = 2 | 4 | 8 | _ALIVE
+"""Samples that were not read yet, of whatever view, that have data."""
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """instance_state, valid_data and instance_handle of dds_sample_info_t (64 bytes)."""
+_ADDRESSES = b"__NetworkAddresses"
+"""A property that Cyclone adds to what a participant said of itself."""
 _TOPICS = (abi.DCPS_PARTICIPANT, abi.DCPS_PUBLICATION, abi.DCPS_SUBSCRIPTION)
 
 
 class DiscoveryReaders:
     """The three builtin readers of a participant."""
 
-    def __init__(self, api: abi.Api, fast_dds: FastDds, participant: int, listener: int, stream: int) -> None:
-        """`listener` puts handles into the pipe behind `stream`; that of participants has one more thing to do."""
+    def __init__(
+        self,
+        api: abi.Api,
+        fast_dds: FastDds,
+        participant: int,
+        listener: int,
+        stream: int,
+        greet: Callable[[bytes, str], None],
+    ) -> None:
+        """`listener` puts handles into the pipe behind `stream`; that of participants has more to do. `greet` gets the
+        GUID and the addresses of participants on Fast DDS that were found.
+        """
         self._api = api
+        self._greet = greet
         self._fast_dds = fast_dds
+        self._on_participants_function = ct.CFUNCTYPE(None, ct.c_int32, ct.c_void_p)(self._on_participants)
+        of_participants: int = api.create_listener(None)
+        api.lset_data_available_arg(of_participants, self._on_participants_function, stream, True)
         self._readers: dict[int, int] = {}
-        for topic in _TOPICS:
-            own = fast_dds.listener(api, stream) if topic == abi.DCPS_PARTICIPANT else None
-            code = api.create_reader(participant, topic, None, listener if own is None else own)
-            if own is not None:
-                api.delete_listener(own)
-            self._readers[topic] = api.check(code, "create a discovery reader")
+        try:
+            for topic in _TOPICS:
+                own = of_participants if topic == abi.DCPS_PARTICIPANT else listener
+                code = api.create_reader(participant, topic, None, own)
+                self._readers[topic] = api.check(code, "create a discovery reader")
+        finally:
+            api.delete_listener(of_participants)
         self.entities = tuple(self._readers.values())
         fast_dds.notice(self._readers[abi.DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
@@ -60,6 +82,29 @@ class DiscoveryReaders:
         self.guids: dict[int, bytes] = {}
         """By local handle, what is known so far; to be looked at first, then `endpoint_guid` asked."""
         self._lost: deque[int] = deque()
+
+    def _on_participants(self, reader: int, stream: int) -> None:
+        """Called by Cyclone in a thread of its own, before it takes anything else from those that it has found."""
+        self._fast_dds.notice(reader)
+        self._greet_new(reader)  # before the loop takes them
+        putw(reader, stream)
+
+    def _greet_new(self, reader: int) -> None:
+        pointers, infos = (ct.c_void_p * _FEW)(), (ct.c_ubyte * (64 * _FEW))()
+        count = _FEW
+        while count == _FEW:
+            pointers[0] = None
+            count = self._api.read_mask(reader, pointers, infos, _FEW, _FEW, _NEW)
+            if count <= 0:
+                return
+            try:
+                for index in range(count):
+                    participant = abi.BuiltinParticipant.from_address(pointers[index] or 0)
+                    guid = bytes(participant.key)
+                    if guid.startswith(FAST_DDS_VENDOR):
+                        self._greet(guid, read_property(self._api, participant.qos, _ADDRESSES))
+            finally:
+                self._api.return_loan(reader, pointers, count)
 
     # ---------------------------------------------------------------------------------------------------- events
 

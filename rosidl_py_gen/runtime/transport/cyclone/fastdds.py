@@ -35,7 +35,6 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from rosidl_py_gen.runtime.transport.cyclone import abi, rtps
-from rosidl_py_gen.runtime.transport.cyclone.pipe import putw
 from rosidl_py_gen.runtime.transport.dds import FAST_DDS_VENDOR
 from rosidl_py_gen.runtime.transport.interface import IDENTITY_BYTES, Lost, identified
 
@@ -221,7 +220,6 @@ class FastDds:
         """Readers of participants that have something."""
         self._peers: set[tuple[int, bytes]] = set()
         """Participants on Fast DDS, each with the reader that told of it."""
-        self._listener_function = ct.CFUNCTYPE(None, ct.c_int32, _Ptr)(self.notice)
         self.outgoing: dict[int, _Outgoing] = {}
         """Samples with an identity by their address. We hold a reference of each, so that no other gets its address."""
         self._to_forget: deque[int] = deque()
@@ -266,25 +264,11 @@ class FastDds:
 
     # -------------------------------------------------------------------------------------------- participants
 
-    def listener(self, api: abi.Api, stream: int) -> int | None:
-        """A listener for a reader of participants; to be deleted once the reader has it. None where there is no use.
-
-        Args:
-            stream: of the pipe that gets the reader's name.
-        """
-        if self.refusal is not None:
-            return None
-        listener: int = api.create_listener(None)
-        api.lset_data_available_arg(listener, self._listener_function, stream, True)
-        return listener
-
-    def notice(self, reader: int, stream: int | None = None) -> None:
+    def notice(self, reader: int) -> None:
         """That reader of participants has something that nobody has looked at yet; maybe one of Fast DDS."""
         with self._lock:
             self._unread.add(reader)
             self._look_into_received(True)
-        if stream is not None:
-            putw(reader, stream)
 
     def look(self, reader: int) -> None:
         """Somebody is going to take all that reader has, and to call `settle` then."""

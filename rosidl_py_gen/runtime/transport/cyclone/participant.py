@@ -35,10 +35,11 @@ from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+from rosidl_py_gen.runtime.transport.cyclone.greeting import greet
 from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
 from rosidl_py_gen.runtime.transport.dds import DdsParticipant
-from rosidl_py_gen.runtime.transport.interface import BackendMissingError, ReceiveQueue
+from rosidl_py_gen.runtime.transport.interface import BackendMissingError, DiscoveryRange, ReceiveQueue
 from rosidl_py_gen.runtime.transport.qos import effective
 
 if TYPE_CHECKING:
@@ -88,7 +89,8 @@ class CycloneTransport:
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
         """Join the domain, which all participants of a process configure alike; see `domain.py`."""
         xml = cyclone_xml(settings, process_id=os.getpid(), extra=TUNING)
-        return CycloneParticipant(settings.domain_id, participant_user_data(enclave), xml)
+        is_local = settings.discovery in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
+        return CycloneParticipant(settings.domain_id, participant_user_data(enclave), xml, is_local=is_local)
 
 
 # --------------------------------------------------------------------------------------------------------- participant
@@ -97,7 +99,7 @@ class CycloneTransport:
 class CycloneParticipant(DdsParticipant):
     """See `transport.Participant`."""
 
-    def __init__(self, domain_id: int, user_data: bytes, xml: str) -> None:
+    def __init__(self, domain_id: int, user_data: bytes, xml: str, *, is_local: bool) -> None:
         super().__init__()
         self.api = _api
         self.fast_dds = _fast_dds
@@ -125,7 +127,10 @@ class CycloneParticipant(DdsParticipant):
             self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
             self.guid = self.guid_of(self.entity)
-            self.discovery = DiscoveryReaders(_api, _fast_dds, self.entity, self._listener, self._pipe.stream)
+            self.discovery = DiscoveryReaders(
+                *(_api, _fast_dds, self.entity, self._listener, self._pipe.stream),
+                greet=partial(greet, self.guid, is_local=is_local),
+            )
             self._undo = undo.pop_all()
 
     @property

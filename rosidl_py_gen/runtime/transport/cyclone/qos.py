@@ -93,6 +93,17 @@ def read_user_data(api: Api, qos: int) -> bytes:
         api.free(pointer)
 
 
+def read_property(api: Api, qos: int, name: bytes) -> str:
+    """A property of a discovered participant; empty when it has none of that name."""
+    pointer = ct.c_void_p()
+    if not api.qget_prop(qos, name, ct.byref(pointer)) or not pointer.value:
+        return ""
+    try:
+        return ct.string_at(pointer.value).decode(errors="replace")
+    finally:
+        api.free(pointer)
+
+
 def read_profile(api: Api, qos: int, *, is_writer: bool) -> QoSProfile:
     """The profile of a discovered endpoint; a policy it does not carry has its DDS default."""
     kind, depth, duration = ct.c_int(), ct.c_int32(), ct.c_int64()

@@ -1,0 +1,30 @@
+"""How soon a node that has just started knows the endpoints of nodes on Fast DDS that were there before."""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+from typing import Any
+
+from rclpy_peer import Peer
+
+RUNS = 7
+SOON_S = 0.45
+"""Fast DDS takes 0.1 s to tell; without a question of ours it comes to that only after 0.7 s on average."""
+
+
+async def seconds_to_know(dds: Any, peer: Peer) -> float:
+    """From the start of a node of ours to when it knows a service of that peer's node."""
+    clock = asyncio.get_running_loop().time
+    started = clock()
+    node = dds.node("newcomer")
+    while f"/{peer.name}/get_parameters" not in dict(node.get_service_names_and_types()):
+        assert clock() < started + 10, "never known"
+        await asyncio.sleep(0.005)
+    node.context.close()
+    return clock() - started
+
+
+async def test_endpoints_of_fast_dds_are_known_soon(dds: Any, shared_peer: Peer) -> None:
+    times = [await seconds_to_know(dds, shared_peer) for _ in range(RUNS)]
+    assert statistics.median(times) < SOON_S, sorted(times)
