@@ -86,12 +86,15 @@ class RecordType:
         if not count:
             return self.empty, pos
         begin = pos + (_HEADER - pos) % self.align
-        if self.plain and (begin - _HEADER - self.phase) % self.largest == 0:
+        in_place = self.plain and (begin - _HEADER - self.phase) % self.largest == 0
+        if in_place:
             end = begin + count * self.stride
         else:
             begin, end = self.span(pos, count)
         if end > len(data):
             raise UnfitValueError("the data end inside a sequence")
+        if in_place and not self.bools:
+            return _frombuffer(data, self.dtype, count, begin), end
         return self.take(data, begin, count, "<"), end
 
     def take(self, data: Buffer, begin: int, count: int, order: Literal["<", ">"]) -> Array:
@@ -178,7 +181,9 @@ class RecordType:
         """
         if values.ndim != 1:
             raise UnfitValueError(f"expected one dimension, found shape {values.shape}; use .ravel()")
-        if values.dtype is self.dtype or values.dtype == self.dtype:
+        if values.dtype is self.dtype and values.flags.c_contiguous:
+            return values
+        if values.dtype == self.dtype:
             return np.ascontiguousarray(values, self.dtype)
         found = np.zeros(len(values), self.dtype)
         _assign(found, values, "")

@@ -181,7 +181,7 @@ def expect_list(value: object) -> None:
 def list_or_records(value: object) -> Any:
     """Accept also a structured array, where messages of fixed size are expected; a subclass's as a plain array."""
     if isinstance(value, ndarray):
-        return value.view(ndarray)
+        return value if type(value) is ndarray else value.view(ndarray)
     expect_list(value)
     return value
 
