@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
+from typing import Any
 
 import runtime_floor
 import runtime_goals as goals
@@ -28,9 +29,8 @@ import runtime_zenoh
 from runtime_common import run_node
 from runtime_rclpy import rows as rclpy_rows
 
-FLOOR = runtime_zenoh if runtime_zenoh.is_chosen() else runtime_floor
 BASES = {"floor": "the floor", "service": "a service call", "callback": "one context"}
-BASES |= {"pipe": "the pipe", "query": "the query"}
+BASES |= {"loop": "asyncio's loop", "query_loop": "the query"}
 START = """
 import time; start = time.perf_counter()
 from rosidl_py_gen.runtime import Node
@@ -40,6 +40,11 @@ import resource
 print((time.perf_counter() - start) * 1000, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
 node.close()
 """
+
+
+def bare_middleware() -> Any:
+    """What measures the middleware alone."""
+    return runtime_zenoh if runtime_zenoh.is_chosen() else runtime_floor
 
 
 # -------------------------------------------------------------------------------------------------------------- parent
@@ -105,8 +110,7 @@ def table(quick: bool, rclpy: str | None) -> None:
     settings = {f"{kind}, {name}": {"BENCH_LOOP": loop} for kind in styles for name, loop in loops.items()}
     settings["callback, three contexts"] = {"BENCH_CONTEXTS": "3"}
     kinds |= {kind: kinds[kind.partition(",")[0]] for kind in settings}
-    if runtime_zenoh.is_chosen():
-        kinds |= runtime_zenoh.PAIRS
+    kinds |= bare_middleware().PAIRS
     kinds |= {"action": ("goal_server", "goal_client"), "parameter": ("parameter_server", "parameter_setter")}
     measured: dict[str, list[float]] = {kind: [] for kind in kinds}
     for _ in range(rounds):
@@ -117,14 +121,20 @@ def table(quick: bool, rclpy: str | None) -> None:
     floor = measured["floor"]
     way = "put and recv" if runtime_zenoh.is_chosen() else "WaitSet"
     row(f"floor: bare {way} round trip, String, p50", f"{min(floor):.0f} to {max(floor):.0f} us", "")
+    dds_rows = (
+        ("loop", "asyncio's own loop, a pipe, a bare writer and reader", "", "floor"),
+        ("callback", "callback style beside that", "", "loop"),
+    )
     zenoh_rows = (
         ("pipe", "a bare function that writes into a pipe", "", "floor"),
+        ("loop", "asyncio's own loop, the pipe, attachments, no node", "", "floor"),
+        ("callback", "callback style beside that", "", "loop"),
         ("query", "a bare query and its reply", "", "floor"),
-        ("callback", "callback style beside the pipe", "1.3x", "pipe"),
-        ("service", "a service call beside the bare query", "2x", "query"),
+        ("query_loop", "the same with asyncio's own loop at both ends", "", "floor"),
+        ("service", "a service call beside that", "", "query_loop"),
     )
     for kind, name, target, base in (
-        *(zenoh_rows if runtime_zenoh.is_chosen() else ()),
+        *(zenoh_rows if runtime_zenoh.is_chosen() else dds_rows),
         ("callback", "round trip, callback style", "1.3x", "floor"),
         ("callback, uvloop", "the same on uvloop", "1.3x", "floor"),
         ("callback, plain loop", "the same by asyncio.run", "1.3x", "floor"),
@@ -172,11 +182,9 @@ def table(quick: bool, rclpy: str | None) -> None:
 
 
 ROLES: dict[str, Callable[[int], None]] = {
-    "floor_pong": lambda count: FLOOR.floor_pong(),
-    "floor_ping": lambda count: FLOOR.floor_ping(count),
-    "floor_serve": lambda count: runtime_floor.floor_serve(),
-    "floor_call": runtime_floor.floor_call,
-    **runtime_zenoh.ROLES,
+    "floor_pong": lambda count: bare_middleware().floor_pong(),
+    "floor_ping": lambda count: bare_middleware().floor_ping(count),
+    **bare_middleware().ROLES,
     "stream_pong": lambda count: run_node(topics.stream_pong, "pong"),
     "callback_pong": lambda count: run_node(topics.callback_pong, "pong"),
     "stream_ping": lambda count: run_node(lambda n, s: topics.stream_ping(n, s, count), "ping"),

@@ -1,16 +1,20 @@
 """The floor of bench/runtime.py: round trips with Cyclone DDS alone.
 
-Topics use cyclonedds-python. Services of Fast DDS nodes are beyond it, so that their floor uses writers, readers and
-the sending of identities of `transport/cyclone`, but no loop, no node and no service: it takes any reply for its own,
-and any request for that of the one client there is, and looks into no packet.
+Topics use cyclonedds-python; a second floor is asyncio's loop and a pipe beside a bare writer and reader. Services of
+Fast DDS nodes are beyond that, so that their floor uses writers, readers and the sending of identities of
+`transport/cyclone`, but no loop, no node and no service: it takes any reply for its own, and any request for that of
+the one client there is, and looks into no packet.
 """
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import ctypes as ct
 import os
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 from runtime_common import DOMAIN, SERVICE, STOP, TEXT, percentile, report
@@ -93,22 +97,93 @@ def floor_ping(count: int) -> None:
     report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
 
 
+class LoopFloor:
+    """A writer and a reader whose pipe asyncio's own loop watches, and nothing else: what any asyncio program takes."""
+
+    def __init__(self, write_to: str, read_from: str) -> None:
+        from rosidl_py_gen.runtime.node.environment import read_environment
+        from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
+        from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+        self._participant = CycloneTransport().open(read_environment(os.environ))
+        kind = "std_msgs::msg::dds_::String_"
+        self.writer = self._participant.create_writer(write_to, kind, QoSProfile())
+        self._reader = self._participant.create_reader(read_from, kind, QoSProfile())
+        while not (self.writer.matched_readers() and self._reader.matched_writers()):
+            time.sleep(0.01)
+        time.sleep(0.2)
+
+    def run(self, receive: Callable[[bytes], object], first: bytes = b"") -> None:
+        """Send `first`, and call `receive` with each sample, until it raises `KeyboardInterrupt`."""
+        pipe, items, fetch = self._participant.fileno(), self._reader.queue.items, self._reader.fetch
+        assert pipe is not None
+
+        def ready() -> None:
+            os.read(pipe, 4096)
+            fetch()
+            while items:
+                receive(bytes(items.popleft()[0]))
+
+        loop = asyncio.new_event_loop()
+        loop.add_reader(pipe, ready)
+        if first:
+            self.writer.write(first)
+        with contextlib.suppress(KeyboardInterrupt):
+            loop.run_forever()
+
+
+def loop_pong() -> None:
+    """Return every sample until one begins with the STOP text."""
+    from rosidl_py_gen import get_message
+
+    stop = get_message("std_msgs/msg/String")(data=STOP).encode()  # type: ignore[call-arg]
+    floor = LoopFloor("bench_pong", "bench_ping")
+
+    def receive(data: bytes) -> None:
+        if data.startswith(stop):
+            raise KeyboardInterrupt
+        floor.writer.write(data)
+
+    floor.run(receive)
+
+
+def loop_ping(count: int) -> None:
+    """Measure `count` round trips."""
+    from rosidl_py_gen import get_message
+
+    string: Any = get_message("std_msgs/msg/String")
+    floor, message, times, start = LoopFloor("bench_ping", "bench_pong"), string(data=TEXT).encode(), [], 0
+
+    def receive(_: bytes) -> None:
+        nonlocal start
+        now = time.perf_counter_ns()
+        times.append((now - start) / 1000)
+        if len(times) > count:
+            raise KeyboardInterrupt
+        start = time.perf_counter_ns()
+        floor.writer.write(message)
+
+    start = time.perf_counter_ns()
+    floor.run(receive, message)
+    floor.writer.write(string(data=STOP).encode())
+    time.sleep(0.1)
+    report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
+
+
 class ServiceFloor:
     """One end of a SetBool service."""
 
     def __init__(self, *, is_client: bool) -> None:
         from rosidl_py_gen.runtime.node.environment import read_environment
         from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-        from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
         from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
         self.fast_dds = cyclone._fast_dds
         if is_client:
             self.fast_dds.refusal = "not needed"  # keeps its functions out of the way
-        xml = cyclone_xml(read_environment(os.environ), process_id=os.getpid())
-        participant = cyclone.CycloneTransport().open(int(DOMAIN), b"", cyclone_xml=xml)
+        participant = cyclone.CycloneTransport().open(read_environment(os.environ))
         request, reply = (
-            (f"{prefix}/{SERVICE}{end}", f"std_srvs::srv::dds_::SetBool_{kind}_", QoSProfile().keep_all(), b"")
+            (f"{prefix}/{SERVICE}{end}", f"std_srvs::srv::dds_::SetBool_{kind}_", QoSProfile().keep_all())
             for prefix, end, kind in (("rq", "Request", "Request"), ("rr", "Reply", "Response"))
         )
         self.reader = participant.create_reader(*(reply if is_client else request))
@@ -154,3 +229,13 @@ def floor_serve() -> None:
         floor.take()
         number += 1
         floor.writer.write(reply, (client, number))
+
+
+PAIRS = {"loop": ("loop_pong", "loop_ping")}
+"""Round trips, in the order of `runtime.pair`."""
+ROLES: dict[str, Callable[[int], None]] = {
+    "loop_pong": lambda count: loop_pong(),
+    "loop_ping": loop_ping,
+    "floor_serve": lambda count: floor_serve(),
+    "floor_call": floor_call,
+}

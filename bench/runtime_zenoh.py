@@ -1,21 +1,25 @@
 """What bench/runtime.py needs for Zenoh: a router on loopback, and the floors, round trips with eclipse-zenoh alone.
 
-There are two for topics. A channel wakes a thread that waits in it without Python, which an event loop cannot do; the
-least that a loop needs is a Python function that Zenoh calls, and a pipe. Queries have a floor of their own.
+There are three for topics. A channel wakes a thread that waits in it without Python, which an event loop cannot do; the
+least that a loop needs is a Python function that Zenoh calls, and a pipe; the third is a loop, and the attachments of
+rmw_zenoh. Queries have two floors of their own, the second again with a loop at both ends.
 """
 
 from __future__ import annotations
 
+import asyncio
 import os
 import select
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
 from runtime_common import STOP, TEXT, cpu_s, percentile, report
+
+from rosidl_py_gen.runtime.transport.zenoh.attachment import pack, unpack
 
 
 @contextmanager
@@ -86,6 +90,121 @@ class PipeFloor(Floor):
             self._read()
         data: bytes = self._samples.popleft().payload.to_bytes()
         return data
+
+
+class LoopFloor(Floor):
+    """The same with asyncio's own loop in place of a thread that waits, and with the attachment of rmw_zenoh: what any
+    asyncio program takes.
+    """
+
+    def _subscribe(self, key: str) -> Any:
+        self._pipe = os.pipe()
+        self._things: deque[Any] = deque()
+        return self.session.declare_subscriber(key, self.handler())
+
+    def handler(self) -> Any:
+        """Puts what Zenoh hands over where `run` takes it from."""
+        from zenoh.handlers import Callback
+
+        def call(thing: Any) -> None:
+            self._things.append(thing)
+            os.write(self._pipe[1], b"\0")
+
+        return Callback(call, indirect=False)
+
+    def run(self, receive: Callable[[Any], object], start: Callable[[], object] | None = None) -> None:
+        """Call `start`, and `receive` with each thing, until it raises `KeyboardInterrupt`."""
+        reading, things = self._pipe[0], self._things
+
+        def ready() -> None:
+            os.read(reading, 64)
+            while things:
+                receive(things.popleft())
+
+        loop = asyncio.new_event_loop()
+        loop.add_reader(reading, ready)
+        if start is not None:
+            start()
+        with suppress(KeyboardInterrupt):
+            loop.run_forever()
+
+
+def attachment() -> bytes:
+    """As beside each sample of rmw_zenoh."""
+    return pack(1, time.time_ns(), bytes(16))
+
+
+def content(thing: Any) -> bytes:
+    """Of a sample or query, which has to have an attachment."""
+    unpack(thing.attachment.to_bytes())
+    data: bytes = thing.payload.to_bytes()
+    return data
+
+
+def loop_pong() -> None:
+    """Return every sample until the STOP text."""
+    floor = LoopFloor("bench/pong", "bench/ping")
+
+    def receive(sample: Any) -> None:
+        data = content(sample)
+        if data == STOP.encode():
+            raise KeyboardInterrupt
+        floor.publisher.put(data, attachment=attachment())
+
+    floor.run(receive)
+    floor.session.close()
+
+
+def query_loop_pong() -> None:
+    """Answer every query until the STOP text."""
+    floor = LoopFloor("bench/pong", "bench/ping")
+    server = floor.session.declare_queryable("bench/query", floor.handler(), complete=True)
+
+    def receive(query: Any) -> None:
+        data = content(query)
+        query.reply("bench/query", data, attachment=attachment())
+        query.drop()
+        if data == STOP.encode():
+            raise KeyboardInterrupt
+
+    floor.run(receive)
+    time.sleep(0.1)
+    server.undeclare()
+    floor.session.close()
+
+
+def loop_ping(count: int, *, queries: bool = False) -> None:
+    """Measure `count` round trips, or queries."""
+    floor, message, times, start = LoopFloor("bench/ping", "bench/pong"), TEXT.encode(), [], 0
+    handler = floor.handler
+
+    def send(data: bytes = message) -> None:
+        nonlocal start
+        start = time.perf_counter_ns()
+        if queries:
+            floor.session.get("bench/query", handler(), payload=data, attachment=attachment())
+        else:
+            floor.publisher.put(data, attachment=attachment())
+
+    def receive(thing: Any) -> None:
+        content(thing.ok if queries else thing)
+        times.append((time.perf_counter_ns() - start) / 1000)
+        if len(times) > count:
+            raise KeyboardInterrupt
+        send()
+
+    if queries:
+        client = floor.session.declare_querier("bench/query")
+        while not client.matching_status.matching:
+            time.sleep(0.01)
+        time.sleep(0.2)
+    else:
+        floor.wait_for_peer()
+    floor.run(receive, send)
+    send(STOP.encode())
+    time.sleep(0.2)
+    report(p50=percentile(times, 0.5), p99=percentile(times, 0.99))
+    floor.session.close()
 
 
 def floor_pong(kind: type[Floor] = Floor) -> None:
@@ -170,6 +289,8 @@ def count_paced(count: int, kind: type[Floor]) -> None:
 PAIRS = {
     "pipe": ("pipe_pong", "pipe_ping"),
     "query": ("query_pong", "query_ping"),
+    "loop": ("loop_pong", "loop_ping"),
+    "query_loop": ("query_loop_pong", "query_loop_ping"),
 }
 """Round trips, in the order of `runtime.pair`."""
 ROLES: dict[str, Callable[[int], None]] = {
@@ -177,6 +298,10 @@ ROLES: dict[str, Callable[[int], None]] = {
     "pipe_ping": lambda count: floor_ping(count, PipeFloor),
     "query_pong": lambda count: query_pong(),
     "query_ping": query_ping,
+    "loop_pong": lambda count: loop_pong(),
+    "loop_ping": loop_ping,
+    "query_loop_pong": lambda count: query_loop_pong(),
+    "query_loop_ping": partial(loop_ping, queries=True),
     "bare_send": send_paced,
     "bare_count": lambda count: count_paced(count, Floor),
     "pipe_count": lambda count: count_paced(count, PipeFloor),
