@@ -11,11 +11,12 @@ import os
 from collections import Counter
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import pytest
 from rclpy_peer import Peer, PeerError
-from rclpy_worlds import action, fresh, service
+from rclpy_worlds import action, fresh, service, until
 
 from rosidl_py_gen.runtime import ServerGoal
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
@@ -138,14 +139,22 @@ class Soak:
             self.count[name] += 1
             await asyncio.sleep(_PAUSE_S)
 
+    @staticmethod
+    def is_replaced(client: Any, dead: set[bytes]) -> bool:
+        """Whether the client knows a server, and none of these any more."""
+        servers = client.servers()
+        return bool(servers) and servers.isdisjoint(dead)
+
     async def kill(self, start_mortal: Callable[[str], Peer]) -> None:
         """Peers that serve, call and are killed in the middle of it; only those calls may be lost."""
         name = fresh("mortal")
         client = self.ours.create_client(self.trigger, name)
         while not self.is_over:
+            dead = client.servers()  # until its lease ends nobody knows, and a request may go to it alone
             peer = start_mortal("mortal")
             await peer.ask("serve", name=name, type=TRIGGER, how="trigger", note="alive")
             await peer.ask("client", name=self.names["ours_mortal"], type=BASIC)
+            await until(partial(self.is_replaced, client, dead), WAIT_S)
             assert (await client.call(self.trigger.Request(), WAIT_S)).message == "alive"
             end = asyncio.get_running_loop().time() + KILLED_EVERY_S
             while asyncio.get_running_loop().time() < end and not self.is_over:
