@@ -43,7 +43,10 @@ class TimeLimits:
     def _look(self) -> None:
         self._timer = None
         now_s = self.loop.time()
-        for number in [number for number, end_s in self._ends_s.items() if end_s <= now_s + _CLOSEST_S]:
+        # In their order, also when the loop was held up and several are due.
+        for _, number in sorted(
+            (end_s, number) for number, end_s in self._ends_s.items() if end_s <= now_s + _CLOSEST_S
+        ):
             if self._ends_s.pop(number, None) is not None:  # another one that expired may have removed it
                 self._expire(number)
         if self._ends_s:

@@ -142,7 +142,9 @@ def test_a_time_limit_holds_on_the_loop_on_which_it_began(world: World) -> None:
     loop.close()
 
 
-async def test_calls_with_different_time_limits_end_in_their_order(world: World) -> None:
+@pytest.mark.parametrize("held_up_s", [0, 0.3])
+async def test_calls_with_different_time_limits_end_in_their_order(world: World, held_up_s: float) -> None:
+    """Also when the loop comes to it late, and all are due at once."""
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "silent")  # never answers
     client = bob.create_client(AddTwoInts, "silent")
@@ -154,6 +156,7 @@ async def test_calls_with_different_time_limits_end_in_their_order(world: World)
             await client.call(Request(), timeout_s=limit_s)
         ended.append(limit_s)
 
+    asyncio.get_running_loop().call_later(0.01, time.sleep, held_up_s)
     await asyncio.gather(*(call(limit_s) for limit_s in (0.2, 0.05, 0, 0.1)))
     assert ended == [0, 0.05, 0.1, 0.2]
 
