@@ -60,6 +60,12 @@ def test_expiring_may_add_and_remove() -> None:
     limits = TimeLimits(loop, expire)
     limits.add(1, 0.01)
     limits.add(2, 0.0105)  # seen in the same look
-    loop.run_until_complete(asyncio.sleep(0.1))
+
+    async def until_five() -> None:
+        while 5 not in expired:
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(0.02)
+
+    loop.run_until_complete(asyncio.wait_for(until_five(), 10))
     loop.close()
     assert expired == [1, 5]
