@@ -86,8 +86,10 @@ class DiscoveryReaders:
     def _on_participants(self, reader: int, stream: int) -> None:
         """Called by Cyclone in a thread of its own, before it takes anything else from those that it has found."""
         self._fast_dds.notice(reader)
-        self._greet_new(reader)  # before the loop takes them
-        putw(reader, stream)
+        try:
+            self._greet_new(reader)  # before the loop takes them
+        finally:
+            putw(reader, stream)
 
     def _greet_new(self, reader: int) -> None:
         pointers, infos = (ct.c_void_p * _FEW)(), (ct.c_ubyte * (64 * _FEW))()
