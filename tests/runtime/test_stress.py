@@ -72,17 +72,18 @@ async def test_a_stalled_reliable_reader_stops_neither_the_loop_nor_other_tasks(
         publisher.publish(UInt8MultiArray(data=bytes(1)))
         assert await publisher.wait_for_acknowledged(timeout_s=5)
         reader.send_signal(signal.SIGSTOP)
-        longest_publish = longest_pause = 0.0
+        publish_s, pause_s = list[float](), list[float]()
         last = time.monotonic()
         for _ in range(100):  # 20 MB, far more than DDS takes without an answer
             start = time.monotonic()
             publisher.publish(UInt8MultiArray(data=bytes(200_000)))
-            longest_publish = max(longest_publish, time.monotonic() - start)
+            publish_s.append(time.monotonic() - start)
             await asyncio.sleep(0.005)
-            longest_pause, last = max(longest_pause, time.monotonic() - last), time.monotonic()
+            pause_s.append(time.monotonic() - last)
+            last = time.monotonic()
         assert not await publisher.wait_for_acknowledged(timeout_s=0.1)
-        assert longest_publish < 0.1
-        assert longest_pause < 0.2
+        # The machine may hold us up once or twice; a reader that is waited for holds up every message after the first.
+        assert sorted(publish_s)[-3] < 0.1 and sorted(pause_s)[-3] < 0.2
         reader.send_signal(signal.SIGCONT)
         assert await publisher.wait_for_acknowledged(timeout_s=20)
         assert reader.stdout is not None

@@ -28,7 +28,9 @@ async def test_ticks_come_at_the_period_and_do_not_drift(memory: World) -> None:
     for _ in range(10):
         await timer.tick()
         await asyncio.sleep(0.015)
-    assert 0.19 <= time.monotonic() - start <= 0.33  # 0.35 if the period began with the tick
+    spent_s = time.monotonic() - start
+    await timer.tick()  # counts what was missed where the machine held us up
+    assert 0.19 <= spent_s <= 0.33 + 0.02 * timer.missed  # 0.35 if the period began with the tick
 
 
 async def test_missed_ticks_are_skipped_and_counted(memory: World) -> None:

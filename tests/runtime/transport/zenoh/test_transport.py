@@ -296,8 +296,11 @@ async def test_endpoints_of_any_quality_of_service_exchange_messages(zenoh: Worl
 async def test_a_late_subscription_of_a_transient_local_topic_gets_what_both_keep(zenoh: World) -> None:
     alice, bob = zenoh.pair()
     publisher = alice.create_publisher(String, "t", qos=QoSProfile().keep_last(3).transient_local())
+    early = bob.create_subscription(String, "t")
+    assert await publisher.wait_for_subscribers(5) and await early.wait_for_publishers(5)
     for number in range(5):
         publisher.publish(String(data=str(number)))
+    assert [(await early.receive(5)).data for _ in range(5)] == list("01234")  # none is on its way any more
     late = bob.create_subscription(String, "t", qos=QoSProfile().keep_last(2).transient_local())
     assert [(await late.receive(10)).data for _ in range(2)] == ["3", "4"]
     publisher.publish(String(data="5"))
