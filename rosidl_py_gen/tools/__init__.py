@@ -15,6 +15,7 @@ import atexit
 import gc
 import os
 import sys
+from contextlib import nullcontext
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,7 @@ from rosidl_py_gen.errors import RosidlError, printable
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
+    from contextlib import AbstractContextManager
 
 _GROUPS = {
     "action": "Actions: list, info, send goals.",
@@ -118,8 +120,12 @@ def root() -> click.Group:
 
 def run_command(module: str, **arguments: Any) -> None:
     """Load ``tools/<module>.py`` and call its `run`, whose answer is the exit code; called by what click declares."""
+    listening: AbstractContextManager[None] = nullcontext()
+    if "network" in arguments:
+        listening = import_module(f"{__name__}.session").listening(arguments["network"])
     try:
-        code = import_module(f"{__name__}.{module}").run(**arguments)
+        with listening:
+            code = import_module(f"{__name__}.{module}").run(**arguments)
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read our output has enough; click would end with 1
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from contextlib import contextmanager, suppress
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -16,7 +17,7 @@ from rosidl_py_gen.runtime.names.dds import DISCOVERY_TOPIC
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from typing_extensions import Self
 
@@ -42,11 +43,30 @@ _NOTHING: dict[str, Any] = {
 
 
 class Network(TypedDict, total=False):
-    """What `options.node_options` give."""
+    """What `options.node_options` give, and a context that listens already."""
 
     domain_id: int | None
     discovery: str | None
     spin_time_s: float | None
+    context: Context
+
+
+@contextmanager
+def listening(network: Network) -> Iterator[None]:
+    """Let a context listen for others while the rest of a command is loaded; `Session` uses it."""
+    with suppress(Exception):  # `Session` meets it again, and the command says what it means
+        network["context"] = _listen(network)
+    try:
+        yield
+    finally:
+        if "context" in network:
+            network["context"].close()
+
+
+def _listen(network: Network) -> Context:
+    context = Context(network.get("domain_id"), discovery=network.get("discovery"), args=[])
+    context.discovery.together_s = _TOGETHER_S
+    return context
 
 
 class Session:
@@ -58,8 +78,7 @@ class Session:
     def __init__(self, network: Network, **node_options: Any) -> None:
         self._spin_time_s = network.get("spin_time_s")
         self._began = monotonic()
-        self.context = Context(network.get("domain_id"), discovery=network.get("discovery"), args=[])
-        self.context.discovery.together_s = _TOGETHER_S
+        self.context = network.get("context") or _listen(network)
         options = {**_NOTHING, **node_options}
         try:
             from rosidl_py_gen.runtime import Node  # takes 0.1 s, in which the context already listens

@@ -20,6 +20,8 @@ from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 from rosidl_py_gen.tools.messages import shown
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from conftest import Tool
     from worlds import World
 
@@ -51,6 +53,18 @@ async def test_a_call_prints_the_response_alone_as_json(dds: World, tool: Tool) 
     serve(dds)
     ended = await tool("service", "call", "add", TYPE, "--stdin", "--json", stdin='{"a": 40, "b": 2}')
     assert (ended.code, json.loads(ended.out)) == (0, {"sum": 42})
+
+
+async def test_a_call_goes_by_the_definition_of_the_server_when_the_local_one_differs(
+    network: World, tool: Tool, tmp_path: Path
+) -> None:
+    package = tmp_path / "example_interfaces"
+    (package / "srv").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>example_interfaces</name></package>")
+    (package / "srv" / "AddTwoInts.srv").write_text("int64 other\n---\nint64 sum\n")
+    serve(network)
+    ended = await tool("service", "call", "/add", TYPE, "{a: 1, b: 2}", "--json", "--path", str(tmp_path))
+    assert (ended.code, ended.out, ended.err) == (0, '{"sum": 3}\n', "")
 
 
 async def test_calls_go_on_at_a_rate_until_they_are_interrupted(dds: World, tool: Tool) -> None:

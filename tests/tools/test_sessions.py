@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from time import monotonic
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import String
 from worlds import until
 
+from rosidl_py_gen import tools
+from rosidl_py_gen.runtime import EnvironmentSettingError
 from rosidl_py_gen.runtime.transport.interface import NodeEntities, ParticipantFound
-from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.tools import ToolError, session
 from rosidl_py_gen.tools.messages import type_and_values
-from rosidl_py_gen.tools.session import Session, names_are_known
+from rosidl_py_gen.tools.session import Network, Session, listening, names_are_known
 
 if TYPE_CHECKING:
     from worlds import World
@@ -73,3 +76,42 @@ async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> N
         assert not names_are_known(graph)
         graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
         assert names_are_known(graph)
+
+
+@pytest.mark.parametrize("error", [None, ToolError("wrong")])
+def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
+    dds: World, monkeypatch: pytest.MonkeyPatch, error: ToolError | None
+) -> None:
+    assert dds
+    used: list[Any] = []
+
+    class Module:
+        def run(self, network: Network) -> int:
+            used.append(Session(network).context)
+            if error is not None:
+                raise error
+            return 0
+
+    def load(name: str) -> Any:
+        if name.endswith(".session"):
+            return session
+        used.append(network["context"])
+        assert not network["context"].is_closed
+        return Module()
+
+    network = Network()
+    monkeypatch.setattr(tools, "import_module", load)
+    with pytest.raises(ToolError) if error else nullcontext():
+        tools.run_command("some.command", network=network)
+    assert used[0] is used[1] and used[0].is_closed
+
+
+def test_what_keeps_a_command_from_listening_is_told_by_the_command(
+    dds: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert dds
+    monkeypatch.setenv("ROS_DOMAIN_ID", "many")
+    with listening(network := Network()):
+        assert "context" not in network
+        with pytest.raises(EnvironmentSettingError, match="ROS_DOMAIN_ID"):
+            Session(network)
