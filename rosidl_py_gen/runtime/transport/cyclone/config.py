@@ -19,13 +19,18 @@ from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSett
 
 MAX_PARTICIPANT_INDEX = 32
 TUNING = (
-    '<Internal><SocketReceiveBufferSize max="32MiB"/></Internal><Compatibility><IgnoreTypeInformation>'
+    '<Internal><SocketReceiveBufferSize max="32MiB"/><HeartbeatInterval>20ms</HeartbeatInterval>'
+    "<NackDelay>20ms</NackDelay></Internal><Compatibility><IgnoreTypeInformation>"
     f"{','.join(f'1.{vendor}' for vendor in range(2, 33))}</IgnoreTypeInformation></Compatibility>"
 )
 """XML below ``<Domain>`` for every domain of ours; the user's CYCLONEDDS_URI wins over it.
 
 - The kernel grants at most net.core.rmem_max. With Cyclone's own 1 MiB a fifth of 6 MB images was lost on loopback,
   with 4 MiB none.
+- Cyclone waits 100 ms before it speaks of what was not acknowledged, and as long between two requests for what is
+  missing. Where every tenth packet is lost half of all messages of 200 kB took 0.2 s and more, with 20 ms each 1.5 ms.
+  It is the same with a first request that is faster than the news of its client. Heartbeats without an answer become
+  rare in the same way as before.
 - Type information of peers, of all vendors that Cyclone can name here: ours have none to compare it with. Cyclone
   takes definitions of arrays and sequences of Kilted's Fast DDS for invalid when it hears one peer ask another for
   them, and from then on ignores all endpoints of these types.
