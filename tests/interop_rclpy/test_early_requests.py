@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import ctypes as ct
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rclpy_peer import Peer
 from rclpy_worlds import fresh, service
 
+from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writer
+
+if TYPE_CHECKING:
+    import pytest
+    from rclpy_peer import Peer
 
 KIND = "std_srvs/srv/Trigger"
 _Listener = ct.CFUNCTYPE(None, ct.c_int32, abi.MatchedStatus, ct.c_void_p)
@@ -36,3 +41,28 @@ async def test_a_request_is_answered_that_came_before_its_writer_was_connected(d
     answers = await shared_peer.ask("call", name=name, requests_=[{}, {}], within_s=10)
     assert [answer["message"] for answer in answers] == ["heard", "heard"]
     del kept
+
+
+async def test_a_new_writer_is_asked_once_what_it_has_written(
+    dds: Any, shared_peer: Peer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that it does not take 3 s, when Cyclone is not that late; the calls themselves are rarely early enough."""
+    asked: list[tuple[bytes, bytes]] = []
+
+    def ask(reader: bytes, writer: bytes, told: str, *, is_local: bool) -> None:
+        asked.append((reader, writer))
+        ask_writer(reader, writer, told, is_local=is_local)
+
+    name, cls = fresh("asked"), service(shared_peer, KIND)
+    node = dds.node("server")
+    server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
+    node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
+    reader, best_effort = server._reader.guid, list(node.scope.participant._readers.values())[-1].guid
+    monkeypatch.setattr(cyclone, "ask_writer", ask)
+    await shared_peer.ask("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
+    await shared_peer.ask("client", name=name, type=KIND)
+    await shared_peer.ask("call", name=name, requests_=[{}], within_s=10)
+    of_service = [end.guid for end in node.scope.graph.on_topic(f"rq{name}Request", writers=True)]
+    assert len(of_service) == 1
+    assert [pair for pair in asked if pair[0] == reader] == [(reader, of_service[0])]
+    assert best_effort not in {pair[0] for pair in asked}

@@ -33,6 +33,7 @@ _BATCH = 64
 _REMEMBERED = 4096
 """Handles of lost endpoints that are still known: their last samples may lie in a queue."""
 _ALIVE = 16
+_PREFIX_BYTES = 12
 _FEW = 8
 _NEW = 2 | 4 | 8 | _ALIVE
 """Samples that were not read yet, of whatever view, that have data."""
@@ -82,6 +83,8 @@ class DiscoveryReaders:
         self.guids: dict[int, bytes] = {}
         """By local handle, what is known so far; to be looked at first, then `endpoint_guid` asked."""
         self._lost: deque[int] = deque()
+        self._addresses: dict[bytes, str] = {}
+        """Of participants on Fast DDS, by their GUIDs without the last four bytes."""
 
     def _on_participants(self, reader: int, stream: int) -> None:
         """Called by Cyclone in a thread of its own, before it takes anything else from those that it has found."""
@@ -104,7 +107,10 @@ class DiscoveryReaders:
                     participant = abi.BuiltinParticipant.from_address(pointers[index] or 0)
                     guid = bytes(participant.key)
                     if guid.startswith(FAST_DDS_VENDOR):
-                        self._greet(guid, read_property(self._api, participant.qos, _ADDRESSES))
+                        told = self._addresses[guid[:_PREFIX_BYTES]] = read_property(
+                            self._api, participant.qos, _ADDRESSES
+                        )
+                        self._greet(guid, told)
             finally:
                 self._api.return_loan(reader, pointers, count)
 
@@ -156,6 +162,7 @@ class DiscoveryReaders:
             participant = abi.BuiltinParticipant.from_address(pointer)
             guid = bytes(participant.key)
             if not valid:
+                self._addresses.pop(guid[:_PREFIX_BYTES], None)
                 return Lost(guid)
             return ParticipantFound(guid, parse_user_data(read_user_data(self._api, participant.qos)).get("enclave"))
         endpoint = abi.BuiltinEndpoint.from_address(pointer)
@@ -187,6 +194,10 @@ class DiscoveryReaders:
         self._fast_dds.forget(self._readers[abi.DCPS_PARTICIPANT])
 
     # --------------------------------------------------------------------------------------------------- handles
+
+    def fast_dds_addresses(self, endpoint: bytes) -> str | None:
+        """The addresses of the participant that an endpoint is of, if it is on Fast DDS and was greeted."""
+        return self._addresses.get(endpoint[:_PREFIX_BYTES])
 
     def matched(self, entity: int, *, is_writer: bool) -> list[bytes]:
         """GUIDs of the endpoints that a writer or reader of ours is connected with."""

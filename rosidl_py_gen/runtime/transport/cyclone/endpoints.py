@@ -173,9 +173,12 @@ class TakeBuffers:
 class CycloneReader:
     """See `transport.Reader`."""
 
-    def __init__(self, owner: Host, entity: int, topic: str, type: str, queue: ReceiveQueue) -> None:
+    def __init__(
+        self, owner: Host, entity: int, topic: str, type: str, queue: ReceiveQueue, *, is_reliable: bool
+    ) -> None:
         self._owner = owner
-        self._topic = topic
+        self.topic = topic
+        self.is_reliable = is_reliable
         self._type = type
         self._key = (owner.domain_id, topic)
         self.entity = entity
@@ -272,4 +275,4 @@ class CycloneReader:
         with self._owner.buffers.lock:
             self.entity = 0
         self._api.delete(entity)
-        self._owner.release_topic(self._topic, self._type)
+        self._owner.release_topic(self.topic, self._type)

@@ -1,4 +1,4 @@
-"""Asks participants on Fast DDS for their endpoints as soon as they are found.
+"""Asks participants on Fast DDS for their endpoints as soon as they are found, and writers for what they have written.
 
 When a participant of ours appears, one on Fast DDS says in a heartbeat at once how many endpoints it has. Cyclone hears
 who that is a millisecond later, and has dropped the heartbeat as that of a stranger. The next one comes after a second:
@@ -6,10 +6,14 @@ the question for it that Cyclone sends, an ACKNACK for what follows the first sa
 An ACKNACK that begins with number 0 does, and Fast DDS answers it at once, so we send one. Then all endpoints are known
 after 0.1 s, which Fast DDS takes to repeat them.
 
+It is the same with every reliable writer. One that knows our reader before Cyclone knows it, says that it wrote nothing
+so far, and writes, does not speak of that again for 3 s; `catchup.py` makes the reader want it then. A client that was
+made for one call is often such a writer.
+
 Both have 0 for their count, of which Fast DDS takes the first one: ours, unless another thread has kept Python busy for
 the 10 ms after which Cyclone sends its own. Later ones of ours are ignored, and everything is as without.
 
-Source: OMG DDSI-RTPS 2.3, 8.3.7.1 and 9.4.5.3; sources of Fast DDS 2.14, StatefulWriter::process_acknack.
+Source: OMG DDSI-RTPS 2.3, 8.3.7.1, 9.4.5.3 and 9.6.1.1; sources of Fast DDS 2.14, StatefulWriter::process_acknack.
 """
 
 from __future__ import annotations
@@ -18,6 +22,10 @@ import contextlib
 import re
 import socket
 import struct
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
 
 _HEADER = b"RTPS\x02\x01\x01\x10"
 """Version 2.1, vendor Cyclone DDS; the prefix of our GUID follows."""
@@ -28,15 +36,20 @@ _ENDPOINT_TOPICS = ((b"\0\0\3\xc7", b"\0\0\3\xc2"), (b"\0\0\4\xc7", b"\0\0\4\xc2
 """Reader and writer of publications, and of subscriptions."""
 _INFO_DST_KIND, _ACKNACK_KIND, _LITTLE = 0x0E, 0x06, 1
 _PREFIX_BYTES = 12
+_OWN_PORT = 1
+"""By how much the port for a participant's own endpoints is higher than that of discovery, which we are told."""
 _ADDRESS = re.compile(r"udp6?/\[?([0-9a-fA-F.:]+?)(?:%[^\]]*)?\]?:([0-9]{1,5})(?:@[0-9]+)?")
 _MOST_ADDRESSES = 8
 
 
-def question(own: bytes, peer: bytes) -> bytes:
-    """The packet that participant `own` asks `peer` with; both are GUIDs or their prefixes."""
-    asked = b"".join(
-        _ACKNACK(_ACKNACK_KIND, _LITTLE, 24, reader, writer, 0, 0, 0, 0) for reader, writer in _ENDPOINT_TOPICS
-    )
+def question(own: bytes, peer: bytes, endpoints: Sequence[tuple[bytes, bytes]] = _ENDPOINT_TOPICS) -> bytes:
+    """The packet that participant `own` asks `peer` with.
+
+    Args:
+        own, peer: GUIDs or their prefixes.
+        endpoints: a reader of ours and the writer it asks, each by the last four bytes of its GUID.
+    """
+    asked = b"".join(_ACKNACK(_ACKNACK_KIND, _LITTLE, 24, reader, writer, 0, 0, 0, 0) for reader, writer in endpoints)
     return _HEADER + own[:_PREFIX_BYTES] + _TO(_INFO_DST_KIND, _LITTLE, _PREFIX_BYTES, peer[:_PREFIX_BYTES]) + asked
 
 
@@ -53,7 +66,7 @@ def addresses(told: str) -> list[tuple[socket.AddressFamily, str, int]]:
             first = socket.inet_pton(family, host)[0]
         except OSError:
             continue
-        if 0 < port < 65536 and first & multicast != multicast:
+        if 0 < port < 65535 and first & multicast != multicast:
             found.append((family, host, port))
     return found
 
@@ -66,8 +79,23 @@ def greet(own: bytes, peer: bytes, told: str, *, is_local: bool) -> None:
         told: its addresses, see `addresses`.
         is_local: nothing may leave this machine.
     """
-    packet = question(own, peer)
-    for family, host, port in addresses(told):
+    _send(question(own, peer), addresses(told), is_local=is_local)
+
+
+def ask_writer(reader: bytes, writer: bytes, told: str, *, is_local: bool) -> None:
+    """Ask a writer on Fast DDS that a reader of ours was connected with; see the head.
+
+    Args:
+        reader, writer: their GUIDs.
+        told: the addresses of the writer's participant, see `addresses`.
+        is_local: nothing may leave this machine.
+    """
+    packet = question(reader, writer, ((reader[_PREFIX_BYTES:], writer[_PREFIX_BYTES:]),))
+    _send(packet, [(family, host, port + _OWN_PORT) for family, host, port in addresses(told)], is_local=is_local)
+
+
+def _send(packet: bytes, to: Iterable[tuple[socket.AddressFamily, str, int]], *, is_local: bool) -> None:
+    for family, host, port in to:
         # Unreachable, or not from the loopback interface: then it finds us in its own time.
         with contextlib.suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as sender:
             sender.setblocking(False)

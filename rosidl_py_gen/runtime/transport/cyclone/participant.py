@@ -35,12 +35,17 @@ from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
-from rosidl_py_gen.runtime.transport.cyclone.greeting import greet
+from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writer, greet
 from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
 from rosidl_py_gen.runtime.transport.dds import DdsParticipant
-from rosidl_py_gen.runtime.transport.interface import BackendMissingError, DiscoveryRange, ReceiveQueue
-from rosidl_py_gen.runtime.transport.qos import effective
+from rosidl_py_gen.runtime.transport.interface import (
+    BackendMissingError,
+    DiscoveryRange,
+    EndpointFound,
+    ReceiveQueue,
+)
+from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,6 +55,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _MAX_IDLE_TOPICS = 256
+_TURNS = 10
+"""Cyclone connects a writer some 50 us after it has told of it, and says nothing of that. So many turns of a loop take
+1 ms, and after 10 ms it is too late.
+"""
+_NO_READER = 0
 
 
 def _load() -> tuple[ModuleType, ct.CDLL]:
@@ -110,6 +120,10 @@ class CycloneParticipant(DdsParticipant):
         self._idle_topics: dict[tuple[str, str], None] = {}
         self._readers: dict[int, CycloneReader] = {}
         self.buffers = TakeBuffers()
+        self._is_local = is_local
+        self._unasked: dict[bytes, str] = {}
+        """New writers on Fast DDS, and their topics."""
+        self._turns = 0
         with ExitStack() as undo:
             self._pipe = ArrivalPipe()
             undo.callback(self._pipe.close)
@@ -181,7 +195,8 @@ class CycloneParticipant(DdsParticipant):
             entity = self._early.create_reader(
                 partial(self._create, _api.create_reader, self._subscriber, topic, type, cqos)
             )
-        return CycloneReader(self, entity, topic, type, ReceiveQueue(profile))
+        is_reliable = profile.reliability is Reliability.RELIABLE
+        return CycloneReader(self, entity, topic, type, ReceiveQueue(profile), is_reliable=is_reliable)
 
     def _create(
         self, create: Callable[..., int], parent: int, topic: str, type: str, qos: int, listener: int | None
@@ -240,8 +255,35 @@ class CycloneParticipant(DdsParticipant):
         self._pipe.put(entity)
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
-        self.discovery.sink = self.listen_for_nodes(sink)
+        pass_on = self.listen_for_nodes(sink)
+
+        def take(events: list[DiscoveryEvent]) -> None:
+            self._note_writers(events)
+            pass_on(events)
+
+        self.discovery.sink = take
         self._pipe.put(self.discovery.entities[0])
+
+    def _note_writers(self, events: list[DiscoveryEvent]) -> None:
+        """Those on Fast DDS are asked what they have written once Cyclone has connected them, see `greeting.py`."""
+        for event in events:
+            if isinstance(event, EndpointFound) and event.is_writer and self.discovery.fast_dds_addresses(event.guid):
+                self._unasked[event.guid] = event.topic
+        if self._unasked:
+            self._turns = _TURNS
+            self._pipe.put(_NO_READER)
+
+    def _ask_writers(self) -> None:
+        self._turns -= 1
+        if self._turns > 0:
+            self._pipe.put(_NO_READER)
+            return
+        unasked, self._unasked = self._unasked, {}
+        for writer, topic in unasked.items():
+            told = self.discovery.fast_dds_addresses(writer) or ""
+            for reader in list(self._readers.values()):
+                if reader.is_reliable and reader.topic == topic:
+                    ask_writer(reader.guid, writer, told, is_local=self._is_local)
 
     def report_discovery(self) -> None:
         self.discovery.report()
@@ -256,6 +298,8 @@ class CycloneParticipant(DdsParticipant):
 
     def collect(self) -> list[Sink]:
         named, readers = self._pipe.read(), self._readers
+        if self._unasked:
+            self._ask_writers()
         if named is None:
             named = (*self.discovery.entities, *readers)
         sinks: list[Sink] = []
