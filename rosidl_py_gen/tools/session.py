@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import asyncio
 import os
-from contextlib import contextmanager, suppress
+import signal
+import sys
+import threading
+from contextlib import ExitStack, contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TypedDict
 
@@ -43,24 +46,33 @@ _NOTHING: dict[str, Any] = {
 
 
 class Network(TypedDict, total=False):
-    """What `options.node_options` give, and a context that listens already."""
+    """What `options.node_options` give, and what `listening` adds: a context, or why there is none."""
 
     domain_id: int | None
     discovery: str | None
     spin_time_s: float | None
     context: Context
+    failure: Exception
 
 
 @contextmanager
 def listening(network: Network) -> Iterator[None]:
     """Let a context listen for others while the rest of a command is loaded; `Session` uses it."""
-    with suppress(Exception):  # `Session` meets it again, and the command says what it means
-        network["context"] = _listen(network)
-    try:
+    handler = signal.signal(signal.SIGTERM, _end) if threading.current_thread() is threading.main_thread() else None
+    with ExitStack() as undo:
+        if handler is not None:
+            undo.callback(signal.signal, signal.SIGTERM, handler)
+        try:
+            context = network["context"] = _listen(network)
+            undo.callback(context.close)
+        except Exception as error:  # the command says what it means
+            network["failure"] = error
         yield
-    finally:
-        if "context" in network:
-            network["context"].close()
+
+
+def _end(number: int, _: object) -> None:
+    """Leave the network first, so that peers need not wait until our lease ends."""
+    sys.exit(128 + number)
 
 
 def _listen(network: Network) -> Context:
@@ -78,7 +90,10 @@ class Session:
     def __init__(self, network: Network, **node_options: Any) -> None:
         self._spin_time_s = network.get("spin_time_s")
         self._began = monotonic()
-        self.context = network.get("context") or _listen(network)
+        failure = network.get("failure")
+        if failure is not None:
+            raise failure
+        self.context = network.pop("context") if "context" in network else _listen(network)
         options = {**_NOTHING, **node_options}
         try:
             from rosidl_py_gen.runtime import Node  # takes 0.1 s, in which the context already listens

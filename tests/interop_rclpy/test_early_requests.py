@@ -7,13 +7,16 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from rclpy_worlds import fresh, service
+from worlds import until
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writer
+from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writers
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import pytest
     from rclpy_peer import Peer
 
@@ -49,19 +52,20 @@ async def test_a_new_writer_is_asked_once_what_it_has_written(
     """So that it does not take 3 s, when Cyclone is not that late; the calls themselves are rarely early enough."""
     asked: list[tuple[bytes, bytes]] = []
 
-    def ask(reader: bytes, writer: bytes, told: str, *, is_local: bool) -> None:
-        asked.append((reader, writer))
-        ask_writer(reader, writer, told, is_local=is_local)
+    def ask(pairs: Sequence[tuple[bytes, bytes]], told: str, *, is_local: bool) -> None:
+        asked.extend(pairs)
+        ask_writers(pairs, told, is_local=is_local)
 
     name, cls = fresh("asked"), service(shared_peer, KIND)
     node = dds.node("server")
     server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
     reader, best_effort = server._reader.guid, list(node.scope.participant._readers.values())[-1].guid
-    monkeypatch.setattr(cyclone, "ask_writer", ask)
+    monkeypatch.setattr(cyclone, "ask_writers", ask)
     await shared_peer.ask("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
     await shared_peer.ask("client", name=name, type=KIND)
     await shared_peer.ask("call", name=name, requests_=[{}], within_s=10)
+    await until(lambda: any(pair[0] == reader for pair in asked))
     of_service = [end.guid for end in node.scope.graph.on_topic(f"rq{name}Request", writers=True)]
     assert len(of_service) == 1
     assert [pair for pair in asked if pair[0] == reader] == [(reader, of_service[0])]

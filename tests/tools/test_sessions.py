@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from contextlib import nullcontext
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -111,7 +112,23 @@ def test_what_keeps_a_command_from_listening_is_told_by_the_command(
 ) -> None:
     assert dds
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
-    with listening(network := Network()):
-        assert "context" not in network
-        with pytest.raises(EnvironmentSettingError, match="ROS_DOMAIN_ID"):
-            Session(network)
+    with listening(network := Network()), pytest.raises(EnvironmentSettingError, match="ROS_DOMAIN_ID"):
+        Session(network)
+
+
+def test_sigterm_while_a_command_is_loaded_ends_what_listens(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert dds
+    network, contexts = Network(), list[Any]()
+
+    def load(name: str) -> Any:
+        if name.endswith(".session"):
+            return session
+        contexts.append(network["context"])
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr(tools, "import_module", load)
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as ended:
+        tools.run_command("some.command", network=network)
+    assert ended.value.code == 143
+    assert contexts[0].is_closed and signal.getsignal(signal.SIGTERM) == before

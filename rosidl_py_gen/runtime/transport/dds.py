@@ -105,7 +105,7 @@ class NodeTopic:
                 self._expect_message(event.guid)
 
     def _expect_message(self, writer: bytes) -> None:
-        loop = _running_loop()
+        loop = running_loop()
         is_own = writer[:_PREFIX_BYTES] == self._participant.guid[:_PREFIX_BYTES]
         if loop is not None and not is_own and writer not in self._told:
             if not self._silent:
@@ -266,7 +266,8 @@ def _halves(service: Service, qos: QoSProfile) -> tuple[_Half, _Half]:
     )
 
 
-def _running_loop() -> asyncio.AbstractEventLoop | None:
+def running_loop() -> asyncio.AbstractEventLoop | None:
+    """The loop that this thread runs just now."""
     try:
         return asyncio.get_running_loop()
     except RuntimeError:

@@ -8,7 +8,7 @@ import socket
 
 import pytest
 
-from rosidl_py_gen.runtime.transport.cyclone.greeting import addresses, ask_writer, greet, question
+from rosidl_py_gen.runtime.transport.cyclone.greeting import addresses, ask_writers, greet, question
 
 OURS, THEIRS = bytes.fromhex("01100102030405060708090a000001c1"), bytes.fromhex("010f1112131415161718191a000001c1")
 UDP4, UDP6 = socket.AF_INET, socket.AF_INET6
@@ -57,13 +57,20 @@ def test_it_is_sent_to_this_machine_only_when_nothing_may_leave_it() -> None:
     assert sender[0] == "127.0.0.1"
 
 
-def test_a_writer_is_asked_at_the_port_behind_that_of_discovery() -> None:
+def test_writers_are_asked_at_the_port_behind_that_of_discovery() -> None:
     reader, writer = OURS[:12] + b"\0\0\x0a\x04", THEIRS[:12] + b"\0\0\x14\x03"
     with socket.socket(UDP4, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(5)
-        ask_writer(reader, writer, f"udp/127.0.0.1:{receiver.getsockname()[1] - 1}@1", is_local=True)
+        told = f"udp/127.0.0.1:{receiver.getsockname()[1] - 1}@1"
+        ask_writers([(reader, writer)], told, is_local=True)
         assert receiver.recv(200).hex(" ", 4) == (
             "52545053 02010110 01100102 03040506 0708090a 0e010c00 010f1112 13141516 1718191a "
             "06011800 00000a04 00001403 00000000 00000000 00000000 00000000"
         )
+        ask_writers([(reader, writer)] * 1000, told, is_local=True)
+        asked = [(len(receiver.recv(9000)) - 36) / 28 for _ in range(8)]
+        receiver.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            receiver.recv(9000)
+    assert asked == [40] * 8

@@ -28,7 +28,7 @@ TUNING = (
 - The kernel grants at most net.core.rmem_max. With Cyclone's own 1 MiB a fifth of 6 MB images was lost on loopback,
   with 4 MiB none.
 - Cyclone waits 100 ms before it speaks of what was not acknowledged, and as long between two requests for what is
-  missing. Where every tenth packet is lost half of all messages of 200 kB took 0.2 s and more, with 20 ms each 1.5 ms.
+  missing. Where every tenth packet is lost half of all messages of 200 kB took 0.2 s and more, with 20 ms 1.5 ms.
   It is the same with a first request that is faster than the news of its client. Heartbeats without an answer become
   rare in the same way as before.
 - Type information of peers, of all vendors that Cyclone can name here: ours have none to compare it with. Cyclone

@@ -62,6 +62,8 @@ class DiscoveryReaders:
         self._api = api
         self._greet = greet
         self._fast_dds = fast_dds
+        self._addresses: dict[bytes, str] = {}
+        """Of participants on Fast DDS, by their GUIDs without the last four bytes."""
         self._on_participants_function = ct.CFUNCTYPE(None, ct.c_int32, ct.c_void_p)(self._on_participants)
         of_participants: int = api.create_listener(None)
         api.lset_data_available_arg(of_participants, self._on_participants_function, stream, True)
@@ -83,8 +85,6 @@ class DiscoveryReaders:
         self.guids: dict[int, bytes] = {}
         """By local handle, what is known so far; to be looked at first, then `endpoint_guid` asked."""
         self._lost: deque[int] = deque()
-        self._addresses: dict[bytes, str] = {}
-        """Of participants on Fast DDS, by their GUIDs without the last four bytes."""
 
     def _on_participants(self, reader: int, stream: int) -> None:
         """Called by Cyclone in a thread of its own, before it takes anything else from those that it has found."""
@@ -105,14 +105,18 @@ class DiscoveryReaders:
             try:
                 for index in range(count):
                     participant = abi.BuiltinParticipant.from_address(pointers[index] or 0)
-                    guid = bytes(participant.key)
-                    if guid.startswith(FAST_DDS_VENDOR):
-                        told = self._addresses[guid[:_PREFIX_BYTES]] = read_property(
-                            self._api, participant.qos, _ADDRESSES
-                        )
-                        self._greet(guid, told)
+                    self._meet(bytes(participant.key), participant.qos)
             finally:
                 self._api.return_loan(reader, pointers, count)
+
+    def _meet(self, guid: bytes, qos: int) -> None:
+        """Note the addresses of a participant on Fast DDS, and greet it when it is new."""
+        if guid.startswith(FAST_DDS_VENDOR):
+            prefix = guid[:_PREFIX_BYTES]
+            is_new = prefix not in self._addresses
+            self._addresses[prefix] = read_property(self._api, qos, _ADDRESSES)
+            if is_new:
+                self._greet(guid, self._addresses[prefix])
 
     # ---------------------------------------------------------------------------------------------------- events
 
@@ -152,6 +156,7 @@ class DiscoveryReaders:
                 news.append(event)
                 if valid and state != _ALIVE:  # came and went since the last look; nothing else will tell
                     self._forget_later(handle)
+                    self._addresses.pop(event.guid[:_PREFIX_BYTES] if topic == abi.DCPS_PARTICIPANT else b"", None)
                     news.append(Lost(event.guid))
         finally:
             self._api.return_loan(reader, pointers, count)
@@ -164,6 +169,7 @@ class DiscoveryReaders:
             if not valid:
                 self._addresses.pop(guid[:_PREFIX_BYTES], None)
                 return Lost(guid)
+            self._meet(guid, participant.qos)  # perhaps before Cyclone's thread has come to it
             return ParticipantFound(guid, parse_user_data(read_user_data(self._api, participant.qos)).get("enclave"))
         endpoint = abi.BuiltinEndpoint.from_address(pointer)
         guid = bytes(endpoint.key)

@@ -179,7 +179,7 @@ class CycloneReader:
         self._owner = owner
         self.topic = topic
         self.is_reliable = is_reliable
-        self._type = type
+        self.type = type
         self._key = (owner.domain_id, topic)
         self.entity = entity
         self.queue = queue
@@ -275,4 +275,4 @@ class CycloneReader:
         with self._owner.buffers.lock:
             self.entity = 0
         self._api.delete(entity)
-        self._owner.release_topic(self.topic, self._type)
+        self._owner.release_topic(self.topic, self.type)

@@ -40,6 +40,8 @@ _OWN_PORT = 1
 """By how much the port for a participant's own endpoints is higher than that of discovery, which we are told."""
 _ADDRESS = re.compile(r"udp6?/\[?([0-9a-fA-F.:]+?)(?:%[^\]]*)?\]?:([0-9]{1,5})(?:@[0-9]+)?")
 _MOST_ADDRESSES = 8
+_MOST_ASKED, _MOST_PACKETS = 40, 8
+"""Writers in a packet, of 1.2 kB then, and packets to an address."""
 
 
 def question(own: bytes, peer: bytes, endpoints: Sequence[tuple[bytes, bytes]] = _ENDPOINT_TOPICS) -> bytes:
@@ -82,16 +84,19 @@ def greet(own: bytes, peer: bytes, told: str, *, is_local: bool) -> None:
     _send(question(own, peer), addresses(told), is_local=is_local)
 
 
-def ask_writer(reader: bytes, writer: bytes, told: str, *, is_local: bool) -> None:
-    """Ask a writer on Fast DDS that a reader of ours was connected with; see the head.
+def ask_writers(pairs: Sequence[tuple[bytes, bytes]], told: str, *, is_local: bool) -> None:
+    """Ask writers of one participant on Fast DDS that readers of one of ours were connected with; see the head.
 
     Args:
-        reader, writer: their GUIDs.
-        told: the addresses of the writer's participant, see `addresses`.
+        pairs: the GUIDs of a reader and a writer each. So many that they take more than 8 packets are not asked.
+        told: the addresses of the writers' participant, see `addresses`.
         is_local: nothing may leave this machine.
     """
-    packet = question(reader, writer, ((reader[_PREFIX_BYTES:], writer[_PREFIX_BYTES:]),))
-    _send(packet, [(family, host, port + _OWN_PORT) for family, host, port in addresses(told)], is_local=is_local)
+    to = [(family, host, port + _OWN_PORT) for family, host, port in addresses(told)]
+    for begin in range(0, min(len(pairs), _MOST_PACKETS * _MOST_ASKED), _MOST_ASKED):
+        some = pairs[begin : begin + _MOST_ASKED]
+        ends = [(reader[_PREFIX_BYTES:], writer[_PREFIX_BYTES:]) for reader, writer in some]
+        _send(question(*some[0], ends), to, is_local=is_local)
 
 
 def _send(packet: bytes, to: Iterable[tuple[socket.AddressFamily, str, int]], *, is_local: bool) -> None:

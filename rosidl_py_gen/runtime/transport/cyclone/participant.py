@@ -20,6 +20,7 @@ import ctypes as ct
 import os
 import sys
 import threading
+from collections import defaultdict
 from contextlib import ExitStack
 from functools import partial
 from importlib import import_module
@@ -35,10 +36,10 @@ from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
 from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
-from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writer, greet
+from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writers, greet
 from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
-from rosidl_py_gen.runtime.transport.dds import DdsParticipant
+from rosidl_py_gen.runtime.transport.dds import DdsParticipant, running_loop
 from rosidl_py_gen.runtime.transport.interface import (
     BackendMissingError,
     DiscoveryRange,
@@ -55,11 +56,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _MAX_IDLE_TOPICS = 256
-_TURNS = 10
-"""Cyclone connects a writer some 50 us after it has told of it, and says nothing of that. So many turns of a loop take
-1 ms, and after 10 ms it is too late.
+_CONNECTING_S = 0.002
+"""Cyclone connects a writer some 50 us after it has told of it, longer when it is held up, and says nothing of that.
+After 10 ms it asks in its own way, which counts as the question.
 """
-_NO_READER = 0
 
 
 def _load() -> tuple[ModuleType, ct.CDLL]:
@@ -121,9 +121,6 @@ class CycloneParticipant(DdsParticipant):
         self._readers: dict[int, CycloneReader] = {}
         self.buffers = TakeBuffers()
         self._is_local = is_local
-        self._unasked: dict[bytes, str] = {}
-        """New writers on Fast DDS, and their topics."""
-        self._turns = 0
         with ExitStack() as undo:
             self._pipe = ArrivalPipe()
             undo.callback(self._pipe.close)
@@ -265,25 +262,31 @@ class CycloneParticipant(DdsParticipant):
         self._pipe.put(self.discovery.entities[0])
 
     def _note_writers(self, events: list[DiscoveryEvent]) -> None:
-        """Those on Fast DDS are asked what they have written once Cyclone has connected them, see `greeting.py`."""
-        for event in events:
-            if isinstance(event, EndpointFound) and event.is_writer and self.discovery.fast_dds_addresses(event.guid):
-                self._unasked[event.guid] = event.topic
-        if self._unasked:
-            self._turns = _TURNS
-            self._pipe.put(_NO_READER)
+        """Those on Fast DDS are asked what they have written, when Cyclone has had time to connect them."""
+        new = [
+            event
+            for event in events
+            if isinstance(event, EndpointFound)
+            and event.is_writer
+            and event.qos.reliability is Reliability.RELIABLE
+            and self.discovery.fast_dds_addresses(event.guid)
+        ]
+        loop = running_loop()
+        if new and loop is not None:
+            loop.call_later(_CONNECTING_S, self._ask_writers, new)
 
-    def _ask_writers(self) -> None:
-        self._turns -= 1
-        if self._turns > 0:
-            self._pipe.put(_NO_READER)
-            return
-        unasked, self._unasked = self._unasked, {}
-        for writer, topic in unasked.items():
-            told = self.discovery.fast_dds_addresses(writer) or ""
-            for reader in list(self._readers.values()):
-                if reader.is_reliable and reader.topic == topic:
-                    ask_writer(reader.guid, writer, told, is_local=self._is_local)
+    def _ask_writers(self, writers: list[EndpointFound]) -> None:
+        readers: defaultdict[tuple[str, str], list[bytes]] = defaultdict(list)
+        for reader in list(self._readers.values()):
+            if reader.is_reliable:
+                readers[reader.topic, reader.type].append(reader.guid)
+        asked: defaultdict[str, list[tuple[bytes, bytes]]] = defaultdict(list)
+        for writer in writers:
+            told = self.discovery.fast_dds_addresses(writer.guid)
+            if told is not None:  # it may be gone
+                asked[told] += [(guid, writer.guid) for guid in readers.get((writer.topic, writer.type), ())]
+        for told, pairs in asked.items():
+            ask_writers(pairs, told, is_local=self._is_local)
 
     def report_discovery(self) -> None:
         self.discovery.report()
@@ -298,8 +301,6 @@ class CycloneParticipant(DdsParticipant):
 
     def collect(self) -> list[Sink]:
         named, readers = self._pipe.read(), self._readers
-        if self._unasked:
-            self._ask_writers()
         if named is None:
             named = (*self.discovery.entities, *readers)
         sinks: list[Sink] = []
