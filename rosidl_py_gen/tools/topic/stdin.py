@@ -67,21 +67,22 @@ async def _chunks() -> AsyncGenerator[bytes, None]:
     if sys.stdin is None or sys.stdin.closed:
         raise ToolError("standard input is closed; expected documents of YAML or JSON there")
     loop, queue = asyncio.get_running_loop(), asyncio.Queue[bytes | OSError](_AHEAD)
-    number = sys.stdin.fileno()
+    file = os.fdopen(os.dup(sys.stdin.fileno()), "rb", buffering=0)  # the thread's own: it may read on after us
 
     def read() -> None:
         data: bytes | OSError = b"?"
-        while data and isinstance(data, bytes):
-            try:
-                data = os.read(number, _AT_ONCE)
-            except OSError as error:
-                data = error
-            put = queue.put(data)
-            try:
-                asyncio.run_coroutine_threadsafe(put, loop).result()
-            except (RuntimeError, CancelledError):  # the loop is closed, or about to be
-                put.close()
-                return
+        with file:
+            while data and isinstance(data, bytes):
+                try:
+                    data = os.read(file.fileno(), _AT_ONCE)
+                except OSError as error:
+                    data = error
+                put = queue.put(data)
+                try:
+                    asyncio.run_coroutine_threadsafe(put, loop).result()
+                except (RuntimeError, CancelledError):  # the loop is closed, or about to be
+                    put.close()
+                    return
 
     threading.Thread(target=read, name="rosidl-py-stdin", daemon=True).start()
     while True:
