@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
+from worlds import until
+
 from rosidl_py_gen import get_action
+from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
 
 if TYPE_CHECKING:
     from worlds import World
@@ -42,9 +45,24 @@ async def until_canceled(handle: Any) -> Any:
     return handle.canceled(result(7))
 
 
-async def pair(world: World, execute: Any = fibonacci, **options: Any) -> tuple[Any, Any]:
+async def pair(world: World, execute: Any = fibonacci, *, lost_after_s: float = 0.3, **options: Any) -> Any:
     """A server and a connected client."""
     server = world.node("server").create_action_server(Fibonacci, "fib", execute, **options)
-    client = world.node("client").create_action_client(Fibonacci, "fib", server_lost_after_s=0.3)
+    client = world.node("client").create_action_client(Fibonacci, "fib", server_lost_after_s=lost_after_s)
     assert await client.wait_for_server(timeout_s=5)
     return server, client
+
+
+async def statuses_of(world: World, server: Any) -> list[list[int]]:
+    """Every GoalStatusArray that a server with one client publishes from now on, as numbers."""
+    seen: list[list[int]] = []
+    world.node().create_subscription(
+        GoalStatusArray, "fib/_action/status", lambda m: seen.append([row.status for row in m.status_list]), 100
+    )
+    await until(lambda: server._goals._status._publisher.subscription_count == 2)
+    return seen
+
+
+def is_awaited(handle: Any) -> bool:
+    """Whether the server has been asked for the result of a goal, whose handler waits for something else."""
+    return bool(handle._changed)

@@ -22,6 +22,7 @@ from rosidl_py_gen.runtime import (
     ActionTimeoutError,
     CancelError,
     CancelRejectedError,
+    Duration,
     GoalDecision,
     GoalRejectedError,
     GoalStatus,
@@ -72,6 +73,7 @@ async def test_a_goal_waits_until_all_endpoints_of_a_server_are_connected(world:
 
     half.create_service(Fibonacci.SendGoal, "fib/_action/send_goal", serve)
     client = world.node().create_action_client(Fibonacci, "fib")
+    await until(client._send.service_is_available)
     with pytest.raises(ActionTimeoutError, match=r"no server appeared in 0\.2 s at /fib/_action/cancel_goal") as e:
         await client.send_goal(goal(), timeout_s=0.2)
     assert "/fib/_action/feedback" in str(e.value) and "send_goal" not in str(e.value)
@@ -104,7 +106,8 @@ async def test_a_second_server_changes_nothing_while_the_first_lives(world: Worl
 
 async def test_unknown_from_another_server_is_not_the_answer(world: World) -> None:
     async def execute(handle: Any) -> Any:
-        await asyncio.sleep(0.1)
+        await until(lambda: bool(asked))
+        await asyncio.sleep(0.1)  # in which UNKNOWN may arrive
         return result(5)
 
     _, client = await pair(world, execute)
@@ -284,6 +287,8 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
             return GoalDecision.REJECT if request.order == 1 else GoalDecision.ACCEPT
 
         server, client = await pair(world, accept=accept, result_timeout_s=0.3)
+        clock = world.nodes[0].clock
+        clock.enable_ros_time_override()  # no result ends before it was asked for
         ask = world.node().create_client(Fibonacci.GetResult, "fib/_action/get_result")
         request = Fibonacci.GetResult.Request()
         scopes = server._scope, client._scope
@@ -298,7 +303,9 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
                 request.goal_id.uuid = handle.goal_id
                 await handle.result(timeout_s=5)
                 await ask.call(request, timeout_s=5)
-            await until(lambda: len(server._goals.book) == 0)
+                clock.set_ros_time_override(clock.now() + Duration(seconds=0.1))
+            clock.set_ros_time_override(clock.now() + Duration(seconds=1))
+            assert len(server._goals.book) == 0
 
         await some(20)
         results = client._result
