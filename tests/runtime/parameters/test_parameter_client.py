@@ -68,7 +68,7 @@ async def test_all_questions_for_empty_lists_share_one_timeout(world: World) -> 
     start = asyncio.get_running_loop().time()
     with pytest.raises(CallTimeoutError):
         await remote.set({"a": [], "b": [], "c": []}, timeout_s=0.1)
-    assert asyncio.get_running_loop().time() - start < 1
+    assert asyncio.get_running_loop().time() - start < 10
 
 
 async def test_what_is_dumped_is_loaded_back_with_empty_lists(

@@ -37,17 +37,16 @@ class Wiretap:
         self.remote: ParameterClient = world.node("other").create_parameter_client("/n")
 
     async def exchange(self, call: Callable[[], Awaitable[Any]]) -> tuple[str, str, Any]:
-        """Request, reply and result of a call that may be made again, until both are heard from the same call."""
+        """Request, reply and result of a call that may be made again, until both are heard: each one says the same."""
+        requests, replies, calls = self._requests.queue.items, self._replies.queue.items, 0
         while True:
-            self._requests.queue.items.clear()
-            self._replies.queue.items.clear()
-            result = await call()
+            result, calls = await call(), calls + 1
             try:
-                await until(lambda: bool(self._requests.queue.items and self._replies.queue.items), timeout_s=0.5)
+                await until(lambda: bool(requests and replies), timeout_s=0.5)
             except AssertionError:
                 continue  # not discovered yet; the test's own time limit ends this
-            (request,), (reply,) = self._requests.queue.items, self._replies.queue.items
-            return self._plain(request), self._plain(reply), result
+            assert len(requests) <= calls and len(replies) <= calls
+            return self._plain(requests[-1]), self._plain(replies[-1]), result
 
     @staticmethod
     def _plain(sample: Any) -> str:

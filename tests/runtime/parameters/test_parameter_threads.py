@@ -27,7 +27,7 @@ async def test_a_stream_of_changes_is_woken_by_a_thread(world: World) -> None:
     await asyncio.sleep(0.05)  # the loop rests; only the thread can wake it
     worker = threading.Thread(target=lambda: update_parameters(pair, a=1, b=2))
     worker.start()
-    assert await asyncio.wait_for(reader, 1) == ("a", 1)
+    assert await asyncio.wait_for(reader, 10) == ("a", 1)
     assert await take(changes) == ("b", 2)
     worker.join()
     await asyncio.to_thread(node.set_parameter, "a", 5)
@@ -35,7 +35,7 @@ async def test_a_stream_of_changes_is_woken_by_a_thread(world: World) -> None:
     waiting = asyncio.ensure_future(anext_or_end(changes))
     await asyncio.sleep(0.02)
     await asyncio.to_thread(changes.close)
-    assert await asyncio.wait_for(waiting, 1) == "end"
+    assert await asyncio.wait_for(waiting, 10) == "end"
 
 
 async def anext_or_end(stream: Stream[object]) -> object:
