@@ -78,6 +78,7 @@ async def test_the_round_trip_with_its_events(world: World) -> None:
 
     world.node("listener").create_subscription(TransitionEvent, "/n/transition_event", note, 100)
     node = managed(world)
+    await until(lambda: node._machine._event.has_subscriptions)
     assert node.state == State.UNCONFIGURED
     for step in (node.configure, node.activate, node.deactivate, node.cleanup, node.shutdown):
         assert await step() is Outcome.SUCCESS

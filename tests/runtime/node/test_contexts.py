@@ -33,7 +33,7 @@ needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system can
 # ------------------------------------------------------------------------------------------------------------- forks
 
 
-def python(text: str, timeout_s: float = 15, **environment: str) -> subprocess.CompletedProcess[str]:
+def python(text: str, timeout_s: float = 60, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run a program in a process of its own; a hanging one fails the test."""
     return subprocess.run(
         [sys.executable, "-W", "default", "-c", text],
@@ -120,10 +120,10 @@ def in_forked_child(action: Callable[[], object]) -> str:
         child = fork.Process(target=body, args=(theirs,))
         child.start()
     try:
-        assert ours.poll(10), "the child hangs"
+        assert ours.poll(30), "the child hangs"
         return str(ours.recv())
     finally:
-        child.join(5)
+        child.join(30)
         alive = child.is_alive()
         child.kill()
         child.join()
@@ -337,7 +337,7 @@ async def test_nothing_grows_with_the_publishers_that_came_and_went(memory: Worl
         for _ in range(20):
             publisher = alice.create_publisher(Int32, "n")
             publisher.publish(Int32(data=number))
-            message, info = await subscription.receive_with_info(timeout_s=1)
+            message, info = await subscription.receive_with_info(timeout_s=10)
             assert (message.data, info.publisher_gid) == (number, publisher.gid)
             publisher.close()
         reader: Any = subscription._reader

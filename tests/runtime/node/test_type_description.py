@@ -117,12 +117,14 @@ async def test_a_class_without_the_fields_of_its_hash_is_not_described(world: Wo
 async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
     world.node("n", "/ns").create_publisher(Foo, "foo")
     asker = world.node("asker", "/ns", args="--ros-args -r rostopic:///ns/n:=/elsewhere")
+    await until(lambda: asker.count_publishers("foo") == 1)
     assert fields_of(await asker.get_type_description("n", "my_pkg/msg/Foo", timeout_s=5)) == [("x", 6)]
     with pytest.raises(InvalidNameError, match="invalid namespace"):
         await asker.get_type_description("~/n", "my_pkg/msg/Foo", timeout_s=5)
 
 
-async def test_a_node_that_comes_later_is_waited_for(world: World) -> None:
+async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(type_description_service, "_ENDPOINTS_PATIENCE_S", 10.0)  # its endpoint comes later still
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
     await asyncio.sleep(0.1)
@@ -164,8 +166,10 @@ async def test_no_announced_hash_is_an_error_that_says_what_to_ask_for(world: Wo
     node.create_client(Ask, "ask")
     announce_writer(node, "my_pkg::msg::dds_::Old_", "old", "")
     announce_writer(node, "my_pkg::msg::dds_::Bad_", "bad", "RIHS01_nonsense")
+    asker = world.node("asker")
+    await until(lambda: len(asker.get_publisher_names_and_types_by_node("n")) == 4)
     with pytest.raises(TypeDescriptionError, match=f"^{words}"):
-        await world.node("asker").get_type_description("/n", wanted, timeout_s=5)
+        await asker.get_type_description("/n", wanted, timeout_s=5)
 
 
 async def test_without_a_hash_the_type_needs_a_name(world: World) -> None:

@@ -98,9 +98,12 @@ async def test_events_and_services_go_on_while_a_thread_sets(world: World) -> No
         assert a == b and seen.a == seen.b
         asked += 1
     await worker
-    await until(lambda: len([event for event in events if event.node == "/n"]) >= 300)
-    ours = [event for event in events if event.node == "/n" and len(event.changed_parameters) == 2]
-    assert [event.changed_parameters[0].value.integer_value for event in ours] == list(range(1, 301))
+
+    def ours() -> list[EventMessage]:
+        return [event for event in events if event.node == "/n" and len(event.changed_parameters) == 2]
+
+    await until(lambda: len(ours()) >= 300)
+    assert [event.changed_parameters[0].value.integer_value for event in ours()] == list(range(1, 301))
     listener.cancel()
 
 
