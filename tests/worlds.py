@@ -18,6 +18,7 @@ import os
 import sys
 import tempfile
 import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -256,6 +257,19 @@ async def until(condition: Callable[[], bool], timeout_s: float = 5) -> None:
     while not condition():
         assert asyncio.get_running_loop().time() < deadline, "never happened"
         await asyncio.sleep(0.001)
+
+
+async def rests(for_s: float, cpu_s: float) -> bool:
+    """Whether this process takes less CPU time than `cpu_s` while the loop sleeps for `for_s`, in one of three looks.
+
+    What a virtual machine is deprived of counts as its own.
+    """
+    for _ in range(3):
+        before = time.process_time()
+        await asyncio.sleep(for_s)
+        if time.process_time() - before < cpu_s:
+            return True
+    return False
 
 
 _guards: set[asyncio.Task[None]] = set()

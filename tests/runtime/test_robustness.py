@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import String, UInt8MultiArray
 from std_srvs.srv import SetBool
-from worlds import ROOT
+from worlds import ROOT, rests
 
 from rosidl_py_gen import compile_text
 from rosidl_py_gen.errors import ClosedError
@@ -50,17 +50,15 @@ async def test_waiting_on_something_closed_is_an_error_and_costs_nothing(world: 
     publisher, client = node.create_publisher(String, "t"), node.create_client(SetBool, "s")
     context.close()
     for attempt in (
-        publisher.wait_for_subscribers(timeout_s=1),
-        client.wait_for_service(timeout_s=1),
-        node.wait_for_node("other", timeout_s=1),
+        publisher.wait_for_subscribers(timeout_s=20),
+        client.wait_for_service(timeout_s=20),
+        node.wait_for_node("other", timeout_s=20),
         node.__aenter__(),
         context.__aenter__(),
     ):
         with pytest.raises(ClosedError):
             await attempt
-    busy = time.process_time()
-    await asyncio.sleep(0.5)
-    assert time.process_time() - busy < 0.2
+    assert await rests(0.5, cpu_s=0.2)
 
 
 async def test_entering_a_closed_node_of_an_open_context_is_an_error(memory: World) -> None:
@@ -126,9 +124,9 @@ async def test_calls_to_a_stopped_server_end_in_time(dds: World, caplog: pytest.
         started = time.monotonic()
         calls = [asyncio.ensure_future(client.call(request, timeout_s=1)) for _ in range(6)]
         outcomes = await asyncio.gather(*calls, return_exceptions=True)
-        assert time.monotonic() - started < 2
+        assert time.monotonic() - started < 4  # one after the other they would take 6
         assert all(isinstance(outcome, CallTimeoutError) for outcome in outcomes)
-        pending = [asyncio.ensure_future(client.call(request, timeout_s=5)) for _ in range(3)]
+        pending = [asyncio.ensure_future(client.call(request, timeout_s=60)) for _ in range(3)]
         await asyncio.sleep(0.1)
         client.close()
         ends = await asyncio.gather(*pending, return_exceptions=True)
@@ -241,10 +239,11 @@ async def test_a_cancelled_future_in_a_handler_changes_nothing_else(
 
     alice.create_service(SetBool, "s", plain if style == "plain" else waiting)
     client = bob.create_client(SetBool, "s")
+    assert await client.wait_for_service(timeout_s=5)
     with pytest.raises(CallTimeoutError):
         await client.call(SetBool.Request(data=False), timeout_s=0.5)
     assert (await client.call(SetBool.Request(data=True), timeout_s=5)).success
-    assert "the handler of service /s failed" in caplog.text
+    await eventually(lambda: "the handler of service /s failed" in caplog.text)
 
 
 async def test_a_lambda_that_returns_a_coroutine_is_an_async_callback(world: World) -> None:
