@@ -164,9 +164,10 @@ async def test_calls_with_different_time_limits_end_in_their_order(
 
     loop = asyncio.get_running_loop()
     loop.call_later(0.01, time.sleep, held_up_s)
+    now_s, now_ns = loop.time(), time.monotonic_ns()
     with monkeypatch.context() as stopped:  # all begin at the same time
-        for clock, name in ((loop, "time"), (time, "monotonic_ns")):
-            stopped.setattr(clock, name, lambda now=getattr(clock, name)(): now)
+        stopped.setattr(loop, "time", lambda: now_s)
+        stopped.setattr(time, "monotonic_ns", lambda: now_ns)
         calls = [asyncio.ensure_future(call(limit_s)) for limit_s in (0.2, 0.05, 0, 0.1)]
         await asyncio.sleep(0)
     await asyncio.gather(*calls)
