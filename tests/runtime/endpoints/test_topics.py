@@ -69,7 +69,7 @@ async def test_plain_and_async_callbacks_are_called_for_every_message(world: Wor
     assert await publisher.wait_for_subscribers(timeout_s=5, count=2)
     for number in range(10):
         publisher.publish(Int32(data=number))
-    await until(lambda: len(slow) == 10)
+    await until(lambda: len(slow) == len(plain) == 10)
     assert plain == slow == list(range(10))
 
 
@@ -141,7 +141,7 @@ async def test_latest_skips_what_is_older(world: World) -> None:
     assert await publisher.wait_for_subscribers(timeout_s=5)
     for number in range(4):
         publisher.publish(Int32(data=number))
-    await asyncio.sleep(0.05)
+    await until(lambda: len(subscription._items) == 4)
     assert subscription.latest() == Int32(data=3)
     assert subscription.latest() == Int32(data=3)
     with pytest.raises(WaitTimeoutError, match="/n"):
@@ -262,9 +262,9 @@ async def test_close_wakes_whoever_waits(world: World) -> None:
     await asyncio.sleep(0.02)
     subscription.close()
     subscription.close()
-    assert await asyncio.wait_for(iterating, 1) == 0
+    assert await asyncio.wait_for(iterating, 10) == 0
     with pytest.raises(ClosedError, match="/s"):
-        await asyncio.wait_for(receiving, 1)
+        await asyncio.wait_for(receiving, 10)
 
 
 @pytest.mark.parametrize("how", ["iterate", "receive"])
@@ -278,9 +278,9 @@ async def test_close_in_another_thread_wakes_whoever_waits(world: World, how: st
     closing = threading.Thread(target=lambda: (time.sleep(0.1), subscription.close()))
     start = time.monotonic()
     closing.start()
-    await asyncio.wait({waiting}, timeout=2)  # nothing else wakes the loop
+    await asyncio.wait({waiting}, timeout=20)  # nothing else wakes the loop
     closing.join()
-    assert time.monotonic() - start < 1
+    assert time.monotonic() - start < 10
     if how == "iterate":
         assert waiting.result() == 0
     else:
@@ -303,7 +303,7 @@ async def test_a_publish_that_waits_in_a_thread_says_when_its_publisher_closes(
 
     monkeypatch.setattr(publisher, "_write", full)
     waiting = asyncio.ensure_future(asyncio.to_thread(publisher.publish, String()))
-    assert await asyncio.to_thread(tries.wait, 2)
+    assert await asyncio.to_thread(tries.wait, 10)
     await asyncio.sleep(0.02)
     assert not waiting.done()
     (publisher if closed == "publisher" else node).close()
@@ -422,7 +422,7 @@ class LivelinessChanged(ctypes.Structure):
 
 async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(dds: World) -> None:
     alice, bob = dds.pair()
-    manual = QoSProfile().manual_liveliness(lease_s=0.8)
+    manual = QoSProfile().manual_liveliness(lease_s=1.5)
     publisher = alice.create_publisher(String, "alive", manual)
     subscription = bob.create_subscription(String, "alive", qos=manual)
     assert await publisher.wait_for_subscribers(timeout_s=5)
@@ -436,10 +436,10 @@ async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(d
         return status.alive, status.not_alive
 
     publisher.publish(String(data="begins the lease"))
-    for _ in range(50):  # three leases, in which nothing is published
+    for _ in range(42):  # more than one lease, in which nothing is published
         publisher.assert_liveliness()
         await asyncio.sleep(0.05)
         assert counts() == (1, 0)
-    await until(lambda: counts() == (0, 1), timeout_s=2)
+    await until(lambda: counts() == (0, 1))
     publisher.publish(String(data="back"))
-    await until(lambda: counts() == (1, 0), timeout_s=0.7)
+    await until(lambda: counts() == (1, 0))
