@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from std_msgs.msg import Int32
 from std_srvs.srv import SetBool
-from worlds import ROOT
+from worlds import ROOT, rests
 
 from rosidl_py_gen.runtime import CallTimeoutError, Context
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
@@ -428,7 +428,7 @@ def test_sockets_threads_timers_signals_and_subprocesses_work_beside_dds(dds: Wo
         for number in range(200):
             line = f"{number}\n".encode()
             writer.write(line)
-            assert await asyncio.wait_for(reader.readline(), 2) == line
+            assert await asyncio.wait_for(reader.readline(), 10) == line
         writer.close()
         server.close()
         start = time.monotonic()
@@ -440,7 +440,7 @@ def test_sockets_threads_timers_signals_and_subprocesses_work_beside_dds(dds: Wo
         signalled = asyncio.Event()
         asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, signalled.set)
         os.kill(os.getpid(), signal.SIGUSR1)
-        await asyncio.wait_for(signalled.wait(), 2)
+        await asyncio.wait_for(signalled.wait(), 10)
 
     run_on(kind, main())
 
@@ -509,6 +509,7 @@ def test_a_flood_of_samples_keeps_neither_timers_nor_sockets_waiting(dds: World,
         with ours, theirs:
             ours.setblocking(False)
             flooding = asyncio.create_task(asyncio.to_thread(flood))
+            await eventually(lambda: count > 100)
             latest_s = 0.0
             for _ in range(20):
                 start = time.monotonic()
@@ -521,8 +522,7 @@ def test_a_flood_of_samples_keeps_neither_timers_nor_sockets_waiting(dds: World,
             await flooding
         if receiving is not None:
             receiving.cancel()
-        assert count > 100
-        assert latest_s < 2
+        assert latest_s < 5
 
     run_on(kind, main())
 
@@ -542,12 +542,10 @@ async def test_a_busy_loop_hears_messages_and_an_idle_one_costs_nothing(network:
     for number in range(5):
         publisher.publish(Int32(data=number))
         await asyncio.sleep(0.01)
+    await eventually(lambda: seen == [0, 1, 2, 3, 4])
     busy = False
     await spinning
-    assert seen == [0, 1, 2, 3, 4]
-    cpu = time.process_time()
-    await asyncio.sleep(1)
-    assert time.process_time() - cpu < 0.02
+    assert await rests(1, cpu_s=0.02)
 
 
 def test_importing_the_package_needs_no_cyclonedds_and_using_dds_without_it_says_what_to_do() -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Int32
+from worlds import rests, until
 
 from rosidl_py_gen.runtime import Context, new_event_loop, run
 from rosidl_py_gen.runtime.loop import event_loop
@@ -142,7 +143,7 @@ def test_what_is_left_to_do_is_an_ordinary_callback_of_the_same_round(
             done.set()
 
         loop.watch(pipe.read_end, early, callback)
-        await asyncio.wait_for(done.wait(), 2)
+        await asyncio.wait_for(done.wait(), 10)
         await asyncio.sleep(0.01)
 
     loop.run_until_complete(main())
@@ -160,8 +161,8 @@ def test_however_many_descriptors_are_ready_all_are_seen(loop: EventLoop, pipes:
         async def main() -> bytes:
             return await loop.sock_recv(ours, 1)
 
-        assert loop.run_until_complete(asyncio.wait_for(main(), 2)) == b"x"
-        loop.run_until_complete(asyncio.sleep(0.01))
+        assert loop.run_until_complete(asyncio.wait_for(main(), 10)) == b"x"
+        loop.run_until_complete(until(lambda: all(pipe.seen for pipe in pipes)))
         assert [pipe.seen for pipe in pipes] == [1] * len(pipes)
 
 
@@ -183,10 +184,10 @@ def test_those_that_stay_ready_keep_neither_each_other_nor_timers_nor_sockets_wa
             ours.setblocking(False)
             for _ in range(20):
                 theirs.send(b"x")
-                await asyncio.wait_for(loop.sock_recv(ours, 1), 1)
+                await asyncio.wait_for(loop.sock_recv(ours, 1), 10)
                 start = time.monotonic()
                 await asyncio.sleep(0.002)
-                assert time.monotonic() - start < 2
+                assert time.monotonic() - start < 10
 
     loop.run_until_complete(main())
     assert min(calls.values()) >= 10
@@ -210,10 +211,10 @@ def test_a_function_may_end_the_watching_of_its_own_and_of_another_descriptor(
 
 
 def test_waiting_takes_the_time_of_the_next_timer_and_no_cpu(loop: EventLoop) -> None:
-    start, cpu = time.monotonic(), time.process_time()
+    start = time.monotonic()
     loop.run_until_complete(asyncio.sleep(0.2))
     assert 0.19 < time.monotonic() - start < 5
-    assert time.process_time() - cpu < 0.05
+    assert loop.run_until_complete(rests(0.2, cpu_s=0.05))
 
 
 def test_a_closed_loop_has_no_descriptors_left_and_may_be_told_to_end_watching(pipes: list[Pipe]) -> None:
@@ -222,7 +223,7 @@ def test_a_closed_loop_has_no_descriptors_left_and_may_be_told_to_end_watching(p
     loop.watch(pipes[0].read_end, pipes[0].read, pipes[0].on_read)
     loop.close()
     loop.unwatch(pipes[0].read_end)
-    assert len(os.listdir("/proc/self/fd")) == before
+    assert len(os.listdir("/proc/self/fd")) <= before  # less where a connection of an earlier test ends just now
 
 
 def test_a_loop_may_be_closed_before_its_contexts(dds: World) -> None:
