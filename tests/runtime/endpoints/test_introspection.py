@@ -25,6 +25,8 @@ async def exchange(world: World, client_state: IntrospectionState, server_state:
     server = node.create_service(AddTwoInts, "add", lambda r: AddTwoInts.Response(sum=r.a + r.b))
     caller = world.node("caller")
     client = caller.create_client(AddTwoInts, "add")
+    topic = "/add/_service_event"
+    await until(lambda: node.count_subscribers(topic) == caller.count_subscribers(topic) == 1)
     node.clock.enable_ros_time_override()
     node.clock.set_ros_time_override(Time(seconds=77, clock_type=ClockType.ROS_TIME))
     server.configure_introspection(node.clock, SYSTEM_DEFAULT, server_state)
