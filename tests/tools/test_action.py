@@ -96,7 +96,7 @@ async def test_ctrl_c_cancels_a_goal_that_is_not_accepted_yet(dds: World, tool: 
 
 async def test_a_goal_that_cannot_be_canceled_may_still_be_running(dds: World, tool: Tool) -> None:
     counter = Counter(dds, on_cancel=False)
-    process = await tool.start("action", "send_goal", "/count", "{order: 99}", "--timeout", "1")
+    process = await tool.start("action", "send_goal", "/count", "{order: 99}", "--timeout", "1.5")
     await until(lambda: bool(counter.goals), 15)
     process.send_signal(signal.SIGINT)
     ended = await tool.end(process)
@@ -113,7 +113,7 @@ async def test_a_goal_that_cannot_be_canceled_may_still_be_running(dds: World, t
         (["/count", "{order: many}"], "Fibonacci_Goal.order"),
         (["/count", "{order: 1", "--json"], "error: not YAML"),
         (["/count", "std_srvs/action/Empty"], f"action /count has type {TYPE}, not std_srvs/action/Empty"),
-        (["/cont", "--timeout", "0.5"], 'did you mean "/count"?'),
+        (["/cont", "--timeout", "1"], 'did you mean "/count"?'),
     ],
 )
 async def test_a_goal_that_does_not_succeed_is_a_failure(dds: World, tool: Tool, words: list[str], said: str) -> None:
@@ -131,19 +131,19 @@ async def test_a_server_that_answers_no_goal_is_an_error(dds: World, tool: Tool)
         return True
 
     Counter(dds, accept=accept)
-    ended = await tool("action", "send_goal", "/count", "--timeout", "1")
-    assert (ended.code, ended.err) == (1, "error: goal not answered by action /count in 1.0 s\n")
+    ended = await tool("action", "send_goal", "/count", "--timeout", "1.5")
+    assert (ended.code, ended.err) == (1, "error: goal not answered by action /count in 1.5 s\n")
 
 
 async def test_list_type_find_and_info_know_actions(dds: World, tool: Tool) -> None:
     counter = Counter(dds)
     dds.node("asker").create_action_client(Fibonacci, "/count")
     listed, found, typed, info, as_json = await asyncio.gather(
-        tool("action", "list", "-t", "--spin-time", "1"),
-        tool("action", "find", TYPE, "--spin-time", "1"),
+        tool("action", "list", "-t", "--spin-time", "1.5"),
+        tool("action", "find", TYPE, "--spin-time", "1.5"),
         tool("action", "type", "/count"),
-        tool("action", "info", "/count", "-t", "--spin-time", "1"),
-        tool("action", "info", "/count", "--json", "--spin-time", "1"),
+        tool("action", "info", "/count", "-t", "--spin-time", "1.5"),
+        tool("action", "info", "/count", "--json", "--spin-time", "1.5"),
     )
     assert (listed.out, found.out, typed.out) == (f"/count [{TYPE}]\n", "/count\n", f"{TYPE}\n")
     assert info.out == (

@@ -45,7 +45,7 @@ async def test_a_good_machine_with_peers_is_well(network: World, tool: Tool) -> 
     node, other = network.pair()
     node.create_publisher(String, "/talk")
     await until(lambda: other.count_publishers("/talk") == 1)
-    done = await tool("doctor", "--json")
+    done = await tool("doctor", "--json", "--spin-time", "1.25")
     assert done.code == 0, done
     found = json.loads(done.out)
     assert found["broken"] is False
@@ -64,7 +64,9 @@ async def test_what_does_not_fit_together_is_told(network: World, tool: Tool) ->
     node.create_publisher(String, "/mixed")
     twin.create_subscription(Bool, "/mixed")
     await until(lambda: twin.count_publishers("/scan") == 1 and twin.count_publishers("/mixed") == 1)
-    done, report = await asyncio.gather(tool("doctor"), tool("doctor", "--report"))
+    done, report = await asyncio.gather(
+        tool("doctor", "--spin-time", "1.25"), tool("doctor", "--report", "--spin-time", "1.25")
+    )
     assert "warning  2 nodes have the same name: /same" in done.out
     refused = "no messages on /scan from /same to /same: their quality of service is incompatible. ERROR: Best effort"
     assert (refused in done.out) == (network.kind == "dds")  # on Zenoh they connect

@@ -41,7 +41,7 @@ async def test_what_cannot_be_done_says_why(dds: World, tool: Tool) -> None:
         unknown, plain, missing, every = await asyncio.gather(
             tool("lifecycle", "set", "/camera", "activate"),
             tool("lifecycle", "get", "/plain"),
-            tool("lifecycle", "get", "/camer", "--timeout", "0.5"),
+            tool("lifecycle", "get", "/camer", "--timeout", "1"),
             tool("lifecycle", "list", "/camera", "-a", "--json"),
         )
     assert "possible now: configure [1]" in unknown.err
@@ -55,8 +55,8 @@ async def test_all_lifecycle_nodes_are_asked_at_once(dds: World, tool: Tool) -> 
     servers = [dds.node("silent").create_service(GetState, "/silent/get_state")]
     async with Camera("camera", context=dds.context()), Camera("_hidden", context=dds.context()):
         nodes, states = await asyncio.gather(
-            tool("lifecycle", "nodes", "--spin-time", "1"),
-            tool("lifecycle", "get", "--timeout", "1", "--spin-time", "1"),
+            tool("lifecycle", "nodes", "--spin-time", "1.25"),
+            tool("lifecycle", "get", "--timeout", "1.25", "--spin-time", "1.25"),
         )
     assert nodes.out == "/camera\n/silent\n"
     assert (states.code, states.out) == (0, "/camera: unconfigured [1]\n")

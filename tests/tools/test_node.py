@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 async def test_list_shows_names_and_leaves_hidden_ones_out(dds: World, tool: Tool) -> None:
     dds.node("talker", "/left"), dds.node("_secret"), dds.node("twin"), dds.node("twin")
     plain, count, every = await asyncio.gather(
-        *(tool("node", "list", *words, "--spin-time", "1") for words in ([], ["-c"], ["-a", "--json"]))
+        *(tool("node", "list", *words, "--spin-time", "1.5") for words in ([], ["-c"], ["-a", "--json"]))
     )
     assert plain.out == "/left/talker\n/twin\n/twin\n"
     assert plain.err == "several nodes share one name, which confuses all who look for them: /twin\n"
@@ -35,7 +35,7 @@ async def test_info_shows_what_a_node_has(network: World, tool: Tool) -> None:
     node.create_action_server(Fibonacci, "count", lambda goal: None)
     node.create_action_client(Fibonacci, "ask")
     plain, as_json = await asyncio.gather(
-        *(tool("node", "info", *words, "--spin-time", "1") for words in (["busy"], ["/busy", "--json", "-a"]))
+        *(tool("node", "info", *words, "--spin-time", "1.5") for words in (["busy"], ["/busy", "--json", "-a"]))
     )
     type_services = "/busy/get_type_description: type_description_interfaces/srv/GetTypeDescription"
     assert [line for line in plain.out.splitlines() if type_services not in line] == [
@@ -52,6 +52,6 @@ async def test_info_shows_what_a_node_has(network: World, tool: Tool) -> None:
 
 async def test_an_unknown_node_is_an_error_that_names_another(dds: World, tool: Tool) -> None:
     dds.node("talker")
-    ended = await tool("node", "info", "/tolker", "--spin-time", "0.5")
+    ended = await tool("node", "info", "/tolker", "--spin-time", "1")
     assert (ended.code, ended.out) == (1, "")
     assert 'did you mean "/talker"?' in ended.err

@@ -43,7 +43,7 @@ async def test_values_are_printed_with_their_type_or_alone(dds: World, tool: Too
     ("words", "said"),
     [
         (["/drive", "sped"], '/drive has no parameter sped; did you mean "speed"?'),
-        (["/driv", "speed", "--timeout", "0.5"], 'did you mean "/drive"?'),
+        (["/driv", "speed", "--timeout", "1"], 'did you mean "/drive"?'),
         (["/drive/", "speed"], "error: "),
     ],
 )
@@ -57,8 +57,8 @@ async def test_what_cannot_be_read_says_why(dds: World, tool: Tool, words: list[
 
 async def test_a_node_without_parameter_services_says_so(dds: World, tool: Tool) -> None:
     dds.node("bare", start_services=False)
-    ended = await tool("param", "get", "/bare", "speed", "--timeout", "0.5")
-    assert ended.err == "error: node /bare is there, but offered no parameter services in 0.5 s\n"
+    ended = await tool("param", "get", "/bare", "speed", "--timeout", "1")
+    assert ended.err == "error: node /bare is there, but offered no parameter services in 1 s\n"
 
 
 async def test_set_reads_values_as_parameter_files_do(dds: World, tool: Tool) -> None:
@@ -144,13 +144,13 @@ async def test_list_asks_all_nodes_and_one_that_never_answers_holds_up_no_other(
     silent = dds.node("silent", start_services=False)
     servers = [silent.create_service(ListParameters, "/silent/list_parameters")]
     every, one, typed = await asyncio.gather(
-        tool("param", "list", "--timeout", "1", "--spin-time", "1", "--filter", "(?!start_type)"),
+        tool("param", "list", "--timeout", "1.25", "--spin-time", "1.25", "--filter", "(?!start_type)"),
         tool("param", "list", "/drive", "--param-prefixes", "arm"),
-        tool("param", "list", "--param-type", "--json", "--timeout", "1", "--spin-time", "1"),
+        tool("param", "list", "--param-type", "--json", "--timeout", "1.25", "--spin-time", "1.25"),
     )
     assert every.out == "/drive:\n  arm.names\n  on\n  speed\n  use_sim_time\n"
     assert every.err == (
-        "/silent: no response from /silent/list_parameters (rcl_interfaces/srv/ListParameters) in 1.0 s\n"
+        "/silent: no response from /silent/list_parameters (rcl_interfaces/srv/ListParameters) in 1.25 s\n"
     )
     assert (every.code, one.out) == (0, "  arm.names\n")
     assert {"name": "speed", "type": "double"} in json.loads(typed.out)["/drive"]

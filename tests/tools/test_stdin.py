@@ -23,9 +23,11 @@ def test_a_thread_that_reads_on_reads_no_other_file(tmp_path: Path, monkeypatch:
     (tmp_path / "second").write_bytes(b"of somebody else")
     read, go_on = os.read, threading.Event()
     reads: list[bytes] = []
+    before = set(threading.enumerate())
 
     def late_read(number: int, size: int) -> bytes:
-        if threading.current_thread().name != "rosidl-py-stdin":
+        thread = threading.current_thread()
+        if thread.name != "rosidl-py-stdin" or thread in before:
             return read(number, size)
         if reads:
             go_on.wait(10)
@@ -40,7 +42,7 @@ def test_a_thread_that_reads_on_reads_no_other_file(tmp_path: Path, monkeypatch:
     with open(tmp_path / "first", "rb") as file:
         monkeypatch.setattr(sys, "stdin", file)
         assert asyncio.run(first_document()) == '{"data": "a"}'
-    (thread,) = (one for one in threading.enumerate() if one.name == "rosidl-py-stdin")
+    (thread,) = (one for one in {*threading.enumerate()} - before if one.name == "rosidl-py-stdin")
     with open(tmp_path / "second", "rb") as other:
         go_on.set()
         thread.join(10)
