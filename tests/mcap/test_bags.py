@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import struct
-import time
 from pathlib import Path
 from typing import Any
 
@@ -296,20 +294,6 @@ def test_a_table_of_nothing_has_its_columns(tmp_path: Path) -> None:
 
 
 # ------------------------------------------------------------------------------------------------------------- others
-
-
-def test_playing_keeps_the_distances(tmp_path: Path) -> None:
-    path = tmp_path / "b.mcap"
-    with BagWriter(path) as writer:
-        for number in range(4):
-            writer.write("/s", String(data=str(number)), 7 * S + number * S // 10)
-
-    async def main() -> list[float]:
-        with BagReader(path) as reader:
-            return [time.monotonic() async for _ in reader.play(rate=2)]
-
-    times = asyncio.run(main())
-    assert 0.14 <= times[-1] - times[0] <= 0.6
 
 
 def test_folders_are_split_by_time_and_size(tmp_path: Path) -> None:

@@ -96,7 +96,8 @@ async def test_filters_leave_the_chosen_and_their_counterparts(dds: World, tool:
 async def test_files_are_drawn_by_their_ending(dds: World, tool: Tool, tmp_path: Path) -> None:
     await robot(dds)
     endings = ("svg", "md", "json", "txt")
-    done = await asyncio.gather(*(tool("graph", "-o", str(tmp_path / f"g.{ending}")) for ending in endings))
+    files = [str(tmp_path / f"g.{ending}") for ending in endings]
+    done = await asyncio.gather(*(tool("graph", "-o", file, "--spin-time", "1") for file in files))
     assert [one.code for one in done] == [0] * 4, done
     texts = {ending: (tmp_path / f"g.{ending}").read_text() for ending in endings}
     assert ElementTree.fromstring(texts["svg"]).tag == "{http://www.w3.org/2000/svg}svg"
