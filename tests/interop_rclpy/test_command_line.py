@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 from rclpy_peer import Peer
-from rclpy_worlds import fresh
+from rclpy_worlds import fresh, until
 from worlds import ROOT, start_process
+
+from rosidl_py_gen.mcap import BagReader
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -61,6 +63,12 @@ class Tool:
         ended = await self.end(await self.start(*words))
         assert (ended.code, ended.err) == (0, ""), ended
         return ended.out
+
+
+def count_of(bag: str) -> int:
+    """How many messages are in it so far."""
+    with BagReader(bag) as reader:
+        return sum(topic.count or 0 for topic in reader.topics.values())
 
 
 @pytest.fixture
@@ -274,9 +282,10 @@ async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
         line := await asyncio.wait_for(process.stderr.readline(), WITHIN_S)
     ) != f"recording {said} [{STRINGS}]\n".encode():
         assert line.startswith(b"nobody publishes")  # yet, as far as this process has heard
+    await shared_peer.ask("matched", topic=said)
     for number in range(5):
         await shared_peer.ask("publish", topic=said, messages_=[{"string_value": f"grüße {number}"}])
-    await asyncio.sleep(0.5)
+    await until(lambda: count_of(bag) == 5, WITHIN_S)  # flushed once a second
     process.send_signal(signal.SIGTERM)
     assert (await tool.end(process)).code == 0
     (topic,) = json.loads(await tool("bag", "info", bag, "--json"))["topics"]

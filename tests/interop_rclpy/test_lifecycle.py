@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Any
 
 from rclpy_peer import Peer
@@ -40,6 +41,8 @@ async def test_we_drive_their_lifecycle_node(dds: Any, shared_peer: Peer) -> Non
     await shared_peer.ask("lifecycle_node", name=name.strip("/"))
     events = node.create_subscription(message(shared_peer, EVENT), f"{name}/transition_event")
     assert await events.wait_for_publishers(timeout_s=WAIT_S)
+    while not (await shared_peer.ask("counts", topic=events.topic))[1]:  # it has to know us, too
+        await asyncio.sleep(0.02)
     for transition, works, state in STEPS:
         if not works and shared_peer.distro == "jazzy":
             continue  # rclpy of Jazzy ends with an error
@@ -88,5 +91,8 @@ async def test_they_drive_our_lifecycle_node(dds: Any, shared_peer: Peer) -> Non
         seen = await shared_peer.ask("take", topic=f"{name}/transition_event", count=len(EVENTS))
         assert [(one["start_state"]["label"], one["goal_state"]["label"]) for one in seen] == EVENTS
         assert node.done == ["configure", "activate", "shutdown"]
+        await shared_peer.ask("unsubscribe", topic=f"{name}/transition_event")
+        for service_name in ("change_state", "get_state"):  # or commands of other tests would take it for a server
+            await shared_peer.ask("unclient", name=f"{name}/{service_name}")
     finally:
         node.close()

@@ -28,8 +28,16 @@ AFTER = """
 import signal
 import threading
 
+spin = rclpy.spin
+
+
+def interrupted_spin(node):
+    threading.Timer(1.0, signal.raise_signal, [signal.SIGINT]).start()
+    spin(node)
+
+
 rclpy.shutdown()
-threading.Timer(1.0, signal.raise_signal, [signal.SIGINT]).start()
+rclpy.spin = interrupted_spin
 main()
 print("ended at Ctrl-C")
 """

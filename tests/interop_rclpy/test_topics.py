@@ -137,7 +137,7 @@ async def test_the_first_message_of_a_publisher_may_be_large(dds: Any, shared_pe
     for topic in topics:
         await shared_peer.ask("publish", topic=topic, messages_=[order])
     for subscription in subscriptions:
-        assert (await subscription.receive(timeout_s=2)).data.tobytes() == random_bytes(200_000, 1)
+        assert (await subscription.receive(timeout_s=10)).data.tobytes() == random_bytes(200_000, 1)
 
 
 @pytest.mark.only_with("jazzy")  # Kilted's environment has no sensor_msgs

@@ -41,7 +41,7 @@ async def running(start: Start, name: str, *arguments: str) -> AsyncIterator[Pee
 @pytest.mark.parametrize("name", ["raw", "sdk", "zeros"])
 async def test_topics_and_services_work_both_ways(world: World, start_peer: Start, name: str) -> None:
     node = world.node("ours")
-    heard = node.create_subscription(String, "/from/peer")
+    heard = node.create_subscription(String, "/from/peer", qos=100)
     node.create_subscription(UInt8MultiArray, "/bytes")  # its token is longer than they know
     publisher = node.create_publisher(String, "/to/peer")
     node.create_service(SetBool, "/ours/set", lambda request: SetBool.Response(success=request.data, message="ours"))

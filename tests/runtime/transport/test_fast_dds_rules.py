@@ -257,8 +257,8 @@ async def test_nothing_is_kept_of_what_was_sent(dds: World, as_fast_dds: None) -
 
 async def test_requests_given_up_leave_no_numbers_behind(dds: World, as_fast_dds: None) -> None:
     node = dds.node("ours")
-    node.create_service(SetBool, "silent")
-    client = node.create_client(SetBool, "silent")
+    _, client = node.create_service(SetBool, "silent"), node.create_client(SetBool, "silent")
+    assert await client.wait_for_service(10)
     for _ in range(5):
         calls = (client.call(SetBool.Request(), timeout_s=0.05) for _ in range(100))
         assert all(isinstance(error, TimeoutError) for error in await asyncio.gather(*calls, return_exceptions=True))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import subprocess
 import sys
@@ -70,8 +71,11 @@ async def test_peers_that_announce_type_information_match_by_name(dds: World, pr
         answers = node.create_subscription(String, "answers")
         assert await questions.wait_for_subscribers(timeout_s=10)
         assert await answers.wait_for_publishers(timeout_s=10)
-        questions.publish(String(data="across"))
-        assert (await answers.receive(timeout_s=5)).data == "across"
+        receiving = asyncio.ensure_future(answers.receive(timeout_s=10))
+        while not receiving.done():  # the peer may know us later than we know it
+            questions.publish(String(data="across"))
+            await asyncio.wait([receiving], timeout=0.2)
+        assert receiving.result().data == "across"
     finally:
         process.kill()
         process.wait()

@@ -120,6 +120,6 @@ async def test_a_goal_of_a_client_of_humble(zenoh: World, peer: Peer) -> None:
     results = call(peer, "/primes/_action/get_result", GET_RESULT, GOAL_ID)
     await until(lambda: len(results) == 1 and bool(statuses) and statuses[-1][4 + 28] == SUCCEEDED)
     assert results == [struct.pack("<b3x", SUCCEEDED) + sequence(2, 3, 5)]
-    assert feedback == [CDR + GOAL_ID + sequence(3)]
+    await until(lambda: feedback == [CDR + GOAL_ID + sequence(3)])
     # how many goals, then of each id, time and status
     assert statuses[-1][4:24] == struct.pack("<I", 1) + GOAL_ID
