@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout, String
 
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
-from rosidl_py_gen.runtime import ForeignServiceError, Node, QoSProfile
+from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, Node, QoSProfile
 from rosidl_py_gen.runtime.transport.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
@@ -55,12 +56,29 @@ async def echo_through(node: Node, kind: str, messages: list[Any]) -> None:
     answers: Any = node.create_subscription(type(messages[0]), f"/answer_{kind}", qos=qos)
     assert await publisher.wait_for_subscribers(timeout_s=10)
     assert await answers.wait_for_publishers(timeout_s=10)
-    await asyncio.sleep(0.2)  # the peer must have found our reader too; nothing tells us
-    for message in messages:
+    first, *others = messages
+    receiving = asyncio.ensure_future(answers.receive(timeout_s=10))
+    while not receiving.done():  # the peer must have found our reader too; nothing tells us
+        publisher.publish(first)
+        await asyncio.wait([receiving], timeout=0.3)
+    assert receiving.result() == first
+    for message in others:
         publisher.publish(message)
-        assert await answers.receive(timeout_s=5) == message
+        while (answer := await answers.receive(timeout_s=10)) == first:
+            pass
+        assert answer == message
     publisher.close()
     answers.close()
+
+
+async def connected(client: Any) -> None:
+    """Call until there is an answer: the server must have found our reader too, and nothing tells us."""
+    assert await client.wait_for_service(timeout_s=10)
+    for _ in range(20):
+        with suppress(CallTimeoutError):
+            await client.call(AddTwoInts.Request(), timeout_s=1)
+            return
+    pytest.fail("never answered")
 
 
 @pytest.mark.parametrize("kind", MESSAGES)
@@ -79,8 +97,7 @@ async def test_fast_dds_echoes(dds: Any, fastdds_peer: Path, run_peer: Callable[
 async def test_our_client_calls_a_cyclone_server(dds: Any, cyclone_peer: Path, run_peer: Callable[..., Any]) -> None:
     client = dds.node("tester").create_client(AddTwoInts, "/c_add")
     with run_peer(cyclone_peer):
-        assert await client.wait_for_service(timeout_s=10)
-        await asyncio.sleep(0.2)
+        await connected(client)
         calls = [client.call(AddTwoInts.Request(a=i, b=-100), timeout_s=10) for i in range(100)]
         assert [response.sum for response in await asyncio.gather(*calls)] == [i - 100 for i in range(100)]
 
@@ -157,9 +174,8 @@ async def test_a_peer_that_is_killed_disappears_and_may_return(
     client = dds.node("tester").create_client(AddTwoInts, "/c_add")
     for _ in range(2):
         with run_peer(cyclone_peer):
-            assert await client.wait_for_service(timeout_s=10)
-            await asyncio.sleep(0.2)
-            assert (await client.call(AddTwoInts.Request(a=1, b=2), timeout_s=5)).sum == 3
+            await connected(client)
+            assert (await client.call(AddTwoInts.Request(a=1, b=2), timeout_s=10)).sum == 3
         # Killed: Cyclone's participant lease is 10 s.
         for _ in range(140):
             if not client.service_is_available():
