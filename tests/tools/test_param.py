@@ -143,6 +143,7 @@ async def test_list_asks_all_nodes_and_one_that_never_answers_holds_up_no_other(
     drive(dds)
     silent = dds.node("silent", start_services=False)
     servers = [silent.create_service(ListParameters, "/silent/list_parameters")]
+    clients = [silent.create_client(ListParameters, "/gone/list_parameters")]
     every, one, typed = await asyncio.gather(
         tool("param", "list", "--timeout", "1.25", "--spin-time", "1.25", "--filter", "(?!start_type)"),
         tool("param", "list", "/drive", "--param-prefixes", "arm"),
@@ -154,7 +155,7 @@ async def test_list_asks_all_nodes_and_one_that_never_answers_holds_up_no_other(
     )
     assert (every.code, one.out) == (0, "  arm.names\n")
     assert {"name": "speed", "type": "double"} in json.loads(typed.out)["/drive"]
-    assert servers
+    assert servers and clients
 
 
 async def test_a_filter_that_is_no_regular_expression_is_refused(tool: Tool) -> None:

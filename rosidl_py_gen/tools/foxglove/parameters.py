@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Parameter, ParameterNotDeclaredError, parameter_value
-from rosidl_py_gen.tools.foxglove.services import is_served
-from rosidl_py_gen.tools.node.list import is_hidden_node
+from rosidl_py_gen.tools.node.list import LIST_PARAMETERS, is_hidden_node, nodes_that_serve
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -58,11 +57,7 @@ class Parameters:
         """Follow the graph: ask nodes that have come, forget those that have gone."""
         if self._listening is None:
             return
-        there = {
-            name.removesuffix("/list_parameters")
-            for name, _ in self._node.get_service_names_and_types()
-            if name.endswith("/list_parameters") and is_served(self._node, name)
-        }
+        there = set(nodes_that_serve(self._node, *LIST_PARAMETERS, hidden=True))
         for gone in self._asking.keys() - there:
             self._asking.pop(gone).cancel()
         self._values = {node: values for node, values in self._values.items() if node in there}

@@ -14,12 +14,13 @@ from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.tools import ToolError, printing, types
+from rosidl_py_gen.tools.node.list import is_served
 from rosidl_py_gen.typesupport import referenced_classes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.runtime import Client, Node
+    from rosidl_py_gen.runtime import Client
     from rosidl_py_gen.tools.foxglove.server import Server
     from rosidl_py_gen.tools.session import Session
 
@@ -113,14 +114,6 @@ class Services:
             shown.close()
         self._shown.clear()
         await asyncio.gather(*opening, return_exceptions=True)
-
-
-def is_served(node: Node, service: str) -> bool:
-    """Whether somebody serves it; never for a name that ROS refuses, which DDS programs may use."""
-    try:
-        return node.count_services(service) > 0
-    except InvalidNameError:
-        return False
 
 
 def _definitions(cls: Any) -> tuple[str, str]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.node.list import find_node, is_hidden_node
+from rosidl_py_gen.tools.node.list import find_node, nodes_that_serve
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:
@@ -26,12 +26,7 @@ _MARK, _TYPE = "/get_state", "lifecycle_msgs/srv/GetState"
 
 def lifecycle_nodes(node: Node, *, hidden: bool) -> list[str]:
     """Full names, sorted."""
-    found = [
-        name.removesuffix(_MARK)
-        for name, types in node.get_service_names_and_types()
-        if name.endswith(_MARK) and _TYPE in types
-    ]
-    return [name for name in found if hidden or not is_hidden_node(name)]
+    return nodes_that_serve(node, _MARK, _TYPE, hidden=hidden)
 
 
 class RemoteLifecycle:

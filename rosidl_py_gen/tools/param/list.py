@@ -13,14 +13,12 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime import RosidlError
 from rosidl_py_gen.tools import ToolError, printing, run_async
-from rosidl_py_gen.tools.node.list import is_hidden_node
+from rosidl_py_gen.tools.node.list import LIST_PARAMETERS, nodes_that_serve
 from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.parameters.client import ParameterClient
-
-_MARK = "/list_parameters"
 
 
 @dataclass(frozen=True)
@@ -70,9 +68,7 @@ async def _of_one(network: Network, node: str, wish: _Wish, as_json: bool) -> in
 async def _of_all(network: Network, hidden: bool, wish: _Wish, as_json: bool) -> int:
     async with Session(network) as session:
         await session.settle()
-        services = [name for name, _ in session.node.get_service_names_and_types() if name.endswith(_MARK)]
-        nodes = [name.removesuffix(_MARK) for name in services]
-        nodes = [name for name in nodes if hidden or not is_hidden_node(name)]
+        nodes = nodes_that_serve(session.node, *LIST_PARAMETERS, hidden=hidden)
         clients = [session.node.create_parameter_client(name) for name in nodes]
         answers = await asyncio.gather(*(wish.of(client) for client in clients), return_exceptions=True)
     found: dict[str, dict[str, str]] = {}
