@@ -14,7 +14,8 @@ from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSett
 def test_subnet_sets_what_ros_peers_expect() -> None:
     assert cyclone_xml(DomainSettings(), process_id=1) == (
         '<CycloneDDS><Domain Id="any"><Discovery><ParticipantIndex>auto</ParticipantIndex>'
-        "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex></Discovery></Domain></CycloneDDS>"
+        "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><SPDPInterval>3s</SPDPInterval>"
+        "<InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay></Discovery></Domain></CycloneDDS>"
     )
 
 
@@ -23,6 +24,7 @@ def test_localhost_has_no_multicast_binds_to_loopback_and_asks_localhost() -> No
         '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>'
         "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"
         "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+        "<SPDPInterval>3s</SPDPInterval><InitialLocatorPruneDelay>inf</InitialLocatorPruneDelay>"
         '<Peers><Peer address="localhost"/></Peers></Discovery></Domain></CycloneDDS>'
     )
 

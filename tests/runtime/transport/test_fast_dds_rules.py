@@ -228,7 +228,7 @@ async def test_calls_in_the_way_of_fast_dds_between_processes(
     dds: World, as_fast_dds: None, lossiness: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     test = f"<Internal><Test><XmitLossiness>{lossiness}</XmitLossiness></Test></Internal>"
-    # A participant whose first announcements are lost is found by the next ones, after 30 s unless told otherwise.
+    # A participant whose first announcements are lost is found by the next ones, after 3 s unless told otherwise.
     discovery = "<Discovery><SPDPInterval>500ms</SPDPInterval></Discovery>"
     monkeypatch.setenv("CYCLONEDDS_URI", f"<CycloneDDS><Domain>{discovery}{test}</Domain></CycloneDDS>")
     with program(SERVER):
