@@ -2,11 +2,11 @@
 
 Is the robot ready? It is when battery and camera say so; both are asked at the same time. All nodes share one process,
 one thread and one event loop, and nothing blocks: a handler may await whatever it needs. The camera then goes away,
-and what the robot does not hear within a second becomes part of its answer. Messages:
+and what the robot does not hear within two seconds becomes part of its answer. Messages:
 rosidl-py-gen --filter std_srvs. Seen:
 
     ready: battery: 87 %; camera: 30 frames/s
-    not ready: battery: 87 %; camera: no answer within 1 s
+    not ready: battery: 87 %; camera: no answer within 2 s
 """
 
 import asyncio
@@ -41,9 +41,9 @@ class Robot:
 
     async def check(self, part: str) -> Trigger.Response:
         try:
-            return await self.checks[part].call(Trigger.Request(), timeout_s=1.0)
+            return await self.checks[part].call(Trigger.Request(), timeout_s=2.0)
         except CallTimeoutError:  # an error that leaves a handler is logged, and its caller gets no answer at all
-            return Trigger.Response(success=False, message="no answer within 1 s")
+            return Trigger.Response(success=False, message="no answer within 2 s")
 
 
 async def main() -> None:

@@ -98,9 +98,9 @@ def _attribute(text: str) -> str:
 def _discovery(peers: tuple[str, ...]) -> str:
     """Set explicitly what ROS peers expect; Cyclone 11 has other defaults than the 0.10 of ROS.
 
-    It announces a participant every 8 s; where nobody is known, or at a static peer, once more after 30 s and never
-    again. But a peer may come later and announce itself only by multicast, to which nobody listens in localhost mode,
-    and an announcement may be lost. Fast DDS announces every 3 s, too.
+    It announces a participant every 8 s to those it knows, but once, at the start, to listed addresses where nobody is
+    known: the next time would come after 30 s, when it gives them up. A peer may come later and announce itself only by
+    multicast, to which nobody listens in localhost mode; and an announcement may be lost. Fast DDS has 3 s, too.
     """
     listed = "".join(f"<Peer address={_attribute(peer)}/>" for peer in peers)
     return (
