@@ -183,6 +183,18 @@ def find_class(name: str, fits: Fits, *, path: Folders = ()) -> type[Any] | None
     return None
 
 
+def definition_source(name: str, *, path: Folders = ()) -> str:
+    """Where `get_message` has the class of a known name from, for people."""
+    cls = _get(name, "", object, path)
+    if not cls.__module__.startswith((_MEMORY, "rosidl_py_gen.")):
+        return f"the package {cls.__module__.partition('.')[0]} that is installed"
+    folders = [path] if isinstance(path, (str, os.PathLike)) else path
+    package = _library(tuple(str(entry) for entry in folders)).search.packages.get(name.partition("/")[0])
+    if package is None or package.origin == "bundled":
+        return "the definitions that come with rosidl-py-gen"
+    return str(package.folder)
+
+
 def class_of_library(library: Library, name: RosName, *, path: Folders = ()) -> type[Any]:
     """The class of a checked type: for it, and for each type it refers to, one of that hash, compiled if there is none.
 

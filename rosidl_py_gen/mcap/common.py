@@ -35,6 +35,12 @@ class BagTopic:
     offered_qos: str = field(default="", repr=False)
     count: int | None = None
 
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What tells it from others: the topic, and what decides how its messages are read."""
+        by_hash = "" if self.definition else self.type_hash
+        return self.name, self.type_name, self.message_encoding, self.encoding, self.definition, by_hash
+
 
 def checked_time(nanoseconds: int, topic: str, what: str) -> int:
     """A time as bags can have it; raises `BagError` for others."""
@@ -56,3 +62,33 @@ class BagMessage(NamedTuple):
     message: Any
     log_time: int
     publish_time: int
+
+
+class RawMessage(NamedTuple):
+    """The bytes of a message, with what they were written as; times are those of `BagMessage`.
+
+    Attributes:
+        channel: the topic with the definition of this message.
+    """
+
+    channel: BagTopic
+    data: bytes
+    log_time: int
+    publish_time: int
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Messages of a topic that a reader cannot decode and has left out.
+
+    Attributes:
+        count: how many so far, by all calls of `BagReader.messages`.
+        reason: why they cannot be decoded.
+    """
+
+    count: int
+    reason: str
+
+
+class BagWarning(UserWarning):
+    """Something of a bag is left out, or read with a definition that it does not have itself."""

@@ -1,17 +1,28 @@
-"""Reading bags: MCAP files, rosbag2 folders of MCAP or SQLite files, single ``.db3`` files."""
+"""Reading bags: MCAP files, rosbag2 folders of MCAP or SQLite files, single ``.db3`` files.
+
+Decides which class a message is decoded with: that of the definition it was written with, also where a topic has two;
+and what becomes of topics that cannot be decoded: they are left out of a reading of all topics, counted and named.
+"""
 
 from __future__ import annotations
 
-import asyncio
+import warnings
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import compile_text, get_message
 from rosidl_py_gen.errors import DecodeError, RosidlError
-from rosidl_py_gen.mcap.common import BagError, BagMessage, BagTopic
-from rosidl_py_gen.mcap.decoder import ENCODINGS, decoder_of
+from rosidl_py_gen.mcap.common import BagError, BagMessage, BagTopic, BagWarning, LeftOut, RawMessage
+from rosidl_py_gen.mcap.compressed import SUFFIX, CompressedMessages, unpack_file
+from rosidl_py_gen.mcap.decoder import decoder_of
+from rosidl_py_gen.mcap.definitions import Definitions, WrongDefinitionError, is_empty
+from rosidl_py_gen.mcap.mcap_file import McapFile, joined
 from rosidl_py_gen.mcap.metadata import FILE, read_metadata
-from rosidl_py_gen.mcap.storage import McapFile, Raw, SqliteFile, Storage, merged
+from rosidl_py_gen.mcap.pacing import paced
+from rosidl_py_gen.mcap.sqlite_file import SqliteFile
+from rosidl_py_gen.mcap.storage import MAX_UNPACKED_BYTES, Channel, Raw, Storage, merged
 from rosidl_py_gen.mcap.table import table
 from rosidl_py_gen.names import did_you_mean
 
@@ -22,34 +33,60 @@ if TYPE_CHECKING:
     import numpy as np
     from typing_extensions import Self
 
+    from rosidl_py_gen.dynamic import Folders
+    from rosidl_py_gen.mcap.definitions import Typestore
+
 _END = 1 << 63
+_SUFFIXES = ".mcap", ".db3"
 
 
 class BagReader:
     """A recorded bag. Use it with ``with``.
 
-    Iterating gives a `BagMessage` for each message by log time; `messages` chooses topics and times.
+    Iterating gives a `BagMessage` for each message by log time; `messages` chooses topics and times. Several threads
+    may iterate at once, each for itself.
 
     Args:
-        path: an ``.mcap`` or ``.db3`` file, or a rosbag2 folder.
+        path: an ``.mcap`` or ``.db3`` file, or a rosbag2 folder; also with rosbag2's own zstd compression, of files
+            (``.mcap.zstd``, ``.db3.zstd``; they are unpacked into a temporary folder) or of messages.
         validate_crcs: compare the checksum of each chunk of an MCAP file, which for images and clouds takes longer than
             everything else. False is for files you trust; damage is then found only where it breaks the format.
+        max_unpacked_bytes: what a compressed chunk or message may become at most. A few bytes can say that they become
+            any number; 1 GiB unless you know that there are larger messages.
+        definitions: folders with the packages of the recording, for bags that do not have their definitions, as SQLite
+            bags before Iron; looked through before AMENT_PREFIX_PATH and the bundled interfaces, as by `get_message`.
+        typestore: for these bags, too: classes or texts of definitions by name, which come before all others.
 
     Raises:
         BagError: damaged beyond reading, or of an unknown kind. OSError: it cannot be opened.
     """
 
-    def __init__(self, path: str | os.PathLike[str], *, validate_crcs: bool = True) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        validate_crcs: bool = True,
+        max_unpacked_bytes: int = MAX_UNPACKED_BYTES,
+        definitions: Folders = (),
+        typestore: Typestore | None = None,
+    ) -> None:
         self.path = Path(path)
         self._files: list[Storage] = []
-        self._classes: dict[str, type[Any]] = {}
+        self._unpacked = ExitStack()
+        self.left_out: dict[str, LeftOut] = {}
+        """Topics whose messages `messages` could not decode and left out so far, with their number and the reason."""
         try:
-            self.files = self._paths()
+            self.files, has_packed_messages, hashes = self._paths()
             """The files it consists of."""
             for file in self.files:
-                self._files.append(_open(file, validate_crcs))
+                storage = self._opened(file, validate_crcs, max_unpacked_bytes)
+                packed = CompressedMessages(storage, file, max_unpacked_bytes) if has_packed_messages else None
+                self._files.append(packed or storage)
+            self._definitions = Definitions(definitions, typestore or {}, hashes)
+            self.channels: list[BagTopic] = joined(topic for file in self._files for topic in file.channels())
+            """What was recorded: a topic that has messages of two definitions is there twice."""
             self.topics: dict[str, BagTopic] = self._all_topics()
-            """What was recorded, by name of the topic."""
+            """What was recorded, by name of the topic; of one with several definitions, the first."""
             spans = [span for file in self._files if (span := file.span()) is not None]
             self.start_ns = min((first for first, _ in spans), default=0)
             """Log time of the first message, nanoseconds since 1970; 0 when there is none."""
@@ -61,47 +98,77 @@ class BagReader:
             self.close()
             raise
 
-    def _paths(self) -> list[Path]:
+    def _paths(self) -> tuple[list[Path], bool, dict[str, str]]:
+        """The files, whether their messages may be compressed one by one, and what is known of hashes, by topic."""
         if not self.path.is_dir():
-            return [self.path]
+            return [self.path], False, {}
         if not (self.path / FILE).exists():  # the recorder was killed
-            found = sorted(file for file in self.path.iterdir() if file.suffix in (".mcap", ".db3"))
+            found = sorted(
+                file for file in self.path.iterdir() if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES
+            )
             if not found:
                 raise BagError(f"{self.path}: a folder with neither {FILE} nor bag files")
-            return found
+            return found, True, {}
         told = read_metadata(self.path)
-        if told.compression and told.compression_mode != "none":
-            raise BagError(
-                f"{self.path}: {told.compression} of rosbag2's {told.compression_mode} mode is not read; "
-                "`ros2 bag convert` without compression_mode makes a bag that is"
-            )
-        return [self.path / name for name in told.files]
+        mode = told.compression_mode if told.compression else "none"
+        if mode not in ("none", "file", "message") or told.compression not in ("", "zstd"):
+            raise BagError(f"{self.path}: {told.compression} of rosbag2's {mode} mode is not known; expected zstd")
+        return (
+            [_found(self.path / name) for name in told.files],
+            mode == "message",
+            {topic.name: topic.type_hash for topic in told.topics if topic.type_hash},
+        )
+
+    def _opened(self, path: Path, validate_crcs: bool, max_unpacked_bytes: int) -> Storage:
+        if path.suffix == SUFFIX:
+            folder = self._unpacked.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-"))
+            path = unpack_file(path, Path(folder))
+        if path.suffix == ".db3":
+            return SqliteFile(path)
+        if path.suffix == ".mcap":
+            return McapFile(path, validate_crcs, max_unpacked_bytes)
+        raise BagError(f"{path}: neither .mcap nor .db3 nor a folder")
 
     def _all_topics(self) -> dict[str, BagTopic]:
         found: dict[str, BagTopic] = {}
-        for file in self._files:
-            for topic in file.topics():
-                before = found.get(topic.name)
-                found[topic.name] = topic if before is None else _added(before, topic)
+        for topic in self.channels:
+            before = found.get(topic.name)
+            found[topic.name] = topic if before is None else _added(before, topic)
         return dict(sorted(found.items()))
 
     # ------------------------------------------------------------------------------------------------------ reading
 
-    def message_class(self, topic: str) -> type[Any]:
+    def message_class(self, topic: str | BagTopic) -> type[Any]:
         """The class of a topic's messages: of the definition in the bag, else a local one of that name and hash.
 
-        Raises:
-            BagError: no such topic, or no definition for it anywhere. DefinitionError: the bag's definition is wrong.
-        """
-        cls = self._classes.get(topic)
-        if cls is None:
-            cls = self._classes[topic] = _class(self._topic(topic))
-        return cls
+        `definition_sources` says which local ones were taken.
 
-    def _topic(self, name: str) -> BagTopic:
+        Args:
+            topic: a name, or one of `channels`.
+
+        Raises:
+            BagError: no such topic, no definition for it anywhere, or several: ask for one of `channels` then.
+            DefinitionError: the bag's definition is wrong.
+        """
+        if isinstance(topic, BagTopic):
+            return self._definitions.class_of(topic)
+        found = {self.message_class(one) for one in self._channels_of(topic)}
+        if len(found) > 1:
+            raise BagError(
+                f"{self.path}: {topic} was recorded with {len(found)} definitions; `messages` decodes each message "
+                "with its own, and message_class takes one of `channels`"
+            )
+        return found.pop()
+
+    @property
+    def definition_sources(self) -> dict[str, str]:
+        """Where the definitions come from that the bag does not have itself, by topic: of classes asked for so far."""
+        return dict(self._definitions.taken)
+
+    def _channels_of(self, name: str) -> list[BagTopic]:
         if name not in self.topics:
             raise BagError(f"{self.path} has no topic {name}{did_you_mean(name, self.topics)}")
-        return self.topics[name]
+        return [one for one in self.channels if one.name == name]
 
     def messages(
         self,
@@ -112,43 +179,103 @@ class BagReader:
         raw: bool = False,
         arrays: bool = False,
     ) -> Iterator[BagMessage]:
-        """Messages by log time.
+        """Messages by log time, each decoded with the definition it was written with.
 
         Args:
-            topics: only these; None means all whose type is known, and all when `raw`.
+            topics: only these; None means all whose type is known, and all when `raw`. What is left out then is in
+                `left_out`, and there is one `BagWarning` for each such topic.
             start_ns, end_ns: ``start_ns <= log_time < end_ns``.
             raw: messages stay bytes of CDR, and cost no decoding.
             arrays: sequences of fixed-size messages become structured arrays, as in `decode`.
 
         Raises:
-            BagError: damaged, or no such topic. DecodeError: a message is damaged; names the topic and the time.
+            BagError: damaged, no such topic, or one of `topics` cannot be decoded. DecodeError: a message is damaged;
+                names the topic and the time.
         """
+        names = self._names(topics)
+        if raw:
+            found = self._merged(names, start_ns, end_ns)
+            return (BagMessage(one.topic, bytes(data), logged, published) for one, data, logged, published in found)
+        for name in names or ():
+            for one in self._channels_of(name):
+                self.message_class(one)
+        return self._decoded(self._merged(names, start_ns, end_ns), arrays, may_leave_out=names is None)
+
+    def raw_messages(
+        self,
+        topics: Iterable[str] | str | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[RawMessage]:
+        """The bytes of messages by log time, with the definition that each was written with; as `messages`."""
+        found = self._merged(self._names(topics), start_ns, end_ns)
+        return (RawMessage(one.info, bytes(data), logged, published) for one, data, logged, published in found)
+
+    def _names(self, topics: Iterable[str] | str | None) -> list[str] | None:
         names = [topics] if isinstance(topics, str) else None if topics is None else list(topics)
         for name in names or ():
-            self._topic(name)
-        found = merged(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
-        if raw:
-            return (BagMessage(topic, bytes(data), logged, published) for topic, data, logged, published in found)
-        return self._decoded(found, arrays)
+            self._channels_of(name)
+        return names
 
-    def _decoded(self, found: Iterable[Raw], arrays: bool) -> Iterator[BagMessage]:
-        decoders: dict[str, Callable[[bytes | memoryview], Any]] = {}
+    def _merged(self, names: list[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Raw]:
+        return merged(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
+
+    def _decoded(self, found: Iterable[Raw], arrays: bool, may_leave_out: bool) -> Iterator[BagMessage]:
+        decoders: dict[Channel, Callable[[bytes | memoryview], Any] | None] = {}
         make = tuple.__new__  # what BagMessage() does, in half the time
-        for topic, data, log_time, publish_time in found:
-            decode = decoders.get(topic)
+        for channel, data, log_time, publish_time in found:
+            try:
+                decode = decoders[channel]
+            except KeyError:
+                decode = decoders[channel] = self._decoder(channel, data, arrays, may_leave_out)
             if decode is None:
-                decode = decoders[topic] = decoder_of(self.message_class(topic), arrays)
+                self._leave_out(channel.topic)
+                continue
             try:
                 message = decode(data)
             except DecodeError as error:
-                place = f"{self.path}: {topic} at {log_time} ns: {error.path}"
+                place = f"{self.path}: {channel.topic} at {log_time} ns: {error.path}"
                 raise DecodeError(place, error.offset_bytes, error.reason) from None
-            yield make(BagMessage, (topic, message, log_time, publish_time))
+            except WrongDefinitionError as error:
+                if not may_leave_out:
+                    raise WrongDefinitionError(f"{self.path}: {error}") from None
+                decoders[channel] = None
+                self._leave_out(channel.topic, error)
+                continue
+            yield make(BagMessage, (channel.topic, message, log_time, publish_time))
+
+    def _decoder(
+        self, channel: Channel, first: bytes | memoryview, arrays: bool, may_leave_out: bool
+    ) -> Callable[[bytes | memoryview], Any] | None:
+        """None when messages of this channel, of which `first` is one, have to be left out."""
+        topic, definitions = channel.info, self._definitions
+        try:
+            cls = definitions.class_of(topic)
+            if not (topic.definition or cls._TYPE.fields or is_empty(first)):
+                raise BagError(f"{channel.topic}: the bag has no definition of {topic.type_name}, and nobody else")
+        except RosidlError as error:
+            if not may_leave_out:
+                raise
+            self._leave_out(channel.topic, error, 0)
+            return None
+        decode = decoder_of(cls, arrays)
+        return definitions.measuring(topic, cls, decode) if definitions.needs_measuring(topic) else decode
+
+    def _leave_out(self, topic: str, error: RosidlError | None = None, count: int = 1) -> None:
+        """Count a message; with the first `error` of a topic, say so."""
+        before = self.left_out.get(topic)
+        if before is None:
+            reason = str(error).removeprefix(f"{topic}: ")
+            self.left_out[topic] = LeftOut(count, reason)
+            warnings.warn(f"{self.path}: left out {topic}: {reason}", BagWarning, stacklevel=4)
+        else:
+            self.left_out[topic] = replace(before, count=before.count + count)
 
     def __iter__(self) -> Iterator[BagMessage]:
         return self.messages()
 
-    async def play(
+    def play(
         self,
         topics: Iterable[str] | str | None = None,
         *,
@@ -162,14 +289,7 @@ class BagReader:
         Args:
             rate: 2.0 plays twice as fast; arguments otherwise, and errors, as `messages`.
         """
-        if not rate > 0:
-            raise ValueError(f"rate must be above 0, got {rate}")
-        clock = asyncio.get_running_loop().time
-        began: tuple[float, int] | None = None
-        for item in self.messages(topics, start_ns=start_ns, end_ns=end_ns, raw=raw):
-            began = began or (clock(), item.log_time)
-            await asyncio.sleep(max(0.0, began[0] + (item.log_time - began[1]) / 1e9 / rate - clock()))
-            yield item
+        return paced(self.messages(topics, start_ns=start_ns, end_ns=end_ns, raw=raw), rate)
 
     def to_arrays(
         self,
@@ -190,10 +310,12 @@ class BagReader:
             there are no arrays in it.
 
         Raises:
-            BagError: no such topic or field, or a field that has no fixed size. DecodeError: as `messages`.
+            BagError: no such topic or field, a field that has no fixed size, or one that is of another kind in another
+                definition of this topic. DecodeError: as `messages`.
         """
-        cls = self.message_class(topic)
-        return table(cls, self.messages(topic, start_ns=start_ns, end_ns=end_ns), fields, f"{self.path}: {topic}")
+        classes = dict.fromkeys(self.message_class(one) for one in self._channels_of(topic))
+        messages = self.messages(topic, start_ns=start_ns, end_ns=end_ns)
+        return table(list(classes), messages, fields, f"{self.path}: {topic}")
 
     # ------------------------------------------------------------------------------------------------------ closing
 
@@ -201,6 +323,7 @@ class BagReader:
         """Close the files; may be called twice."""
         for file in self._files:
             file.close()
+        self._unpacked.close()
 
     def __enter__(self) -> Self:
         return self
@@ -209,30 +332,12 @@ class BagReader:
         self.close()
 
 
-def _open(path: Path, validate_crcs: bool) -> Storage:
-    if path.suffix == ".db3":
-        return SqliteFile(path)
-    if path.suffix == ".mcap":
-        return McapFile(path, validate_crcs)
-    raise BagError(f"{path}: neither .mcap nor .db3 nor a folder")
+def _found(path: Path) -> Path:
+    """The file, or its compressed form: some recorders name one and leave the other."""
+    packed = path.with_name(path.name + SUFFIX)
+    return packed if packed.is_file() and not path.is_file() else path
 
 
 def _added(one: BagTopic, two: BagTopic) -> BagTopic:
-    from dataclasses import replace
-
     both = None if one.count is None or two.count is None else one.count + two.count
     return replace(one if one.definition else two, count=both)
-
-
-def _class(topic: BagTopic) -> type[Any]:
-    if topic.message_encoding != "cdr":
-        raise BagError(f"{topic.name}: messages are {topic.message_encoding}, not cdr")
-    if topic.definition and topic.encoding in ENCODINGS:
-        cls = compile_text(topic.type_name, topic.definition)
-        if isinstance(cls, type) and hasattr(cls, "decode"):
-            return cls
-        raise BagError(f"{topic.name}: {topic.type_name} is no message")
-    try:
-        return get_message(topic.type_name)
-    except RosidlError as error:
-        raise BagError(f"{topic.name}: the bag has no definition of {topic.type_name}, and {error}") from None

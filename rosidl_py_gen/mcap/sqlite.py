@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.mcap.common import RawMessage
+
 # Version 4 of rosbag2's own tables.
 _TABLES = """
 create table schema(schema_version integer primary key, ros_distro text not null);
@@ -67,7 +69,13 @@ class SqliteWriter:
         Raises:
             BagError: it cannot be written.
         """
-        if topic in self._topics:
+        before = self._topics.get(topic)
+        if before is not None and before.key != known.key:
+            raise BagError(
+                f"{self.path}: {topic} has messages of two definitions, of {before.type_name} and {known.type_name}; "
+                "bags of SQLite files have one for each topic, those of MCAP files as many as there are"
+            )
+        if before is not None:
             return
         with self._told():
             added = self._base.execute(
@@ -83,6 +91,17 @@ class SqliteWriter:
                     (known.type_name, known.encoding, known.definition, known.type_hash),
                 )
         self._topics[topic] = known
+
+    def add_raw_topic(self, known: BagTopic) -> None:
+        """Make one of `BagReader.channels` known; errors as `add_topic`."""
+        self.add_topic(known.name, known)
+
+    def write_raw(self, message: RawMessage) -> None:
+        """Write a message as `BagReader.raw_messages` gives it; errors as `add_topic` and `write`."""
+        known, data, log_time_ns, publish_time_ns = message
+        if self._topics.get(known.name) is not known:
+            self.add_topic(known.name, known)
+        self.write(known.name, data, log_time_ns, publish_time_ns)
 
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int | None = None) -> None:
         """Write the bytes of a message; these bags have no publish times.

@@ -21,16 +21,13 @@ _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 
 
 def table(
-    cls: type[Any], messages: Iterable[BagMessage], fields: Sequence[str] | None, where: str
+    classes: Sequence[type[Any]], messages: Iterable[BagMessage], fields: Sequence[str] | None, where: str
 ) -> np.ndarray[Any, np.dtype[np.void]]:
     """A structured array; see `BagReader.to_arrays`."""
-    known = dict(_columns(cls, "", ""))
+    known = dict(_columns(classes[0], "", ""))
     names = [name for name, (_, _, shape) in known.items() if not shape] if fields is None else list(fields)
-    for name in names:
-        if name not in known:
-            raise BagError(f"{where}: no column {name}{did_you_mean(name, known)}; there are {', '.join(known)[:500]}")
-    getters = [known[name][0] for name in names]
-    rows = [(item.log_time, *(get(item.message) for get in getters)) for item in messages]
+    getters = {cls: _getters(dict(_columns(cls, "", "")), known, names, where) for cls in classes}
+    rows = [(item.log_time, *(get(item.message) for get in getters[type(item.message)])) for item in messages]
     kinds: list[Any] = [("log_time", "i8")]
     for number, name in enumerate(names, 1):
         kind, shape = known[name][1:]
@@ -38,6 +35,20 @@ def table(
             kind = f"U{max((len(row[number]) for row in rows), default=1) or 1}"
         kinds.append((name, kind, shape))
     return np.array(rows, dtype=kinds)
+
+
+def _getters(
+    columns: dict[str, Column], known: dict[str, Column], names: Sequence[str], where: str
+) -> list[Callable[[Any], Any]]:
+    """How messages of one definition give what all have; raises `BagError` where they do not."""
+    for name in names:
+        if name not in columns:
+            raise BagError(
+                f"{where}: no column {name}{did_you_mean(name, columns)}; there are {', '.join(columns)[:500]}"
+            )
+        if columns[name][1:] != known[name][1:]:
+            raise BagError(f"{where}: {name} is of another kind in another definition of this topic; read `messages`")
+    return [columns[name][0] for name in names]
 
 
 Column = tuple["Callable[[Any], Any]", Any, tuple[int, ...]]

@@ -13,6 +13,7 @@ from rosidl_py_gen import __version__, type_hash, type_name
 from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.mcap.common import BagError, BagTopic, checked_time
 from rosidl_py_gen.mcap.metadata import FILE, FileStatistics, metadata_text, qos_text
+from rosidl_py_gen.mcap.storage import MAX_UNPACKED_BYTES
 
 if TYPE_CHECKING:
     import os
@@ -21,9 +22,12 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.cdr import Message
+    from rosidl_py_gen.mcap.common import RawMessage
     from rosidl_py_gen.runtime import QoSProfile
 
 _COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
+MAX_MESSAGE_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
+"""What readers unpack at once without being told otherwise, less what stands around a message in its chunk."""
 _CHUNK = 768 << 10
 """Bytes of messages that are written, and found again, together; as rosbag2 has it. With 4 MB, reading takes a fifth
 longer, because every chunk is new memory then.
@@ -77,7 +81,9 @@ class BagWriter:
         self._split_ns = None if split_s is None else round(split_s * 1e9)
         self._topics: dict[str, BagTopic] = {}
         self._files: list[FileStatistics] = []
-        self._channels: dict[str, int] = {}
+        self._numbers: dict[str, int] = {}
+        self._channels: dict[tuple[str, ...], int] = {}
+        self._registered: list[BagTopic] = []
         self._schemas: dict[tuple[str, str], int] = {}
         self._written = 0
         self._closed = False
@@ -109,8 +115,16 @@ class BagWriter:
         if before is not None and (before.type_name, before.type_hash) != (known.type_name, known.type_hash):
             raise BagError(f"{topic} has the type {before.type_name} {before.type_hash}, not {known.type_name}")
         if before is None:
-            self._topics[topic] = known
-            self._channels[topic] = self._register(known)
+            self._add(known)
+
+    def _add(self, known: BagTopic) -> int:
+        """Channels have the same number in each file, as they are registered in the same order."""
+        number = self._channels[known.key] = self._register(known)
+        self._registered.append(known)
+        if known.name not in self._topics:
+            self._topics[known.name] = known
+            self._numbers[known.name] = number
+        return number
 
     def write(
         self, topic: str, message: Message | bytes, log_time_ns: int | None = None, publish_time_ns: int | None = None
@@ -121,8 +135,8 @@ class BagWriter:
             log_time_ns: None means now. publish_time_ns: None means `log_time_ns`.
 
         Raises:
-            BagError: bytes for an unknown topic, a message of another type, a time below 0, or the bag is closed.
-            EncodeError: a value of the message does not fit. OSError: the disk is full.
+            BagError: bytes for an unknown topic, a message of another type, a time below 0, more than readers unpack,
+                or the bag is closed. EncodeError: a value of the message does not fit. OSError: the disk is full.
         """
         self._require_open()
         if isinstance(message, bytes | bytearray | memoryview):
@@ -134,12 +148,44 @@ class BagWriter:
             known = self._topics.get(topic)
             if known is None or known.type_hash != type_hash(message):
                 self.add_topic(topic, type(message))
+        self._write(topic, self._numbers[topic], data, log_time_ns, publish_time_ns)
+
+    def add_raw_topic(self, known: BagTopic) -> None:
+        """Make one of `BagReader.channels` known, also where its topic has another definition already.
+
+        Raises:
+            BagError: the bag is closed.
+        """
+        self._require_open()
+        if known.key not in self._channels:
+            self._add(known)
+
+    def write_raw(self, message: RawMessage) -> None:
+        """Write a message as `BagReader.raw_messages` gives it, with the definition it has there.
+
+        This is how a topic comes to have messages of two definitions, as it had in the bag that is copied.
+
+        Raises:
+            BagError, OSError: as `write`.
+        """
+        known, data, log_time_ns, publish_time_ns = message
+        self.add_raw_topic(known)
+        self._write(known.name, self._channels[known.key], data, log_time_ns, publish_time_ns)
+
+    def _write(
+        self, topic: str, channel: int, data: bytes, log_time_ns: int | None, publish_time_ns: int | None
+    ) -> None:
         log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
         published = log_time if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
+        if len(data) > MAX_MESSAGE_BYTES and self._compression is not CompressionType.NONE:
+            raise BagError(
+                f"{topic}: a message of {len(data)} bytes; readers unpack at most {MAX_MESSAGE_BYTES} at once, "
+                'so write it with compression=""'
+            )
         self._split_if_due(log_time)
         self._files[-1].add(topic, log_time)
         self._written += len(data)
-        self._writer.add_message(self._channels[topic], log_time, data, published)
+        self._writer.add_message(channel, log_time, data, published)
 
     def flush(self) -> None:
         """Hand what is held back to the operating system, so that it outlives this process; costs some compression.
@@ -174,7 +220,8 @@ class BagWriter:
         self._stream.flush()  # an empty bag from now on
         self._files.append(FileStatistics(name))
         self._schemas, self._written = {}, 0
-        self._channels = {name: self._register(topic) for name, topic in self._topics.items()}
+        for topic in self._registered:
+            self._register(topic)
 
     def _split_if_due(self, log_time: int) -> None:
         current = self._files[-1]

@@ -1,13 +1,25 @@
-"""``bag convert``: a bag, or a part of it, written again."""
+"""``bag convert``: a bag, or a part of it, written again.
+
+Decides that the copy says what its messages are: definitions that the bag does not have are taken from here, and
+without any it is refused, as nobody could read the copy.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from time import monotonic
+from typing import TYPE_CHECKING
 
-from rosidl_py_gen.mcap import BagReader, BagWriter, SqliteWriter
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.mcap import BagError, BagReader, BagWriter, RawMessage, SqliteWriter
+from rosidl_py_gen.mcap.writer import topic_of
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.bag.part import part_of, progress
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.mcap import BagTopic
+    from rosidl_py_gen.tools.bag.part import Part
 
 _PROGRESS_S = 0.25
 
@@ -23,10 +35,13 @@ def run(
     split_bytes: int | None,
     split_s: float | None,
     as_json: bool,
+    paths: Sequence[str],
+    without_definitions: bool,
 ) -> int:
     """Returns the exit code."""
-    with BagReader(path) as reader:
+    with BagReader(path, definitions=paths) as reader:
         part = part_of(reader, topics, offset_s, duration_s)
+        channels = _channels(reader, part, without_definitions)
         if storage == "mcap":
             inside = "" if compression == "none" else compression
             writer: BagWriter | SqliteWriter = BagWriter(
@@ -37,7 +52,7 @@ def run(
         else:
             writer = SqliteWriter(output)
         with writer:
-            count = _copy(reader, writer, *part)
+            count = _copy(reader, writer, part, channels)
     if as_json:
         printing.document({"path": output, "messages": count, "topics": len(part.topics)})
     else:
@@ -45,14 +60,50 @@ def run(
     return 0
 
 
-def _copy(reader: BagReader, writer: BagWriter | SqliteWriter, topics: Sequence[str], start: int, end: int) -> int:
-    for name in topics:
-        writer.add_topic(name, reader.topics[name])
-    total = sum(reader.topics[name].count or 0 for name in topics)
+def _channels(reader: BagReader, part: Part, without_definitions: bool) -> dict[tuple[str, ...], BagTopic]:
+    """What is written for each channel of the bag. Raises `ToolError` where nobody knows what its messages are."""
+    found: dict[tuple[str, ...], BagTopic] = {}
+    unknown: list[str] = []
+    for channel in reader.channels:
+        if channel.name not in part.topics:
+            continue
+        found[channel.key] = channel
+        if channel.definition or channel.message_encoding != "cdr":
+            continue
+        try:
+            cls = reader.message_class(channel)
+            told = topic_of(channel.name, cls)
+            found[channel.key] = replace(
+                channel, definition=told.definition, encoding=told.encoding, type_hash=told.type_hash
+            )
+            if (source := reader.definition_sources.get(channel.name)) is not None:
+                printing.note(f"{channel.name}: the bag has no definition of {channel.type_name}; taken from {source}")
+        except (BagError, RosidlError) as error:
+            unknown.append(f"  {channel.name} [{channel.type_name}]: {error}")
+    if unknown and not without_definitions:
+        raise ToolError(
+            f"{reader.path} has no definitions of these, and nobody could read the copy:\n"
+            + "\n".join(unknown)
+            + "\nName the folders of their packages with --path, choose others with --topics, or copy them as they are "
+            "with --without-definitions"
+        )
+    return found
+
+
+def _copy(
+    reader: BagReader, writer: BagWriter | SqliteWriter, part: Part, channels: dict[tuple[str, ...], BagTopic]
+) -> int:
+    for channel in channels.values():
+        writer.add_raw_topic(channel)
+    total = sum(channel.count or 0 for channel in channels.values())
     count, shown = 0, monotonic()
+    written: dict[int, tuple[BagTopic, BagTopic]] = {}  # by identity: comparing definitions takes long
     with progress() as show:
-        for item in reader.messages(topics, start_ns=start, end_ns=end, raw=True):
-            writer.write(*item)
+        for item in reader.raw_messages(part.topics, start_ns=part.start_ns, end_ns=part.end_ns):
+            known = written.get(id(item.channel))
+            if known is None:
+                known = written[id(item.channel)] = item.channel, channels[item.channel.key]
+            writer.write_raw(RawMessage(known[1], *item[1:]))
             count += 1
             if monotonic() > shown + _PROGRESS_S:
                 shown = monotonic()

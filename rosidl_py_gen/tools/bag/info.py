@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.mcap import BagReader
 from rosidl_py_gen.mcap.metadata import qos_profiles
 from rosidl_py_gen.tools import printing
@@ -14,9 +16,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile
 
 
-def run(path: str, as_json: bool) -> int:
+def run(path: str, as_json: bool, paths: Sequence[str]) -> int:
     """Returns the exit code."""
-    with BagReader(path) as reader:
+    with BagReader(path, definitions=paths) as reader:
         if as_json:
             printing.document(_told(reader))
         else:
@@ -51,11 +53,23 @@ def _told(reader: BagReader) -> dict[str, Any]:
                 "serialization_format": topic.message_encoding,
                 "type_hash": topic.type_hash,
                 "has_definition": bool(topic.definition),
+                "definition_source": _source(reader, topic),
                 "offered_qos": [_qos(profile) for profile in qos_profiles(topic.offered_qos)],
             }
-            for topic in reader.topics.values()
+            for topic in reader.channels
         ],
     }
+
+
+def _source(reader: BagReader, topic: BagTopic) -> str:
+    """Where the definition of a topic comes from; what hinders, if there is none."""
+    if topic.definition:
+        return "bag"
+    try:
+        reader.message_class(topic)
+    except RosidlError as error:
+        return f"none: {error}"
+    return reader.definition_sources.get(topic.name, "bag")
 
 
 def _storage(reader: BagReader) -> str:
@@ -84,9 +98,21 @@ def _show(reader: BagReader) -> None:
         printing.line(f"{name + ':':<12}{text}")
     printing.line()
     printing.table(
-        ([one.name, one.type_name, str(one.count), _qos_text(one)] for one in reader.topics.values()),
+        ([one.name, one.type_name, str(one.count), _qos_text(one)] for one in reader.channels),
         *("topic", "type", "count", "QoS"),
     )
+    for topic in reader.channels:
+        if not topic.definition and (source := _source(reader, topic)) != "bag":
+            printing.line(f"{topic.name}: no definition in the bag; taken from here: {source}")
+    _show_double(reader)
+
+
+def _show_double(reader: BagReader) -> None:
+    for name, known in reader.topics.items():
+        several = [one for one in reader.channels if one.name == name]
+        if len(several) > 1:
+            types = ", ".join(sorted({f"{one.type_name} {one.type_hash}".strip() for one in several}))
+            printing.line(f"{known.name}: recorded with {len(several)} definitions: {types}")
 
 
 def _qos_text(topic: BagTopic) -> str:
@@ -95,4 +121,4 @@ def _qos_text(topic: BagTopic) -> str:
         f"{profile.reliability.name}, {profile.durability.name}".lower().replace("_", " ")
         for profile in qos_profiles(topic.offered_qos)
     }
-    return " / ".join(sorted(shown)) or ("" if topic.definition else "no definition")
+    return " / ".join(sorted(shown))

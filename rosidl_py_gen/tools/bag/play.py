@@ -1,7 +1,7 @@
 """``bag play``.
 
 Decides the quality of service of what is published: the strongest that was offered when it was recorded, which every
-subscription connects to that did then.
+subscription connects to that did then. A topic with messages of two definitions has a publisher for each.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from rosidl_py_gen.cdr import Message, TypeInfo
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
 from rosidl_py_gen.mcap import BagReader
 from rosidl_py_gen.mcap.metadata import qos_profiles
+from rosidl_py_gen.mcap.pacing import paced
+from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
 from rosidl_py_gen.tools import ToolError, printing, run_async
 from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress
@@ -48,12 +50,13 @@ class _Wanted:
     remaps: Sequence[str]
     clock_hz: float | None
     delay_s: float
+    paths: Sequence[str]
 
 
 def run(network: Network, path: str, **wanted: Any) -> int:
     """Returns the exit code."""
     asked = _Wanted(**wanted)
-    with BagReader(path) as reader:
+    with BagReader(path, definitions=asked.paths) as reader:
         part = part_of(reader, asked.topics, asked.offset_s, asked.duration_s)
         return run_async(_play(network, reader, part, asked), endless=asked.loop)
 
@@ -89,31 +92,44 @@ class _Player:
         self._node = session.node
         self._noted: set[str] = set()
         names = _remapped(session, part.topics, wanted.remaps)
-        self._publishers = {topic: self._publisher(reader.topics[topic], names[topic]) for topic in part.topics}
-        self._send = {topic: self._sender(topic) for topic in part.topics}
+        self._publishers: list[Publisher[Any]] = []
+        self._send: dict[tuple[str, ...], Callable[[bytes], bool]] = {}
+        for channel in reader.channels:
+            if channel.name in names:
+                self._send[channel.key] = self._sender(channel, names[channel.name])
+        self._by_channel: dict[int, Callable[[bytes], bool]] = {}
+        self._kept: list[BagTopic] = []  # so that their `id` is nobody else's
         self.count = 0
         """Messages published."""
 
-    def _publisher(self, topic: BagTopic, name: str) -> Publisher[Any]:
+    def _sender(self, channel: BagTopic, name: str) -> Callable[[bytes], bool]:
+        """What publishes a message of this channel; it answers whether it did."""
         try:
-            cls = self._reader.message_class(topic.name)
-        except RosidlError:
-            cls = _opaque(topic)
-        return self._node.create_publisher(cls, name, _offered(topic))
+            publisher = self._node.create_publisher(self._class(channel), name, _offered(channel))
+        except RosidlError as reason:  # no name of a type, or none that ROS 2 has
+            printing.note(f"{channel.name}: left out, as its type cannot be announced: {reason}")
+            return lambda data: False
+        self._publishers.append(publisher)
 
-    def _sender(self, topic: str) -> Callable[[bytes], None]:
-        publisher = self._publishers[topic]
-
-        def send(data: bytes) -> None:
+        def send(data: bytes) -> bool:
             try:
                 publisher.publish_raw(data)
             except EncodeError as reason:  # big endian, as other systems may record it
                 try:
-                    publisher.publish(self._reader.message_class(topic).decode(data))
+                    publisher.publish(self._reader.message_class(channel).decode(data))
                 except (DecodeError, RosidlError):
-                    self._note(f"{topic}: left out a message: {reason}")
+                    self._note(f"{channel.name}: left out a message: {reason}")
+                    return False
+            return True
 
         return send
+
+    def _class(self, channel: BagTopic) -> type[Message]:
+        split_ros_name(channel.type_name, "msg")
+        try:
+            return self._reader.message_class(channel)
+        except RosidlError:
+            return _opaque(channel)
 
     def _note(self, text: str) -> None:
         if text not in self._noted and len(self._noted) < 10:
@@ -124,11 +140,15 @@ class _Player:
         """Publish everything once."""
         names, start, end = self._part
         self._began = None
-        async for item in self._reader.play(names, rate=self._wanted.rate, start_ns=start, end_ns=end, raw=True):
+        found = self._reader.raw_messages(names, start_ns=start, end_ns=end)
+        async for item in paced(found, self._wanted.rate):
             if self._began is None:
                 self._began = monotonic(), item.log_time
-            self._send[item.topic](item.message)
-            self.count += 1
+            send = self._by_channel.get(id(item.channel))  # comparing definitions for each message takes long
+            if send is None:
+                send = self._by_channel[id(item.channel)] = self._send[item.channel.key]
+                self._kept.append(item.channel)
+            self.count += send(item.data)
 
     def _now(self) -> int | None:
         """The time of the bag, nanoseconds; None before the first message."""
@@ -161,12 +181,12 @@ class _Player:
 
     async def heard(self, timeout_s: float) -> None:
         """Wait until every topic has a subscriber, or the time has passed."""
-        await asyncio.gather(*(one.wait_for_subscribers(timeout_s) for one in self._publishers.values()))
+        await asyncio.gather(*(one.wait_for_subscribers(timeout_s) for one in self._publishers))
 
     async def acknowledged(self) -> None:
         """Wait until what was published has arrived, for a second at most."""
         with suppress(asyncio.TimeoutError):
-            every = (one.wait_for_acknowledged(_ACKNOWLEDGED_S) for one in self._publishers.values())
+            every = (one.wait_for_acknowledged(_ACKNOWLEDGED_S) for one in self._publishers)
             await asyncio.gather(*every)
 
 

@@ -66,6 +66,7 @@ def bag() -> None:
 
 @bag.command()
 @_path
+@options.paths
 @options.as_json
 def info(**arguments: Any) -> None:
     """Print what a bag holds. One whose recorder was killed is read to the end for it.
@@ -130,6 +131,7 @@ def record(**arguments: Any) -> None:
 @click.option(
     "-d", "--delay", "delay_s", type=click.FloatRange(0), default=0.0, metavar="SECONDS", help="Wait before the first."
 )
+@options.paths
 @options.node_options
 def play(**arguments: Any) -> None:
     """Publish what a bag holds, as far apart as it was recorded, with the quality of service of then.
@@ -150,6 +152,12 @@ def play(**arguments: Any) -> None:
 @_part_options
 @_compression
 @_split_options
+@click.option(
+    "--without-definitions",
+    is_flag=True,
+    help="Also copy topics whose types are known nowhere; nobody can read them without these.",
+)
+@options.paths
 @options.as_json
 def convert(**arguments: Any) -> None:
     """Write a bag again: SQLite as MCAP or the reverse, a part of it, a whole one of one whose recorder was killed.

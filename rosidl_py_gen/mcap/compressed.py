@@ -1,0 +1,88 @@
+"""rosbag2's own compression, beside that inside MCAP files: of whole files, or of each message; zstd.
+
+Decides where a compressed file is unpacked: into a temporary folder, piece by piece, never more than fits there.
+"""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zstandard import ZstdDecompressor, ZstdError, frame_content_size
+
+from rosidl_py_gen.mcap.common import BagError, BagTopic
+from rosidl_py_gen.mcap.storage import damage_told
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+    from rosidl_py_gen.mcap.storage import Raw, Storage
+
+SUFFIX = ".zstd"
+_MAGIC = b"\x28\xb5\x2f\xfd"
+"""Begins what zstd made. Messages of CDR begin with a zero."""
+_PIECE = 1 << 20
+
+
+def unpack_file(path: Path, folder: Path) -> Path:
+    """Unpack a file into `folder`, under its name without ``.zstd``.
+
+    Raises:
+        BagError: it is damaged, or what it becomes does not fit there. OSError: it cannot be read.
+    """
+    target = folder / path.name.removesuffix(SUFFIX)
+    room = shutil.disk_usage(folder).free // 2
+    with path.open("rb") as packed, target.open("wb") as unpacked, damage_told(path):
+        written = 0
+        with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
+            while piece := stream.read(_PIECE):
+                written += len(piece)
+                if written > room:
+                    raise BagError(f"{path}: it becomes more than {room} bytes, half of what is free in {folder}")
+                unpacked.write(piece)
+    return target
+
+
+class CompressedMessages:
+    """A file whose messages are compressed one by one."""
+
+    def __init__(self, storage: Storage, path: Path, max_bytes: int) -> None:
+        self._storage = storage
+        self._path = path
+        self._max_bytes = max_bytes
+        self._zstd = ZstdDecompressor()
+        self.is_whole = storage.is_whole
+
+    def channels(self) -> list[BagTopic]:
+        return self._storage.channels()
+
+    def span(self) -> tuple[int, int] | None:
+        return self._storage.span()
+
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+        for channel, data, log_time, publish_time in self._storage.messages(topics, start, end):
+            yield channel, self._unpacked(bytes(data), channel.topic, log_time), log_time, publish_time
+
+    def _unpacked(self, data: bytes, topic: str, log_time: int) -> bytes:
+        if not data.startswith(_MAGIC):
+            return data
+        place = f"{self._path}: {topic} at {log_time} ns"
+        try:
+            size = frame_content_size(data)
+            if size > self._max_bytes:
+                raise BagError(
+                    f"{place}: {len(data)} bytes say they become {size}; expected at most {self._max_bytes}, unless "
+                    "max_unpacked_bytes is more"
+                )
+            if size >= 0:
+                return self._zstd.decompress(data)
+            unpacked = self._zstd.stream_reader(data).read(self._max_bytes + 1)
+        except (ZstdError, MemoryError) as error:
+            raise BagError(f"{place}: damaged: {error}") from None
+        if len(unpacked) > self._max_bytes:
+            raise BagError(f"{place}: it becomes more than {self._max_bytes} bytes, which is max_unpacked_bytes")
+        return unpacked
+
+    def close(self) -> None:
+        self._storage.close()

@@ -1,0 +1,173 @@
+"""An MCAP file, with the index it has or one that is made by walking through it.
+
+Decides the order: parts are read by the time of their first message, and what is later than the beginning of the next
+one waits for it. The package's own reader orders message by message, and its objects cost twice as much as decoding.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import replace
+from functools import cached_property
+from operator import attrgetter
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+from mcap.writer import MCAP0_MAGIC
+
+from rosidl_py_gen.mcap.chunks import Unpacker
+from rosidl_py_gen.mcap.common import BagError, BagTopic
+from rosidl_py_gen.mcap.mcap_index import Index, Part, read_index, walk
+from rosidl_py_gen.mcap.storage import LOG_TIME, MAX_UNPACKED_BYTES, Channel, damage_told
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Container, Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    from mcap.records import Channel as ChannelRecord
+    from mcap.records import Schema
+
+    from rosidl_py_gen.mcap.storage import Raw
+
+
+class McapFile:
+    """An MCAP file; without an index, as after a crash, it is read from the beginning to where it ends.
+
+    Args:
+        max_unpacked_bytes: the most that a chunk may become, and that messages of chunks which overlap in time may take
+            while they wait for their turn.
+    """
+
+    def __init__(self, path: Path, validate_crcs: bool, max_unpacked_bytes: int = MAX_UNPACKED_BYTES) -> None:
+        self._path = path
+        self._max_bytes = max_unpacked_bytes
+        self._unpacker = Unpacker(path, max_unpacked_bytes, validate_crcs)
+        self._reading = Lock()  # of `_stream`, which several iterations may read from
+        self._stream = path.open("rb")
+        try:
+            with damage_told(path):
+                self._size = path.stat().st_size
+                if not MCAP0_MAGIC.startswith(self._stream.read(len(MCAP0_MAGIC))):  # shorter: nothing was written yet
+                    raise BagError(f"{path}: damaged: it does not begin as MCAP files do")
+                self._own = read_index(self._stream, self._size)
+        except BaseException:
+            self._stream.close()
+            raise
+        self.is_whole = self._own is not None
+
+    @cached_property
+    def _index(self) -> Index:
+        """What the file says of itself, or else what is in it."""
+        if self._own is not None:
+            return self._own
+        index = Index()
+        self._walk(index, len(MCAP0_MAGIC), self._size)
+        return index
+
+    @cached_property
+    def _parts(self) -> list[Part]:
+        """Everything with messages. An index speaks of chunks only, but messages may lie outside of them."""
+        index = self._index
+        if index.gaps:
+            loose = Index(channels=index.channels, schemas=index.schemas, parts=index.parts)
+            for start, end in index.gaps:
+                if start < end:
+                    self._walk(loose, start, end)
+            index.gaps = []
+        return sorted(index.parts, key=attrgetter("first"))
+
+    def _walk(self, index: Index, start: int, end: int) -> None:
+        with damage_told(self._path), self._reading:
+            try:
+                walk(self._stream, self._size, self._unpacker, index, start, end)
+            except BagError as error:
+                raise error if str(self._path) in str(error) else BagError(f"{self._path}: {error}") from None
+
+    # ------------------------------------------------------------------------------------------------------ contents
+
+    def channels(self) -> list[BagTopic]:
+        index = self._index
+        with damage_told(self._path):
+            return joined(channel.info for channel in self._channels(index).values())
+
+    def _channels(self, index: Index) -> dict[int, Channel]:
+        counts = index.counts
+        return {
+            number: Channel(
+                _topic(one, index.schemas.get(one.schema_id), None if counts is None else counts.get(number, 0))
+            )
+            for number, one in index.channels.items()
+        }
+
+    def span(self) -> tuple[int, int] | None:
+        return self._index.span
+
+    # ------------------------------------------------------------------------------------------------------ messages
+
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+        with damage_told(self._path):
+            parts = [one for one in self._parts if one.first < end and one.last >= start]
+            known = self._channels(self._index)
+            wanted = {number: one for number, one in known.items() if topics is None or one.topic in topics}
+            if topics is not None:
+                parts = [one for one in parts if one.channels is None or not wanted.keys().isdisjoint(one.channels)]
+            yield from self._in_order(parts, wanted, known, start, end)
+
+    def _in_order(
+        self, parts: list[Part], wanted: Mapping[int, Channel], known: Container[int], start: int, end: int
+    ) -> Iterator[Raw]:
+        waiting: list[Raw] = []
+        for number, part in enumerate(parts):
+            found = self._unpacker.messages(self._read(part), wanted, known)
+            waiting += [one for one in found if start <= one[2] < end]
+            waiting.sort(key=LOG_TIME)
+            if number + 1 < len(parts):
+                ready = bisect_left(waiting, parts[number + 1].first, key=LOG_TIME)
+                yield from waiting[:ready]
+                del waiting[:ready]
+                if waiting:
+                    self._require_few(waiting)
+        yield from waiting
+
+    def _read(self, part: Part) -> bytes:
+        """The records of a part."""
+        with self._reading:
+            self._stream.seek(part.offset)
+            data = self._stream.read(max(0, part.end - part.offset))
+        return self._unpacker.unpacked(data) if part.is_chunk else data
+
+    def _require_few(self, waiting: list[Raw]) -> None:
+        held = sum(len(one[1]) for one in waiting)
+        if held > self._max_bytes:
+            raise BagError(
+                f"{self._path}: its chunks overlap in time so much that {held} bytes of messages have to wait for "
+                f"earlier ones; expected at most {self._max_bytes}, unless max_unpacked_bytes is more"
+            )
+
+    def close(self) -> None:
+        self._stream.close()
+
+
+def _topic(channel: ChannelRecord, schema: Schema | None, count: int | None) -> BagTopic:
+    told = channel.metadata
+    return BagTopic(
+        channel.topic,
+        schema.name if schema else "",
+        schema.data.decode(errors="replace") if schema else "",
+        schema.encoding if schema else "",
+        channel.message_encoding,
+        told.get("topic_type_hash", ""),
+        told.get("offered_qos_profiles", ""),
+        count,
+    )
+
+
+def joined(rows: Iterable[BagTopic]) -> list[BagTopic]:
+    """One row for each topic and definition: files may have several channels of them."""
+    found: dict[Any, BagTopic] = {}
+    for row in rows:
+        key = row.key
+        before = found.get(key)
+        both = None if before is None or before.count is None or row.count is None else before.count + row.count
+        found[key] = row if before is None else replace(before, count=both)
+    return sorted(found.values(), key=attrgetter("name"))
