@@ -38,6 +38,7 @@ from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError as C
 from rosidl_py_gen.runtime.endpoints.subscription import MessageInfo as MessageInfo
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription as Subscription
 from rosidl_py_gen.runtime.endpoints.timer import Timer as Timer
+from rosidl_py_gen.runtime.graph.definitions import TypeCheck as TypeCheck
 from rosidl_py_gen.runtime.graph.state import EndpointType as EndpointType
 from rosidl_py_gen.runtime.graph.state import NodeInfo as NodeInfo
 from rosidl_py_gen.runtime.graph.state import TopicEndpointInfo as TopicEndpointInfo

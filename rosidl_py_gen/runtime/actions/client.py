@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, GoalT
     from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.time.values import SecNanosec
 
 T = TypeVar("T")
@@ -71,8 +72,9 @@ class ActionClient(Composite, Generic[ActionT_co]):
         *,
         feedback_depth: int,
         server_lost_after_s: float,
+        type_check: TypeCheck | None = None,
     ) -> None:
-        super().__init__(scope)
+        super().__init__(scope, type_check=type_check)
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
         lost_after_ns = limit_to_ns("server_lost_after_s", server_lost_after_s)
         self.name = names.action

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.actions.checks import Policy
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType
     from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.time.clock import Clock
 
 
@@ -52,6 +53,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         on_cancel: Callable[[ServerGoal[ActionT_co]], Any] | bool,
         result_timeout_s: float,
         policy: Policy,
+        type_check: TypeCheck | None = None,
     ) -> None:
         require_server_options(names.action, execute, accept, on_cancel, policy)
         self.name = names.action
@@ -59,7 +61,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
         self.action_class = action_type.cls
-        super().__init__(scope)
+        super().__init__(scope, type_check=type_check)
         self._type = action_type
         self._policy = policy
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)

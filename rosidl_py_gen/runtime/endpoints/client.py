@@ -29,13 +29,12 @@ from rosidl_py_gen.runtime.endpoints.header import (
     message_of,
     send,
 )
-from rosidl_py_gen.runtime.endpoints.matching import Matching
+from rosidl_py_gen.runtime.endpoints.matching import Matching, kept_by
 from rosidl_py_gen.runtime.endpoints.scope import request_numbers
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.runtime.transport.qos import History
 from rosidl_py_gen.runtime.transport.unanswered import why_unanswered
 
 if TYPE_CHECKING:
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.header import ClientId
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _PAUSE_S = 0.1
@@ -92,9 +92,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         qos: QoSProfile,
         *,
         pause_s: float = _PAUSE_S,
+        type_check: TypeCheck | None = None,
     ) -> None:
         """`pause_s` is that of the `RequestWindow`."""
-        super().__init__(scope, service_type, name, qos, is_client=True)
+        super().__init__(scope, service_type, name, qos, is_client=True, type_check=type_check)
         self._pending: dict[int, _PendingRequest[ResponseT]] = {}
         self._by_number: dict[int, _PendingRequest[ResponseT]] = {}
         """Those that were sent with an identity, by the middleware's numbers."""
@@ -155,8 +156,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         graph = self._scope.graph
         refusal, identifies = self._scope.participant.identity_refusal, self._scope.participant.identifies
         # Matched but not reported yet: what the server keeps, and its id, are known a moment later.
-        readers = [graph.endpoints[guid] for guid in self._writer.matched_readers() if guid in graph.endpoints]
-        writers = [graph.endpoints[guid] for guid in self._reader.matched_writers() if guid in graph.endpoints]
+        # One with another definition would read requests as something else.
+        agrees, sent, endpoints = self._check.agrees, self._written_hash, graph.endpoints
+        readers = [one for guid in self._writer.matched_readers() if (one := endpoints.get(guid)) and agrees(one, sent)]
+        writers = [one for guid in self._reader.matched_writers() if (one := endpoints.get(guid)) and agrees(one)]
         foreign = {one.participant_guid for one in readers if identifies(one.guid)}
         foreign &= {one.participant_guid for one in writers if identifies(one.guid)}
         readers = [one for one in readers if not identifies(one.guid)]
@@ -172,14 +175,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         reached = {server.guid for server in graph.on_topic(self._request_topic, writers=False)}
         reached.update(self._writer.matched_readers())
         self._answering.reach(reached)
-        self._kept = self._kept_by_servers()
+        self._kept = kept_by(graph, self._writer)
         return is_served or is_identified
-
-    def _kept_by_servers(self) -> int:
-        """How many requests the server that keeps fewest keeps; 0 when all keep all."""
-        endpoints = self._scope.graph.endpoints
-        servers = (endpoints[guid].qos for guid in self._writer.matched_readers() if guid in endpoints)
-        return min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
 
     # ------------------------------------------------------------------------------------------------------- calls
 
@@ -202,7 +199,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         loop = scope.bridge.running_loop()
         encoded = self._type.request.encode(request)
         if not self._is_available() and not await self.wait_for_service(deadline.left_s()):
-            raise CallTimeoutError(f"no server of {self.name} ({self.service_type}) appeared in {timeout_s} s")
+            others = self._check.others(self._request_topic, self._written_hash)
+            raise CallTimeoutError(f"no server of {self.name} ({self.service_type}) appeared in {timeout_s} s{others}")
         future: asyncio.Future[ResponseT] = loop.create_future()
         on_error = partial(settle_threadsafe, future, None)
         pending: _PendingRequest[ResponseT]
@@ -346,6 +344,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         items = self._reader.queue.items
         while items:
             data, _, handle, _ = items.popleft()
+            if handle not in self._agreeing and not self._check.admits(handle):
+                continue
             try:
                 client, sequence, begin = header_of(data)
             except DecodeError as err:

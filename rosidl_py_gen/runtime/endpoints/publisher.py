@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.runtime.endpoints.scope import Owned
+from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
 from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import MessageType
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.interface import Writer
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -32,7 +34,16 @@ T = TypeVar("T")
 class Publisher(Owned, Generic[T]):
     """Made by `Node.create_publisher`."""
 
-    def __init__(self, scope: Scope, message_type: MessageType[T], topic: str, qos: QoSProfile) -> None:
+    def __init__(
+        self,
+        scope: Scope,
+        message_type: MessageType[T],
+        topic: str,
+        qos: QoSProfile,
+        *,
+        type_check: TypeCheck | None = None,
+    ) -> None:
+        mode = checked_mode(type_check, scope.type_check)
         super().__init__(scope)
         self._bridge = scope.bridge
         self.topic = topic
@@ -49,6 +60,7 @@ class Publisher(Owned, Generic[T]):
             dds_topic, type_name(message_type.ros_name), self.qos, message_type.type_hash, node=scope.number
         )
         self._write = self._writer.write
+        scope.set_type_check(mode, self._writer.guid)
         keep_all = self.qos.history is History.KEEP_ALL
         self._outbox = Outbox(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
         scope.own(self, writer=self._writer.guid)

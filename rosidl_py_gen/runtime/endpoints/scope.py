@@ -15,6 +15,7 @@ import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger, report_failure
 from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.runtime.endpoints.window import RequestWindows
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import Participant
@@ -66,9 +68,10 @@ class Owned:
 class Composite(Owned):
     """What is made of parts: whatever is made with `_parts` ends with it, endpoints as well as tasks."""
 
-    def __init__(self, scope: Scope) -> None:
+    def __init__(self, scope: Scope, *, type_check: TypeCheck | None = None) -> None:
         super().__init__(scope)
         self._parts = scope.child()
+        self._parts.type_check = checked_mode(type_check, scope.type_check)
 
     def close(self) -> None:
         """Close everything this is made of. From any thread; may be called twice."""
@@ -116,6 +119,8 @@ class Scope:
         """Everything that has to be closed with this scope, oldest first; emptied by `close`."""
         self.has_callbacks = False
         """Whether there ever was an endpoint with a function of the user."""
+        self.type_check: TypeCheck = "error"
+        """What endpoints do about messages of another definition, where they are not told otherwise."""
         self.request_window = request_windows.of
         """All clients of a service in one context share its window."""
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -143,6 +148,11 @@ class Scope:
             self.owned.pop(id(endpoint), None)
             endpoint.close()
             self.require_open(False, "the node")
+
+    def set_type_check(self, mode: TypeCheck, *guids: bytes) -> None:
+        """What endpoints of ours do about others of another definition; said before they are announced."""
+        if mode != "error":
+            self.discovery.type_checks.update(dict.fromkeys(guids, mode))
 
     def disown(self, endpoint: object, *guids: bytes) -> None:
         """Undo `own`; nothing is announced when the whole node is going."""

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.runtime.endpoints.header import carrier_qos
 from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle
+from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
+from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.outbox import Outbox
 from rosidl_py_gen.runtime.names.dds import request_name
 from rosidl_py_gen.runtime.transport.interface import Service
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.time.clock import Clock
     from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
 
@@ -33,7 +36,9 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         qos: QoSProfile,
         *,
         is_client: bool,
+        type_check: TypeCheck | None = None,
     ) -> None:
+        mode = checked_mode(type_check, scope.type_check)
         super().__init__(scope)
         self.name = name
         """Fully qualified service name, after expansion and remapping."""
@@ -55,6 +60,18 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         )
         create = scope.participant.create_client if is_client else scope.participant.create_server
         self._reader, self._writer, self._gid = create(told, carrier_qos(qos), node=scope.number)
+        read, written = told.request_hash, told.response_hash
+        if is_client:
+            read, written = written, read
+        self._check = WriterCheck(scope, mode, self._reader, read, told.type_hash)
+        self._agreeing = self._check.agreeing
+        self._written_hash = written
+        scope.set_type_check(mode, self._reader.guid, self._writer.guid)
+
+    @property
+    def withheld(self) -> int:
+        """Requests or responses that were not handed out because the other side announces another definition."""
+        return self._check.withheld
 
     def configure_introspection(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> None:
         """Publish what passes on ``<service>/_service_event`` from now on; see `introspection.py`.

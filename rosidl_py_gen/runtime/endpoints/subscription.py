@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle
+from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.endpoints.types import has_buffer
+from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import MessageType
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.interface import Payload, Reader, Sample
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -63,7 +66,9 @@ class Subscription(Owned, Generic[T]):
         qos: QoSProfile,
         *,
         ignore_local: bool = False,
+        type_check: TypeCheck | None = None,
     ) -> None:
+        mode = checked_mode(type_check, scope.type_check)
         require_callable(callback, f"the callback of {topic}", "; QoS is given as qos=...")
         super().__init__(scope)
         self.topic = topic
@@ -93,6 +98,9 @@ class Subscription(Owned, Generic[T]):
             has_buffer=has_buffer(message_type),
         )
         self._items = self._reader.queue.items
+        self._check = WriterCheck(scope, mode, self._reader, message_type.type_hash)
+        self._agreeing = self._check.agreeing
+        scope.set_type_check(mode, self._reader.guid)
         self._reader.set_sink(self._on_data)
         scope.own(self, reader=self._reader.guid)
 
@@ -141,6 +149,8 @@ class Subscription(Owned, Generic[T]):
         """The oldest message that decodes; None when there is none."""
         while self._items and not self._closed:
             sample = self._items.popleft()
+            if sample[2] not in self._agreeing and not self._check.admits(sample[2]):
+                continue
             try:
                 return self._decode(sample[0]), sample
             except DecodeError as err:
@@ -158,9 +168,11 @@ class Subscription(Owned, Generic[T]):
         self._scope.require_open(self._closed, f"the subscription on {self.topic}")
         self._reader.fetch()
         while self._items:
-            data = self._items.pop()[0]
+            sample = self._items.pop()
+            if sample[2] not in self._agreeing and not self._check.admits(sample[2]):
+                continue
             try:
-                self._latest = self._decode(data)
+                self._latest = self._decode(sample[0])
             except DecodeError as err:
                 self._count_undecodable(err)
                 continue
@@ -229,6 +241,11 @@ class Subscription(Owned, Generic[T]):
     def dropped(self) -> int:
         """Messages that keep-last dropped because they were not taken in time; undecodable ones are not counted."""
         return self._reader.queue.dropped
+
+    @property
+    def withheld(self) -> int:
+        """Messages that were not handed out because their publisher announces another definition of the type."""
+        return self._check.withheld
 
     @property
     def publisher_count(self) -> int:

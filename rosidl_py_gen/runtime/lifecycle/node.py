@@ -13,7 +13,7 @@ from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import Untyped
-    from rosidl_py_gen.runtime.node.options import NodeOptions
+    from rosidl_py_gen.runtime.node.arguments import NodeOptions
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.registration import Registration
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.node.arguments import NodeOptions
     from rosidl_py_gen.runtime.node.context import Context
-    from rosidl_py_gen.runtime.node.options import NodeOptions
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent
