@@ -161,7 +161,7 @@ def _nodes(name: str, mapping: yaml.MappingNode, prefix: str) -> Iterator[NodePa
                 _fail(name, node, f"{PARAMETERS_KEY} must be below the name of a node")
             if not isinstance(node, yaml.MappingNode):
                 _fail(name, node, f"expected parameter names with values below {key}")
-            yield NodeParameters(prefix, dict(_parameters(name, node, "")))
+            yield NodeParameters(prefix, dict(_parameters(name, node, "")), name)
         elif isinstance(node, yaml.MappingNode):
             yield from _nodes(name, node, f"{prefix}/{key.strip('/')}")
         else:
