@@ -56,7 +56,6 @@ if TYPE_CHECKING:
 __all__ = ["CallbackAnswerError", "ParameterEvent", "ParameterStore", "SetResult"]
 
 NOT_SET = ParameterValue()
-_WHOLE = frozenset([ParameterType.INTEGER, ParameterType.INTEGER_ARRAY])
 _NESTED_REASON = "parameters cannot be set or declared by a validator"
 
 
@@ -299,10 +298,10 @@ class ParameterStore:
 
     def _widened(self, parameter: Parameter) -> Parameter:
         name, value = parameter
-        if value.type not in _WHOLE or name not in self._descriptors:
+        described = self._descriptors.get(name)
+        if described is None or described.type is value.type or described.dynamic_typing:
             return parameter
-        described = self._descriptors[name]
-        return parameter if described.dynamic_typing else Parameter(name, widened(value, described.type))
+        return Parameter(name, widened(value, described.type))
 
     def _reason(self, wanted: Sequence[Parameter]) -> str:
         """Why the list cannot be set, before callbacks are asked; an empty text when it can."""
