@@ -141,8 +141,9 @@ class NodeParameters:
         """Declare one parameter and return its value, which is the override's if there is one.
 
         Raises:
-            ParameterAlreadyDeclaredError, InvalidParameterNameError, InvalidParameterValueError,
-            WrongParameterTypeError.
+            ParameterAlreadyDeclaredError, InvalidParameterNameError: the name is taken, or cannot be one.
+            InvalidParameterValueError: a range, a callback or a missing type refuses it.
+            WrongParameterTypeError: default or override have another type.
             TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
         self.scope.require_open(False, "the node")
@@ -176,7 +177,7 @@ class NodeParameters:
             type: ``bool``, ``int``, ``float``, ``str``, ``bytes``, or a list of one of the first four. None: any.
 
         Raises:
-            ParameterNotDeclaredError, WrongParameterTypeError (names both types).
+            ParameterNotDeclaredError: nobody declared it. WrongParameterTypeError: names both types.
         """
         value = self._store.peek(require_name(name))
         kind = None if type is None else _kind_of(type)

@@ -109,7 +109,7 @@ class ParameterStore:
         empty list in an override takes the type of the declaration, a whole number that of a double.
 
         Raises:
-            ParameterAlreadyDeclaredError, InvalidParameterNameError.
+            ParameterAlreadyDeclaredError, InvalidParameterNameError: as their names say.
             WrongParameterTypeError: default or override have another type.
             InvalidParameterValueError: a range or a callback refused it.
         """
