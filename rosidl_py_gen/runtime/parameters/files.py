@@ -16,8 +16,7 @@ import re
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-import yaml
-
+from rosidl_py_gen.resources import extra_missing
 from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
@@ -27,6 +26,11 @@ from rosidl_py_gen.runtime.parameters.values import (
     ParameterValue,
     parameter_value,
 )
+
+try:
+    import yaml
+except ModuleNotFoundError as missing:
+    raise extra_missing(missing) or missing from None
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
