@@ -1,5 +1,8 @@
 """Which interface packages there are, and which files belong to them.
 
+Folders called msg, srv or action that hold other files only make no package: those of Python packages, what this tool
+generates among them, and of C++ headers. Virtual environments and CMake's build folders are not looked into.
+
 First hit wins: the folders the caller names, then every prefix of AMENT_PREFIX_PATH, then the bundled interfaces.
 Reads directory entries and package.xml names; interface files themselves, and the CMakeLists.txt that says which files
 a source package consists of, are opened later, and only when needed.
@@ -25,6 +28,9 @@ if TYPE_CHECKING:
 
 _NAME_TAG = re.compile(r"<name>\s*([^<>]*?)\s*</name>")
 _IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
+_MADE_BY_TOOLS = ("pyvenv.cfg", "CMakeCache.txt")
+"""Files of folders that hold copies: of a virtual environment, and of a build."""
+_SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
 _MAX_DEPTH = 12
 _MAX_XML_BYTES = 1 << 20
 
@@ -135,7 +141,10 @@ def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
         first = found.packages.setdefault(package.name, package)
         if first is not package:
             if first.origin == package.origin:
-                text = f'two packages are called "{package.name}": {first.folder} and {package.folder}'
+                text = (
+                    f'two packages are called "{package.name}": {first.folder} and {package.folder}; give one folder '
+                    "as --path, or put an empty file COLCON_IGNORE into the other"
+                )
                 raise DefinitionError(Problem(origin, 0, 0, text))
             found.hidden.append(package)
 
@@ -157,7 +166,21 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
 
 
 def _holds_interfaces(folder: Path) -> bool:
-    return any(os.path.isdir(folder / kind) for kind in KINDS)
+    """Whether there is a folder for interfaces: with one in it, or empty, because the last one was removed."""
+    return any(_is_for_interfaces(folder / kind) for kind in KINDS)
+
+
+def _is_for_interfaces(folder: Path) -> bool:
+    try:
+        with os.scandir(folder) as entries:
+            first = next(entries, None)
+            return (
+                first is None or first.name.endswith(_SUFFIXES) or any(one.name.endswith(_SUFFIXES) for one in entries)
+            )
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError:  # whoever reads it says why it cannot be read
+        return True
 
 
 def _groups_packages(folder: Path) -> bool:
@@ -182,6 +205,8 @@ def _descend(
 ) -> None:
     real = os.path.realpath(folder)  # links may form loops
     if real in visited or depth > _MAX_DEPTH or any(os.path.exists(folder / mark) for mark in _IGNORE_MARKS):
+        return
+    if depth and any(os.path.isfile(folder / mark) for mark in _MADE_BY_TOOLS):
         return
     visited.add(real)
     manifest = folder / "package.xml"

@@ -241,7 +241,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
 
         Raises:
             CancelRejectedError: there were goals, and the server refused for all of them.
-            ActionTimeoutError, ClosedError.
+            ActionTimeoutError, ClosedError: as their names say.
         """
         return await self._ask_cancel(ZERO_ID, None, "any goal", timeout_s)
 

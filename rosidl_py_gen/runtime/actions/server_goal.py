@@ -270,7 +270,7 @@ class ServerGoals:
         """End a goal; None stands for a default result. One that cannot be sent fails here, where its author sees it.
 
         Raises:
-            GoalTransitionError, UnknownGoalError, EncodeError, TypeError, ClosedError.
+            GoalTransitionError, UnknownGoalError, EncodeError, TypeError, ClosedError: as their names say.
         """
         self._scope.require_open(False, f"action server {self._name}")
         data = self._type.encode_result(ENDS[event], result)

@@ -37,6 +37,9 @@ class LifecycleNode(Node):
         super()._open(options)
         self._machine = LifecycleMachine(self.scope, self._names, self)
 
+    def _may_declare_more(self) -> bool:
+        return self.state is State.UNCONFIGURED
+
     def on_configure(self, state: State) -> Any:
         """Get ready; the node becomes inactive."""
 

@@ -82,7 +82,7 @@ class _Parser:
         name = left[found.end() :] if found else left
         if not name or ":" in name or any(character.isspace() for character in name):
             raise RosArgumentError(f"{name!r} is not a parameter name; expected [NODE:]name:=value")
-        self.parameters.append(NodeParameters(pattern, {name: parse_parameter_value(text)}))
+        self.parameters.append(NodeParameters(pattern, {name: parse_parameter_value(text)}, f"-p {value}"))
 
     def params_file(self, value: str) -> None:
         from rosidl_py_gen.runtime.parameters.files import parse_parameter_file

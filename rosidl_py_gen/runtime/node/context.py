@@ -23,6 +23,7 @@ from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
+from rosidl_py_gen.runtime.parameters.initial import InitialValues
 
 if TYPE_CHECKING:
     import asyncio
@@ -102,6 +103,8 @@ class Context:
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
         self.request_windows = RequestWindows()
+        self.initial_values = InitialValues(self.ros_arguments.parameters, self.bridge)
+        """Of parameters, for all nodes."""
         self._closed = ""
         """Why it is closed, for errors; empty while it is open."""
         self._had_loop = threading.Event()
@@ -207,6 +210,7 @@ class Context:
         _open_contexts.discard(self)
         for node in list(self._nodes.values()):
             node.close()
+        self.initial_values.close()
         self.discovery.close()
         self.bridge.close()
         self.participant.close()
