@@ -17,6 +17,7 @@ from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
+from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
+    from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -67,6 +69,9 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         start_services: serve the six parameter services.
         parameter_events: publish changes of parameters on ``/parameter_events``.
         logger_services: serve ``~/get_logger_levels`` and ``~/set_logger_levels``.
+        on_error: what an exception in a callback does. ``"log"``: it is logged, and all goes on. ``"raise"``: it also
+            ends `run`, `spin`, ``async with node``, ``with node`` or the blocking call under way, which raises it.
+            None: what the context says, else ``"log"``.
 
     Raises:
         InvalidNameError: for name or namespace.
@@ -87,6 +92,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         start_services: bool = True,
         parameter_events: bool = True,
         logger_services: bool = False,
+        on_error: OnError | None = None,
     ) -> None:
         if not (context is None or isinstance(context, Context)):
             raise TypeError(f"context must be a Context, such as Context(transport=...), got {context!r:.100}")
@@ -104,12 +110,13 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         self.context = shared = Context.default() if context is None else context
         try:
             self._names = NodeNames.create(name, namespace, shared.ros_arguments.remap_rules)
-            self.scope = shared.open_scope(self._names)
+            self.scope = shared.open_scope(self._names, on_error)
             """What endpoint modules outside this file build on."""
         except BaseException:
             shared.close_if_unused()
             raise
         self._made_on = id(current_loop())
+        self._guards: list[Guard] = []
         self.clock = Clock(ClockType.ROS_TIME, on_failure=self.scope.report_failure)
         """ROS time; system time until simulated time is switched on."""
         shared.adopt(self)
@@ -332,8 +339,10 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         self._require_open()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self.close()
+        if error is None:
+            self.scope.failures.raise_kept()
 
     async def __aenter__(self) -> Self:
         """Raises `ClosedError`, and `LoopMismatchError`: then a node that was made in here is closed."""
@@ -344,10 +353,15 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
             if self._made_on == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
                 self.close()
             raise
+        self._guards.append(guard := Guard(lambda failures: failures is self.scope.failures))
+        guard.__enter__()
         return self
 
-    async def __aexit__(self, *_: object) -> None:
-        self.close()
+    async def __aexit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            self.close()
+        finally:
+            self._guards.pop().__exit__(kind, error, trace)
 
     def close(self) -> None:
         """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""
