@@ -112,3 +112,4 @@ from rosidl_py_gen.runtime.transport.qos import InvalidQoSError as InvalidQoSErr
 from rosidl_py_gen.runtime.transport.qos import Liveliness as Liveliness
 from rosidl_py_gen.runtime.transport.qos import QoSProfile as QoSProfile
 from rosidl_py_gen.runtime.transport.qos import Reliability as Reliability
+from rosidl_py_gen.signatures import CallbackSignatureError as CallbackSignatureError
