@@ -43,6 +43,7 @@ OWNERS = {
     "importable": "base",
     "description_cache": "base",
     "registration": "base",
+    "signatures": "base",
     "resources": "base",
     "fieldtype": "base",
     "descriptions": "base",

@@ -195,7 +195,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
     def _on_get_result(self, request: Any) -> bytes | Coroutine[Any, Any, bytes]:
         self._goals.expire()
         goal_id = goal_id_of(request)
-        goal = self._goals.active.get(goal_id)
+        goal, _ = self._goals.returning.get(goal_id, (self._goals.active.get(goal_id), None))
         return goal.encoded_result() if goal is not None else self._goals.book.result(goal_id) or self._unknown
 
     def close(self) -> None:

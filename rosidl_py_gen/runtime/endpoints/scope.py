@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
-from rosidl_py_gen.runtime.logs.loggers import node_logger, report_failure
+from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
+from rosidl_py_gen.runtime.loop.failures import Failures
 from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.interface import Participant
 
 T = TypeVar("T")
@@ -105,6 +107,7 @@ class Scope:
         request_windows: RequestWindows,
         number: int,
         fully_qualified_name: str,
+        on_error: OnError = "log",
     ) -> None:
         """`number` is the node's in `discovery`."""
         self.participant = participant
@@ -114,6 +117,8 @@ class Scope:
         self.number = number
         self.node_name = fully_qualified_name
         self.logger = node_logger(fully_qualified_name)
+        self.failures = Failures(bridge, on_error)
+        """What becomes of exceptions in functions of the user."""
         self.closed = False
         self.owned: dict[int, Closable] = {}
         """Everything that has to be closed with this scope, oldest first; emptied by `close`."""
@@ -251,8 +256,9 @@ class Scope:
                 f"{what} from inside the event loop would wait for ever; use {instead} in an async function, or call "
                 "it from another thread"
             )
-        return self.bridge.portal.run(coroutine)
+        raises = self.failures.on_error == "raise"
+        return self.bridge.portal.run(self.failures.heard(coroutine) if raises else coroutine)
 
     def report_failure(self, doing: str) -> None:
-        """Log the exception being handled, with its traceback, as the node."""
-        report_failure(doing, self.logger)
+        """Log the exception being handled, with its traceback, as the node; raise it where that is asked for."""
+        self.failures.report(doing, self.logger)

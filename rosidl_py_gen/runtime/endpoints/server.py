@@ -26,6 +26,7 @@ from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.interface import identity_of
+from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
+_RESPONSE_HINT = "; it makes the response itself and returns it"
 _PATIENCE_S = 0.1
 _FAST_DDS_PATIENCE_S = 5.0
 """Endpoints of a Fast DDS participant are known up to 1.2 s after it knows ours and calls (fastdds.md 7)."""
@@ -99,6 +101,8 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
         type_check: TypeCheck | None = None,
     ) -> None:
         require_callable(handler, f"the handler of service {name}", "; QoS is given as qos=...")
+        if handler is not None:
+            require_signature(handler, f"the handler of service {name}", "the request", hint=_RESPONSE_HINT)
         super().__init__(scope, service_type, name, qos, is_client=False, type_check=type_check)
         self._handler = None if handler is None else UserFunction(scope, handler, f"the handler of service {name}")
         self._requests: Stream[ServiceRequest[RequestT, ResponseT]] = Stream()

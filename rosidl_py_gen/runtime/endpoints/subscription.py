@@ -23,6 +23,7 @@ from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
+from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 T = TypeVar("T")
+
+_INFO_HINT = "; where a message came from is told by receive_with_info(), of a subscription without callback"
 
 
 class MessageInfo(NamedTuple):
@@ -70,6 +73,8 @@ class Subscription(Owned, Generic[T]):
     ) -> None:
         mode = checked_mode(type_check, scope.type_check)
         require_callable(callback, f"the callback of {topic}", "; QoS is given as qos=...")
+        if callback is not None:
+            require_signature(callback, f"the callback of {topic}", "the message", hint=_INFO_HINT)
         super().__init__(scope)
         self.topic = topic
         """Fully qualified name, after expansion and remapping."""

@@ -19,6 +19,7 @@ from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.clock import Clock, on_every_jump
 from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
+from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,6 +35,8 @@ class Timer(Owned):
         """Raises `TypeError` for a callback or clock that is none, `TimeRangeError` for a negative period."""
         if callback is not None and not callable(callback):
             raise TypeError(f"callback must be a function without arguments, or None, got {callback!r:.100}")
+        if callback is not None:
+            require_signature(callback, "a timer's callback")
         if not isinstance(clock, Clock):
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
         super().__init__(scope)

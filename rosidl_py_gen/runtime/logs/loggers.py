@@ -19,10 +19,11 @@ import traceback
 from typing import TYPE_CHECKING, TypedDict
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.names.validation import validate_node_name
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from types import TracebackType
     from typing import TypeAlias
 
@@ -219,9 +220,17 @@ def internal_logger() -> RosLogger:
     return get_logger("rosidl_py_gen")
 
 
-def report_failure(doing: str, logger: RosLogger | None = None) -> None:
+failure_listeners: Registrations[Callable[[str, BaseException], None]] = Registrations()
+"""Called with what failed and its exception, for each failure of any node; the pytest plugin listens."""
+
+
+def report_failure(doing: str, logger: RosLogger | None = None, effect: str = "nothing else is affected") -> None:
     """Log the exception being handled, with its traceback, as a node or as `internal_logger`."""
-    (logger or internal_logger()).exception(f"{doing} failed; nothing else is affected")
+    (logger or internal_logger()).exception(f"{doing} failed; {effect}")
+    error = sys.exc_info()[1]
+    if error is not None:
+        for hear in failure_listeners:
+            hear(doing, error)
 
 
 def node_logger(fully_qualified_node_name: str) -> RosLogger:

@@ -16,6 +16,7 @@ from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
+from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
+    from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -69,6 +71,9 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         type_check: what becomes of messages whose sender announces another definition of their type: ``"error"``
             withholds them, ``"warn"`` hands them out; both say so once for each topic and peer, ``"off"`` does not. It
             can be given for each endpoint, too.
+        on_error: what an exception in a callback does. ``"log"``: it is logged, and all goes on. ``"raise"``: it also
+            ends `run`, `spin`, ``async with node``, ``with node`` or the blocking call under way, which raises it.
+            None: what the context says, else ``"log"``.
 
     Raises:
         InvalidNameError: for name or namespace.
@@ -90,6 +95,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         parameter_events: bool = True,
         logger_services: bool = False,
         type_check: TypeCheck = "error",
+        on_error: OnError | None = None,
     ) -> None:
         if not (context is None or isinstance(context, Context)):
             raise TypeError(f"context must be a Context, such as Context(transport=...), got {context!r:.100}")
@@ -108,13 +114,14 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         self.context = shared = Context.default() if context is None else context
         try:
             self._names = NodeNames.create(name, namespace, shared.ros_arguments.remap_rules)
-            self.scope = shared.open_scope(self._names)
-            self.scope.type_check = mode
+            self.scope = shared.open_scope(self._names, on_error)
             """What endpoint modules outside this file build on."""
+            self.scope.type_check = mode
         except BaseException:
             shared.close_if_unused()
             raise
         self._made_on = id(current_loop())
+        self._guards: list[Guard] = []
         self.clock = Clock(ClockType.ROS_TIME, on_failure=self.scope.report_failure)
         """ROS time; system time until simulated time is switched on."""
         shared.adopt(self)
@@ -286,8 +293,10 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         self._require_open()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self.close()
+        if error is None:
+            self.scope.failures.raise_kept()
 
     async def __aenter__(self) -> Self:
         """Raises `ClosedError`, and `LoopMismatchError`: then a node that was made in here is closed."""
@@ -298,10 +307,15 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
             if self._made_on == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
                 self.close()
             raise
+        self._guards.append(guard := Guard(lambda failures: failures is self.scope.failures))
+        guard.__enter__()
         return self
 
-    async def __aexit__(self, *_: object) -> None:
-        self.close()
+    async def __aexit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            self.close()
+        finally:
+            self._guards.pop().__exit__(kind, error, trace)
 
     def close(self) -> None:
         """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""

@@ -289,12 +289,21 @@ class ParameterStore:
                 for commit in commits:
                     commit()
                 self._notifier.event(event)
-        except RefusedError as refusal:
-            if refusal.failed:
-                self._on_failure(refusal.failed)
-            return SetResult(False, str(refusal))
-        self._notifier.after_set(wanted)
-        return result
+        except RefusedError as refused:
+            refusal = refused
+        else:
+            self._notifier.after_set(wanted)
+            return result
+        if refusal.failed:
+            self._report(refusal)
+        return SetResult(False, str(refusal))
+
+    def _report(self, refusal: RefusedError) -> None:
+        """Of what the function of the user raised, not of what became of it."""
+        try:
+            raise refusal.__cause__ or refusal
+        except Exception:
+            self._on_failure(refusal.failed)
 
     def _widened(self, parameter: Parameter) -> Parameter:
         name, value = parameter
