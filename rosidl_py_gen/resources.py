@@ -15,6 +15,8 @@ from rosidl_py_gen.errors import ExtraMissingError
 if TYPE_CHECKING:
     from importlib.metadata import Distribution
 
+ENTRY_POINTS = "rosidl_py_gen.interfaces"
+"""Group of entry points by which installed packages say that they hold definitions; names are those of ROS packages."""
 _PACKAGE = Path(__file__).resolve().parent
 _NAME = "rosidl-py-gen"
 _EXTRA_OF = {

@@ -3,7 +3,8 @@
 Folders called msg, srv or action that hold other files only make no package: those of Python packages, what this tool
 generates among them, and of C++ headers. Virtual environments and CMake's build folders are not looked into.
 
-First hit wins: the folders the caller names, then every prefix of AMENT_PREFIX_PATH, then the bundled interfaces.
+First hit wins: the folders the caller names, then every prefix of AMENT_PREFIX_PATH, then packages that were installed
+as wheels of `distribution`, then the bundled interfaces.
 Reads directory entries and package.xml names; interface files themselves, and the CMakeLists.txt that says which files
 a source package consists of, are opened later, and only when needed.
 """
@@ -14,15 +15,17 @@ import os
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DefinitionError, Problem
 from rosidl_py_gen.names import KINDS, PACKAGE_RULE, RosName, is_package_name
-from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.resources import ENTRY_POINTS, interfaces_dir
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from rosidl_py_gen.spec.listed import Listing
 
@@ -31,6 +34,8 @@ _IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
 _MADE_BY_TOOLS = ("pyvenv.cfg", "CMakeCache.txt")
 """Files of folders that hold copies: of a virtual environment, and of a build."""
 _SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
+INSTALLED = "installed"
+"""The origin of packages that were installed by pip."""
 _MAX_DEPTH = 12
 _MAX_XML_BYTES = 1 << 20
 
@@ -130,9 +135,25 @@ def search_path(
         holders = (Path(entry.path) for entry in _entries(share) if _holds_interfaces(Path(entry.path)))
         _add(found, prefix, (Package(path.name, path, prefix) for path in holders if is_package_name(path.name)))
     if bundled:
+        if installed := [*_installed()]:
+            _add(found, INSTALLED, installed)
         holders = (Path(entry.path) for entry in _entries(interfaces_dir()))
         _add(found, "bundled", (Package(path.name, path, "bundled") for path in holders if _holds_interfaces(path)))
     return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
+
+
+def _installed() -> Iterator[Package]:
+    """Packages whose wheels say where they are; nothing of them is imported."""
+    for one in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):
+        name, module = one
+        try:
+            spec = find_spec(module.partition(".")[0])
+        except (ImportError, ValueError):
+            continue
+        if spec is not None and spec.origin and is_package_name(name):
+            folder = Path(spec.origin).parent
+            if _holds_interfaces(folder):
+                yield Package(name, folder, INSTALLED)
 
 
 def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
