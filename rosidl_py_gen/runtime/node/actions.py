@@ -78,9 +78,9 @@ class NodeActions:
 
         Args:
             execute: gets a `ServerGoal` and returns the result (SUCCEEDED), or ends the goal itself with `succeed`,
-                `abort` or `canceled`, which get the result or leave it to what it returns. An exception, or returning None without having ended it, is ABORTED. A plain
-                function runs in a thread of its own for each goal; it has to look at `goal.cancel_requested`, which is
-                also true when the node closes.
+                `abort` or `canceled`, which get the result or leave it to what it returns. An exception, or returning
+                None without having ended it, is ABORTED. A plain function runs in a thread of its own for each goal; it
+                has to look at `goal.cancel_requested`, which is also true when the node closes.
             accept: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or something that is true
                 or None to accept, and anything else that is false to reject.
             on_cancel: True accepts every cancel, False refuses; a function gets the `ServerGoal`, and anything false

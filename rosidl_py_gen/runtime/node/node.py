@@ -193,6 +193,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         raw: Literal[False] = False,
         arrays: bool = False,
         ignore_local: bool = False,
+        concurrency: int = 1,
     ) -> Subscription[MessageT]: ...
     @overload
     def create_subscription(
@@ -204,6 +205,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         *,
         raw: Literal[True],
         ignore_local: bool = False,
+        concurrency: int = 1,
     ) -> Subscription[bytes]: ...
     @overload
     def create_subscription(
@@ -215,6 +217,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         *,
         raw: Literal[False] = False,
         ignore_local: bool = False,
+        concurrency: int = 1,
     ) -> Subscription[Untyped]: ...
     def create_subscription(
         self,
@@ -226,6 +229,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         raw: bool = False,
         arrays: bool = False,
         ignore_local: bool = False,
+        concurrency: int = 1,
     ) -> Subscription[Any]:
         """Receive from `topic`: iterate over the result, or give a callback (plain or async function).
 
@@ -233,6 +237,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
             raw: messages stay bytes, 4-byte encapsulation header included.
             arrays: sequences of fixed-size messages are structured arrays, as in `decode`; not with `raw` or text.
             ignore_local: nothing from publishers of this context.
+            concurrency: how many calls of an async callback may be under way at once. They begin in order.
 
         Raises:
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
@@ -248,6 +253,7 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
             callback,
             as_profile(qos),
             ignore_local=ignore_local,
+            concurrency=concurrency,
         )
         self.scope.has_callbacks |= callback is not None
         return subscription
