@@ -13,10 +13,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.concurrency import drops_warning, require_concurrency
-from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle
+from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
 from rosidl_py_gen.runtime.endpoints.types import has_buffer
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
+from rosidl_py_gen.runtime.loop.concurrency import drops_warning, require_concurrency
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import topic_name, type_name
@@ -280,6 +280,10 @@ class Subscription(Owned, Generic[T]):
     async def wait_for_publishers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
         """Wait until at least `count` publishers are connected; False when the time passed."""
         return await self._scope.wait_until(lambda: self.publisher_count >= count, timeout_s, lambda: self._closed)
+
+    def __repr__(self) -> str:
+        parts = self.topic, self.message_type, self.qos.short()
+        return shown(self, *parts, peers=lambda: self.publisher_count, peer="publisher")
 
     def close(self) -> None:
         """Stop receiving: iterators end, `receive` raises `ClosedError`. From any thread; may be called twice."""

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 from rosidl_py_gen.cdr import Message, Service
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
+from rosidl_py_gen.runtime.endpoints.scope import counted
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
@@ -48,6 +50,7 @@ ResponseT = TypeVar("ResponseT", bound=Message)
 _DEFAULT_DEPTH = 10
 
 
+@knows_rclpy
 class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
     """A ROS 2 node.
 
@@ -382,4 +385,6 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         self.context.release(self)
 
     def __repr__(self) -> str:
-        return f"Node({self.fully_qualified_name!r}{', closed' if self.is_closed else ''})"
+        others = counted(max(0, len(self.scope.graph.nodes()) - 1), "other node")
+        state = "closed" if self.is_closed else f"domain {self.context.domain_id}, {others}"
+        return f"{type(self).__name__}({self.fully_qualified_name}, {state})"
