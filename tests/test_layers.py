@@ -45,6 +45,7 @@ OWNERS = {
     "description_cache": "base",
     "registration": "base",
     "signatures": "base",
+    "rclpy_names": "base",
     "resources": "base",
     "fieldtype": "base",
     "descriptions": "base",

@@ -36,7 +36,7 @@ from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stam
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.matching import Matching
-from rosidl_py_gen.runtime.endpoints.scope import Composite
+from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -280,6 +280,9 @@ class ActionClient(Composite, Generic[ActionT_co]):
             status = find_status(data, goal_id)
             if status is not None:
                 handle.status_arrived(status)
+
+    def __repr__(self) -> str:
+        return shown(self, self.name, self.action_type, peers=lambda: len(self._send.servers()), peer="server")
 
     def close(self) -> None:
         """Let go of all goals: whoever waits gets `ClosedError`, feedback ends. May be called twice."""

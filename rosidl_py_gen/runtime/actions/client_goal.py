@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic
 
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.loop.stream import Stream
@@ -48,6 +49,7 @@ class AlreadyTerminatedError(CancelError):
     """The goal has ended, or is being cancelled already."""
 
 
+@knows_rclpy
 class ClientGoal(Generic[ActionT_co]):
     """A goal that was accepted; made by `ActionClient.send_goal`. `ClientGoal[Fibonacci]` to a type checker."""
 

@@ -20,7 +20,7 @@ from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness, HandlerRu
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
-from rosidl_py_gen.runtime.endpoints.scope import Composite
+from rosidl_py_gen.runtime.endpoints.scope import Composite, counted, shown
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.callbacks import settle_threadsafe
@@ -85,6 +85,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         )
         ServiceServer(parts, action_type.cancel, names.cancel_goal, self._on_cancel_goal, SERVICES_DEFAULT)
         ServiceServer(parts, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT)
+        self._send_goal = send_goal
         readiness = FeedbackReadiness(parts, send_goal, self._goals.feedback)
         self._runner = None if execute is None else HandlerRunner(parts, self.name, execute, readiness)
         scope.own(self)
@@ -197,6 +198,11 @@ class ActionServer(Composite, Generic[ActionT_co]):
         goal_id = goal_id_of(request)
         goal, _ = self._goals.returning.get(goal_id, (self._goals.active.get(goal_id), None))
         return goal.encoded_result() if goal is not None else self._goals.book.result(goal_id) or self._unknown
+
+    def __repr__(self) -> str:
+        goals = counted(len(self.goals), "active goal")
+        peers = lambda: len(self._send_goal.matched_clients())  # noqa: E731
+        return shown(self, self.name, self.action_type, goals, peers=peers, peer="client")
 
     def close(self) -> None:
         """Stop serving. May be called twice.

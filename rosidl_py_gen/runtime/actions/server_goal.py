@@ -15,6 +15,7 @@ import threading
 from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, GoalEvent, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
@@ -53,6 +54,7 @@ def caller() -> object:
     return threading.get_ident() if current_loop() is None else asyncio.current_task()
 
 
+@knows_rclpy
 class ServerGoal(Generic[ActionT_co]):
     """A goal that was accepted; `ServerGoal[Fibonacci]` to a type checker."""
 

@@ -12,7 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import EncodeError
-from rosidl_py_gen.runtime.endpoints.scope import Owned
+from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
 from rosidl_py_gen.runtime.names.dds import topic_name, type_name
@@ -156,6 +156,10 @@ class Publisher(Owned, Generic[T]):
         """
         self._scope.require_open(self._closed, f"the publisher on {self.topic}")
         self._writer.assert_liveliness()
+
+    def __repr__(self) -> str:
+        parts = self.topic, self.message_type, self.qos.short()
+        return shown(self, *parts, peers=lambda: self.subscription_count, peer="subscription")
 
     def close(self) -> None:
         """Stop publishing; may be called twice. What waits to be sent is dropped."""

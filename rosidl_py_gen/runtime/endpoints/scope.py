@@ -15,6 +15,7 @@ import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
@@ -54,6 +55,10 @@ class Closable(Protocol):
 class Owned:
     """What a node owns: it closes with the node, or before; its constructor ends with `Scope.own`."""
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        knows_rclpy(cls)
+
     def __init__(self, scope: Scope) -> None:
         self._scope = scope
         self._closed = False
@@ -79,6 +84,20 @@ class Composite(Owned):
         """Close everything this is made of. From any thread; may be called twice."""
         if self._ends():
             self._parts.close()
+
+
+def shown(owner: Owned, *parts: str, peers: Callable[[], int], peer: str) -> str:
+    """A `repr`: ``Publisher(/chatter, std_msgs/msg/String, reliable, volatile, keep last 10, 2 subscriptions)``.
+
+    It never fails and never waits: nothing that is closed, or was forked, is asked for its `peers`.
+    """
+    state = "closed" if owner._closed or owner._scope.closed else counted(peers(), peer)
+    return f"{type(owner).__name__}({', '.join((*parts, state))})"
+
+
+def counted(number: int, what: str) -> str:
+    """``1 server``, ``2 servers``."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 class Throttle:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.runtime.endpoints.header import carrier_qos
-from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle
+from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
 from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.outbox import Outbox
@@ -44,6 +44,8 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         """Fully qualified service name, after expansion and remapping."""
         self.service_type = service_type.ros_name
         """``pkg/srv/Name``."""
+        self.qos = carrier_qos(qos)
+        """The profile in use; nothing is dropped for depth, see `carrier_qos`."""
         self._type = service_type
         self._is_client = is_client
         self._throttle = Throttle()
@@ -59,7 +61,7 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
             service_type.response.type_hash,
         )
         create = scope.participant.create_client if is_client else scope.participant.create_server
-        self._reader, self._writer, self._gid = create(told, carrier_qos(qos), node=scope.number)
+        self._reader, self._writer, self._gid = create(told, self.qos, node=scope.number)
         read, written = told.request_hash, told.response_hash
         if is_client:
             read, written = written, read
@@ -88,6 +90,10 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
 
             self._events = ServiceEvents(self._scope, self._type, self.name, is_client=self._is_client)
         self._tap = self._events if self._events.configure(clock, qos, state) else None
+
+    def __repr__(self) -> str:
+        parts, peer = (self.name, self.service_type, self.qos.short()), "server" if self._is_client else "client"
+        return shown(self, *parts, peers=lambda: len(self._reader.matched_writers()), peer=peer)
 
     def _ends(self, *guids: bytes) -> bool:
         """As `Owned._ends`; from then on no events are published, either."""

@@ -13,7 +13,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.endpoints.scope import Owned
+from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.clock import Clock, on_every_jump
@@ -204,6 +204,10 @@ class Timer(Owned):
         with self._rule_lock:
             self._rule.reset(now_ns)
         self._scope.bridge.call_soon(self._arm)
+
+    def __repr__(self) -> str:
+        parts = f"{self._rule.period_ns / 1e9:g} s", self._clock.clock_type.name, *["canceled"] * self.is_canceled
+        return shown(self, *parts, peers=lambda: self.call_count, peer="call")
 
     def close(self) -> None:
         """Stop for ever; whoever waits for a tick gets `ClosedError`. May be called twice."""

@@ -19,6 +19,7 @@ import traceback
 from typing import TYPE_CHECKING, TypedDict
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.rclpy_names import knows_rclpy, refuse_keywords
 from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.names.validation import validate_node_name
 
@@ -100,6 +101,7 @@ class CallSiteFilter:
             return True
 
 
+@knows_rclpy
 class RosLogger(logging.Logger):
     """A logger with the ROS options; get one from `get_logger` or `node.logger`.
 
@@ -161,7 +163,11 @@ class RosLogger(logging.Logger):
         stack_info: bool = False,
         stacklevel: int = 1,
         extra: Mapping[str, object] | None = None,
+        **unknown: object,
     ) -> None:
+        if unknown:
+            refuse_keywords("log", list(unknown))
+            raise TypeError(f"log() got an unexpected keyword argument {next(iter(unknown))!r}")
         if not self.isEnabledFor(level):
             return
         if once or skip_first or throttle_s is not None:

@@ -15,6 +15,7 @@ import warnings
 from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.endpoints.scope import Scope
 from rosidl_py_gen.runtime.endpoints.window import RequestWindows
 from rosidl_py_gen.runtime.graph.discovery import Discovery
@@ -54,6 +55,7 @@ class OpenNode(Protocol):
         """May be called twice."""
 
 
+@knows_rclpy
 class Context:
     """One participant of a domain.
 

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
+from rosidl_py_gen.runtime.endpoints.scope import counted
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
@@ -47,6 +49,7 @@ MessageT = TypeVar("MessageT", bound=Message)
 _DEFAULT_DEPTH = 10
 
 
+@knows_rclpy
 class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParameters):
     """A ROS 2 node.
 
@@ -214,6 +217,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         arrays: bool = False,
         ignore_local: bool = False,
         type_check: TypeCheck | None = None,
+        concurrency: int = 1,
     ) -> Subscription[MessageT]: ...
     @overload
     def create_subscription(
@@ -226,6 +230,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         raw: Literal[True],
         ignore_local: bool = False,
         type_check: TypeCheck | None = None,
+        concurrency: int = 1,
     ) -> Subscription[bytes]: ...
     @overload
     def create_subscription(
@@ -238,6 +243,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         raw: Literal[False] = False,
         ignore_local: bool = False,
         type_check: TypeCheck | None = None,
+        concurrency: int = 1,
     ) -> Subscription[Untyped]: ...
     def create_subscription(
         self,
@@ -250,6 +256,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         arrays: bool = False,
         ignore_local: bool = False,
         type_check: TypeCheck | None = None,
+        concurrency: int = 1,
     ) -> Subscription[Any]:
         """Receive from `topic`: iterate over the result, or give a callback (plain or async function).
 
@@ -258,6 +265,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
             arrays: sequences of fixed-size messages are structured arrays, as in `decode`; not with `raw` or text.
             ignore_local: nothing from publishers of this context.
             type_check: that of `Node`, for this subscription.
+            concurrency: how many calls of an async callback may be under way at once. They begin in order.
 
         Raises:
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
@@ -274,6 +282,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
             as_profile(qos),
             ignore_local=ignore_local,
             type_check=type_check,
+            concurrency=concurrency,
         )
         self.scope.has_callbacks |= callback is not None
         return subscription
@@ -330,4 +339,6 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         self.context.release(self)
 
     def __repr__(self) -> str:
-        return f"Node({self.fully_qualified_name!r}{', closed' if self.is_closed else ''})"
+        others = counted(max(0, len(self.scope.graph.nodes()) - 1), "other node")
+        state = "closed" if self.is_closed else f"domain {self.context.domain_id}, {others}"
+        return f"{type(self).__name__}({self.fully_qualified_name}, {state})"

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.time.schedule import Schedule
@@ -72,6 +73,7 @@ class _JumpCallbacks:
     post: Callable[[TimeJump], None] | None
 
 
+@knows_rclpy
 class Clock:
     """One clock. `system_ns` and `steady_ns` replace the machine's clocks, for tests.
 

@@ -289,7 +289,8 @@ asyncio.run(main())
 """
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     run = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60)
-    assert (run.returncode, run.stderr) == (0, "")
+    others = [line for line in run.stderr.splitlines() if "messages on /flood are dropped" not in line]
+    assert (run.returncode, others) == (0, [])
 
 
 # ------------------------------------------------------------------------------------------------ ordinary callbacks
