@@ -11,6 +11,7 @@ Source: protocol.md 8.1, 8.4, 8.5.
 from __future__ import annotations
 
 import uuid
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
@@ -211,7 +212,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             self._goals.pop(handle.goal_id, None)
             handle.failed(error)
 
-        self._result.ask(request, lambda response: self._on_result(handle, response), on_error)
+        on_reply = partial(self._on_result, handle)
+        self._result.ask(request, on_reply, on_error, lambda: handle.status.is_terminal)
 
     def _on_result(self, handle: ClientGoal[Any], response: Any) -> None:
         self._feedback.deliver()  # what came before the result, and is perhaps not looked at before the next wait

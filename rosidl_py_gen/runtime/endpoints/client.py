@@ -380,6 +380,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
 
     # ------------------------------------------------------------------------------------------------------- state
 
+    def all_acknowledged(self) -> bool:
+        """Whether every server has taken in all requests that were sent; one that lives does so within milliseconds."""
+        return self._writer.all_acknowledged()
+
     @property
     def pending_count(self) -> int:
         """How many calls wait for a response."""
