@@ -11,6 +11,7 @@ Source: protocol.md 8.1, 8.4, 8.5.
 from __future__ import annotations
 
 import uuid
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
@@ -22,6 +23,7 @@ from rosidl_py_gen.runtime.actions.checks import (
     require_stamp,
 )
 from rosidl_py_gen.runtime.actions.client_goal import (
+    ActionServerLostError,
     ActionTimeoutError,
     AlreadyTerminatedError,
     CancelError,
@@ -34,7 +36,7 @@ from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCod
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.endpoints.client import Client
-from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
+from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, ServerLostError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
@@ -140,6 +142,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         Raises:
             GoalRejectedError: the server does not want it.
             ActionTimeoutError: no answer in `timeout_s` seconds; a `TimeoutError`.
+            ActionServerLostError: the server went away before it answered; the goal may have been accepted.
             EncodeError, TypeError: the goal does not fit its type.
             ActionArgumentError: no goal id, or one of a goal of this client that has not ended.
             ForeignServiceError, ClosedError: as their names say.
@@ -178,6 +181,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             return await self._send.call(request, deadline.left_s())
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"goal not answered by action {self.name} in {timeout_s} s") from error
+        except ServerLostError as error:
+            raise ActionServerLostError(f"goal not answered by action {self.name}: {error}") from error
 
     def send_goal_sync(
         self: ActionClient[Action[GoalT, Any, Any]],
@@ -209,7 +214,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             self._goals.pop(handle.goal_id, None)
             handle.failed(error)
 
-        self._result.ask(request, lambda response: self._on_result(handle, response), on_error)
+        on_reply = partial(self._on_result, handle)
+        self._result.ask(request, on_reply, on_error, lambda: handle.status.is_terminal)
 
     def _on_result(self, handle: ClientGoal[Any], response: Any) -> None:
         self._feedback.deliver()  # what came before the result, and is perhaps not looked at before the next wait
@@ -241,7 +247,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
 
         Raises:
             CancelRejectedError: there were goals, and the server refused for all of them.
-            ActionTimeoutError, ClosedError: as their names say.
+            ActionTimeoutError, ActionServerLostError, ClosedError.
         """
         return await self._ask_cancel(ZERO_ID, None, "any goal", timeout_s)
 
@@ -262,6 +268,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             response = await self._cancel.call(request, timeout_s)
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"cancel not answered by action {self.name}: {error}") from error
+        except ServerLostError as error:
+            raise ActionServerLostError(f"cancel not answered by action {self.name}: {error}") from error
         code = int(response.return_code)
         if code != CancelCode.NONE:
             kind, says = _CANCEL_ERRORS.get(code, (CancelError, f"answered with the unknown code {code} about"))

@@ -34,7 +34,7 @@ class ActionTimeoutError(ActionError, TimeoutError):
 
 
 class ActionServerLostError(ActionError):
-    """The server went away before the result was in."""
+    """The server went away before it answered, or before the result was in."""
 
 
 class CancelError(ActionError):
@@ -126,7 +126,8 @@ class ClientGoal(Generic[ActionT_co]):
 
         Raises:
             CancelRejectedError, AlreadyTerminatedError, UnknownGoalError: the server's answer.
-            ActionTimeoutError: no answer in `timeout_s` seconds. ClosedError.
+            ActionTimeoutError: no answer in `timeout_s` seconds. ActionServerLostError: the server went away.
+            ClosedError.
         """
         await self._cancel(self.goal_id, timeout_s)
 

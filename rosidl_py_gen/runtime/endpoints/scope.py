@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import copy
-import itertools
 import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -36,9 +35,6 @@ T = TypeVar("T")
 
 _GRAPH_POLL_S = 0.05
 """Matching inside DDS may follow the discovery event by some moments, and nothing announces that."""
-
-request_numbers = itertools.count(1)
-"""Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
 
 
 class WouldDeadlockError(RosidlError, RuntimeError):

@@ -9,7 +9,7 @@ from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
 from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.outbox import Outbox
-from rosidl_py_gen.runtime.names.dds import request_name
+from rosidl_py_gen.runtime.names.dds import reply_name, request_name
 from rosidl_py_gen.runtime.transport.interface import Service
 
 if TYPE_CHECKING:
@@ -53,6 +53,7 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         self._tap: Tap | None = None
         self._outbox = Outbox(scope.bridge, None, scope.report_failure)
         self._request_topic = request_name(name, prefix=not qos.avoid_ros_namespace_conventions)
+        self._reply_topic = reply_name(name, prefix=not qos.avoid_ros_namespace_conventions)
         told = Service(
             name,
             service_type.ros_name,

@@ -11,6 +11,7 @@ import itertools
 import threading
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.graph.definitions import definitions_differ
 from rosidl_py_gen.runtime.graph.state import Graph
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
@@ -20,6 +21,8 @@ from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodeEntities
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant
 
@@ -38,6 +41,8 @@ class Discovery:
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
         """Who waits for the graph to change."""
+        self.departures: Registrations[Callable[[], None]] = Registrations()
+        """Called when participants or endpoints have left the graph, on the loop's thread or where no loop runs."""
         self.together_s = 0.0
         """How long changes of our own nodes wait for others before peers are told; 0 is one iteration of the loop."""
         self._dirty = False
@@ -123,13 +128,18 @@ class Discovery:
             self._participant.report_discovery()
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
+        someone_left = False
         for event in events:
             if isinstance(event, Lost):
+                someone_left = True
                 self._warned = {pair for pair in self._warned if event.guid not in pair}
                 self._warned_services = {one for one in self._warned_services if event.guid not in one}
             appeared = self.graph.apply(event)
             if appeared is not None:
                 self._compare(appeared)
+        if someone_left:
+            for tell in self.departures:
+                tell()
         self._changed()
 
     # ---------------------------------------------------------------------------------------------------- waiting

@@ -134,7 +134,10 @@ class _Asked:
 
 
 class ParameterClient(Composite):
-    """Made by `create_parameter_client`. Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds."""
+    """Made by `create_parameter_client`.
+
+    Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds, `ServerLostError` when the node leaves.
+    """
 
     def __init__(self, scope: Scope, names: NodeNames, node: str) -> None:
         self.node = names.resolve_topic(node)
