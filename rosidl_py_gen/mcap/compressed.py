@@ -6,11 +6,13 @@ Decides where a compressed file is unpacked: into a temporary folder, piece by p
 from __future__ import annotations
 
 import shutil
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
+from rosidl_py_gen.mcap.chunks import MOST_WINDOW
 from rosidl_py_gen.mcap.common import BagError, BagTopic
 from rosidl_py_gen.mcap.storage import damage_told
 
@@ -23,25 +25,43 @@ SUFFIX = ".zstd"
 _MAGIC = b"\x28\xb5\x2f\xfd"
 """Begins what zstd made. Messages of CDR begin with a zero."""
 _PIECE = 1 << 20
+_MOST_RATIO = 1000
+_MOST_HEAD = 18
+"""Bytes of the head of a frame, which says how large it becomes."""
 
 
-def unpack_file(path: Path, folder: Path) -> Path:
+def unpack_file(path: Path, folder: Path, max_bytes: int) -> Path:
     """Unpack a file into `folder`, under its name without ``.zstd``.
 
+    Args:
+        max_bytes: what it may become, unless that is less than a thousand times its size.
+
     Raises:
-        BagError: it is damaged, or what it becomes does not fit there. OSError: it cannot be read.
+        BagError: it is damaged, or what it becomes is too large or does not fit there. OSError: it cannot be read.
     """
     target = folder / path.name.removesuffix(SUFFIX)
     room = shutil.disk_usage(folder).free // 2
+    most = max(max_bytes, _MOST_RATIO * path.stat().st_size)
     with path.open("rb") as packed, target.open("wb") as unpacked, damage_told(path):
         written = 0
-        with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as stream:
+        said = frame_content_size(packed.read(_MOST_HEAD))
+        packed.seek(0)
+        _require_size(path, said, most)
+        with ZstdDecompressor(max_window_size=MOST_WINDOW).stream_reader(packed, read_across_frames=True) as stream:
             while piece := stream.read(_PIECE):
                 written += len(piece)
                 if written > room:
                     raise BagError(f"{path}: it becomes more than {room} bytes, half of what is free in {folder}")
+                _require_size(path, written, most)
                 unpacked.write(piece)
+        if written < said:
+            raise BagError(f"{path}: damaged: it becomes {written} bytes, and says {said}")
     return target
+
+
+def _require_size(path: Path, size: int, most: int) -> None:
+    if size > most:
+        raise BagError(f"{path}: it becomes {size} bytes; expected at most {most}, unless max_unpacked_bytes is more")
 
 
 class CompressedMessages:
@@ -61,7 +81,14 @@ class CompressedMessages:
         return self._storage.span()
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
-        for channel, data, log_time, publish_time in self._storage.messages(topics, start, end):
+        found = self._storage.messages(topics, start, end)
+        for first in found:
+            rest = chain(iter([first]), found)  # which keeps nothing of it
+            return self._all_unpacked(rest) if bytes(first[1][:4]) == _MAGIC else rest  # all are, or none
+        return iter(())
+
+    def _all_unpacked(self, found: Iterator[Raw]) -> Iterator[Raw]:
+        for channel, data, log_time, publish_time in found:
             yield channel, self._unpacked(bytes(data), channel.topic, log_time), log_time, publish_time
 
     def _unpacked(self, data: bytes, topic: str, log_time: int) -> bytes:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from mcap.records import Schema
 
 ENCODINGS = ("ros2msg", "ros2idl")
+_HEADER_BYTES = 4
 
 
 class DecoderFactory(McapDecoderFactory):
@@ -48,7 +49,14 @@ class DecoderFactory(McapDecoderFactory):
 
 def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes | memoryview], Any]:
     """The `decode` of a class; the function itself, as a wrapper costs as much as a small message."""
+    if not cls._TYPE.fields:
+        return partial(_nothing, cls)
     return partial(cls.decode, arrays=True) if arrays else cls.decode
+
+
+def _nothing(cls: type[Any], data: bytes | memoryview) -> Any:
+    """An empty message: ROS writes a byte for it, other writers none."""
+    return cls.decode(bytes(data) + b"\0" if len(data) == _HEADER_BYTES else data)
 
 
 def message_class(name: str, definition: bytes) -> type[Any]:

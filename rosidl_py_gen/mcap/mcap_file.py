@@ -9,13 +9,14 @@ from __future__ import annotations
 from bisect import bisect_left
 from dataclasses import replace
 from functools import cached_property
+from heapq import heapify, heappop, heappush
 from operator import attrgetter
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from mcap.writer import MCAP0_MAGIC
 
-from rosidl_py_gen.mcap.chunks import Unpacker
+from rosidl_py_gen.mcap.chunks import WHOLE, Unpacker, head_of, is_large, pieces
 from rosidl_py_gen.mcap.common import BagError, BagTopic
 from rosidl_py_gen.mcap.mcap_index import Index, Part, read_index, walk
 from rosidl_py_gen.mcap.storage import LOG_TIME, MAX_UNPACKED_BYTES, Channel, damage_told
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from mcap.records import Channel as ChannelRecord
     from mcap.records import Schema
 
+    from rosidl_py_gen.mcap.chunks import Head
     from rosidl_py_gen.mcap.storage import Raw
 
 
@@ -44,6 +46,7 @@ class McapFile:
         self._unpacker = Unpacker(path, max_unpacked_bytes, validate_crcs)
         self._reading = Lock()  # of `_stream`, which several iterations may read from
         self._stream = path.open("rb")
+        self._ordered: dict[int, bool] = {}  # of large chunks, by where they are
         try:
             with damage_told(path):
                 self._size = path.stat().st_size
@@ -74,6 +77,8 @@ class McapFile:
                 if start < end:
                     self._walk(loose, start, end)
             index.gaps = []
+            spans = [one for one in (index.span, loose.span) if one is not None]
+            index.span = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
         return sorted(index.parts, key=attrgetter("first"))
 
     def _walk(self, index: Index, start: int, end: int) -> None:
@@ -100,6 +105,9 @@ class McapFile:
         }
 
     def span(self) -> tuple[int, int] | None:
+        if self._index.counts is None:  # no statistics: what lies outside of chunks is looked for
+            with damage_told(self._path):
+                return self._index.span if self._parts else None
         return self._index.span
 
     # ------------------------------------------------------------------------------------------------------ messages
@@ -117,24 +125,81 @@ class McapFile:
         self, parts: list[Part], wanted: Mapping[int, Channel], known: Container[int], start: int, end: int
     ) -> Iterator[Raw]:
         waiting: list[Raw] = []
-        for number, part in enumerate(parts):
-            found = self._unpacker.messages(self._read(part), wanted, known)
-            waiting += [one for one in found if start <= one[2] < end]
-            waiting.sort(key=LOG_TIME)
-            if number + 1 < len(parts):
-                ready = bisect_left(waiting, parts[number + 1].first, key=LOG_TIME)
+        due = [(part.first, number, self._blocks(part, wanted, known)) for number, part in enumerate(parts)]
+        heapify(due)
+        while due:
+            since, number, blocks = heappop(due)
+            if (block := next(blocks, None)) is None:
+                continue
+            found, size, has_more = block
+            if has_more:
+                heappush(due, (found[-1][2] if found else since, number, blocks))
+            if found and (found[0][2] < start or found[-1][2] >= end):
+                found = [one for one in found if start <= one[2] < end]
+            waiting = sorted(waiting + found, key=LOG_TIME) if waiting else [*found]
+            del block
+            if size > WHOLE:  # not kept while the next is unpacked, as small ones are, whose memory is not new then
+                del found
+            if due:
+                ready = bisect_left(waiting, due[0][0], key=LOG_TIME)
                 yield from waiting[:ready]
                 del waiting[:ready]
                 if waiting:
                     self._require_few(waiting)
         yield from waiting
 
-    def _read(self, part: Part) -> bytes:
-        """The records of a part."""
+    # --------------------------------------------------------------------------------------------------------- parts
+
+    def _blocks(
+        self, part: Part, wanted: Mapping[int, Channel], known: Container[int]
+    ) -> Iterator[tuple[list[Raw], int, bool]]:
+        """The messages of a part, at once or piece by piece, each with its size and whether more may follow."""
+        head = head_of(self._read, part.offset, part.end, str(self._path)) if part.is_chunk else None
+        if head is None or not self._is_cut(head, known):
+            data = self._read(part.offset, max(0, part.end - part.offset))
+            if head is not None:
+                data = self._unpacker.unpacked(data)
+            found = self._unpacker.messages(data, wanted, known)
+            size = len(data)
+            del data
+            self._sort(part, found)
+            yield found, size, False
+            return
+        for some, whole in pieces(self._read, head, False):  # its checksum was compared
+            found = self._unpacker.messages(some, wanted, known, whole)
+            self._sort(part, found)
+            yield found, len(some), True
+
+    def _is_cut(self, head: Head, known: Container[int]) -> bool:
+        """Whether a chunk is read in pieces: it is large, and its messages are in order, which takes reading it all."""
+        self._unpacker.require_size(head)
+        if not is_large(self._read, head):
+            return False
+        is_ordered = self._ordered.get(head.at)
+        if is_ordered is None:
+            last, is_ordered = 0, True
+            everything = self._channels(self._index)
+            for some, whole in pieces(self._read, head, self._unpacker.validate_crcs):
+                for _, _, log_time, _ in self._unpacker.messages(some, everything, known, whole):
+                    is_ordered, last = is_ordered and log_time >= last, log_time
+            self._ordered[head.at] = is_ordered
+        return is_ordered
+
+    def _sort(self, part: Part, found: list[Raw]) -> None:
+        """By log time. Raises `BagError`: parts are chosen and ordered by the times that are told of them."""
+        if found:
+            found.sort(key=LOG_TIME)
+            first, last = found[0][2], found[-1][2]
+            if first < part.first or last > part.last:
+                raise BagError(
+                    f"{self._path}: damaged: a chunk says its messages are from {part.first} to {part.last} ns, and "
+                    f"has some from {first} to {last} ns"
+                )
+
+    def _read(self, at: int, size: int) -> bytes:
         with self._reading:
-            self._stream.seek(part.offset)
-            data = self._stream.read(max(0, part.end - part.offset))
-        return self._unpacker.unpacked(data) if part.is_chunk else data
+            self._stream.seek(at)
+            return self._stream.read(size)
 
     def _require_few(self, waiting: list[Raw]) -> None:
         held = sum(len(one[1]) for one in waiting)

@@ -19,7 +19,7 @@ from mcap.reader import SeekingReader
 from mcap.records import Channel, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from rosidl_py_gen.mcap.chunks import IS_MESSAGE, MESSAGE, RECORD, Unpacker
+from rosidl_py_gen.mcap.chunks import IS_MESSAGE, MESSAGE, RECORD, Unpacker, head_of, is_large, pieces
 from rosidl_py_gen.mcap.common import BagError
 from rosidl_py_gen.mcap.storage import MAX_TIME
 
@@ -74,18 +74,25 @@ class Index:
     span: tuple[int, int] | None = None
     gaps: list[tuple[int, int]] = field(default_factory=list)
 
-    def take(self, opcode: int, body: bytes) -> None:
+    def take(self, opcode: int, body: bytes | bytearray) -> None:
         """Keep what a record says of schemas and channels."""
         stream = ReadDataStream(_stream(body))
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
-            self.schemas[schema.id] = schema
+            _require_same(self.schemas.setdefault(schema.id, schema), schema)
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(stream)
-            self.channels[channel.id] = channel
+            _require_same(self.channels.setdefault(channel.id, channel), channel)
 
 
-def _stream(body: bytes) -> IO[bytes]:
+def _require_same(before: Schema | Channel, now: Schema | Channel) -> None:
+    """Raises `BagError`: what was written with the other one would be read wrong."""
+    if before != now:
+        kind = type(now).__name__.lower()
+        raise BagError(f"damaged: {kind} {now.id} is told twice, and not the same")
+
+
+def _stream(body: bytes | bytearray) -> IO[bytes]:
     from io import BytesIO
 
     return BytesIO(body)
@@ -177,7 +184,8 @@ def walk(stream: IO[bytes], size: int, unpacker: Unpacker, index: Index, start: 
             break
         opcode, length = RECORD.unpack_from(head)
         body, after = at + RECORD.size, at + RECORD.size + length
-        if after > size:
+        if after > size or not opcode:  # zeros are what a crash of the machine leaves
+            _require_no_end(stream, at)
             break
         if opcode == IS_MESSAGE:
             if len(head) < MESSAGE.size or length < MESSAGE.size - RECORD.size:
@@ -190,14 +198,20 @@ def walk(stream: IO[bytes], size: int, unpacker: Unpacker, index: Index, start: 
         else:
             loose.end()
             if opcode == Opcode.CHUNK:
-                stream.seek(body)
-                _add_chunk(unpacker.unpacked(stream.read(length)), body, after, index)
+                _add_chunk(_pieces(stream, unpacker, body, after), body, after, index)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 stream.seek(body)
                 index.take(opcode, stream.read(length))
         at = after
     loose.end()
     return at >= end
+
+
+def _require_no_end(stream: IO[bytes], at: int) -> None:
+    """Raises `BagError` when a file was ended, so that what follows is damaged, not missing."""
+    stream.seek(-len(MCAP0_MAGIC), SEEK_END)
+    if stream.read() == MCAP0_MAGIC:
+        raise BagError(f"damaged: no record at byte {at}, though the file has an end")
 
 
 def _require_checksum(stream: IO[bytes], unpacker: Unpacker, at: int, length: int, has_loose: bool) -> None:
@@ -210,7 +224,7 @@ def _require_checksum(stream: IO[bytes], unpacker: Unpacker, at: int, length: in
         raise BagError("damaged: the checksum of its messages is another")
 
 
-def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
+def _records(data: bytes | bytearray) -> Iterator[tuple[int, int, int]]:
     """Kind, beginning and end of each record."""
     at, size = 0, len(data)
     while at < size:
@@ -222,18 +236,35 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
         at = end
 
 
-def _add_chunk(data: bytes, offset: int, end: int, index: Index) -> None:
+def _pieces(stream: IO[bytes], unpacker: Unpacker, body: int, end: int) -> Iterator[bytes | bytearray]:
+    """The records of a chunk, at once or a megabyte at a time."""
+
+    def read(at: int, size: int) -> bytes:
+        stream.seek(at)
+        return stream.read(size)
+
+    head = head_of(read, body, end, unpacker.where)
+    unpacker.require_size(head)
+    if is_large(read, head):
+        for data, whole in pieces(read, head, unpacker.validate_crcs):
+            yield data if whole == len(data) else data[:whole]
+    else:
+        yield unpacker.unpacked(read(body, end - body))
+
+
+def _add_chunk(some: Iterator[bytes | bytearray], offset: int, end: int, index: Index) -> None:
     first, last, channels = MAX_TIME, -1, set()
     counts = index.counts
-    for opcode, at, after in _records(data):
-        if opcode == IS_MESSAGE:
-            _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data, at)
-            channels.add(channel)
-            first, last = min(first, log_time), max(last, log_time)
-            if counts is not None:
-                counts[channel] = counts.get(channel, 0) + 1
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            index.take(opcode, data[at + RECORD.size : after])
+    for data in some:
+        for opcode, at, after in _records(data):
+            if opcode == IS_MESSAGE:
+                _, _, channel, _, log_time, _ = MESSAGE.unpack_from(data, at)
+                channels.add(channel)
+                first, last = min(first, log_time), max(last, log_time)
+                if counts is not None:
+                    counts[channel] = counts.get(channel, 0) + 1
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                index.take(opcode, data[at + RECORD.size : after])
     if channels:
         _add(index, Part(offset, end, True, first, last, channels))
 

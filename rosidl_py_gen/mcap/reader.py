@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rosidl_py_gen.errors import DecodeError, RosidlError
 from rosidl_py_gen.mcap.common import BagError, BagMessage, BagTopic, BagWarning, LeftOut, RawMessage
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.dynamic import Folders
     from rosidl_py_gen.mcap.definitions import Typestore
 
-_END = 1 << 63
+_END = 1 << 64
 _SUFFIXES = ".mcap", ".db3"
 
 
@@ -101,7 +101,7 @@ class BagReader:
     def _paths(self) -> tuple[list[Path], bool, dict[str, str]]:
         """The files, whether their messages may be compressed one by one, and what is known of hashes, by topic."""
         if not self.path.is_dir():
-            return [self.path], False, {}
+            return [self.path], True, {}
         if not (self.path / FILE).exists():  # the recorder was killed
             found = sorted(
                 file for file in self.path.iterdir() if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES
@@ -122,7 +122,7 @@ class BagReader:
     def _opened(self, path: Path, validate_crcs: bool, max_unpacked_bytes: int) -> Storage:
         if path.suffix == SUFFIX:
             folder = self._unpacked.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-"))
-            path = unpack_file(path, Path(folder))
+            path = unpack_file(path, Path(folder), max_unpacked_bytes)
         if path.suffix == ".db3":
             return SqliteFile(path)
         if path.suffix == ".mcap":
@@ -178,6 +178,7 @@ class BagReader:
         end_ns: int | None = None,
         raw: bool = False,
         arrays: bool = False,
+        on_error: Literal["raise", "skip"] = "raise",
     ) -> Iterator[BagMessage]:
         """Messages by log time, each decoded with the definition it was written with.
 
@@ -188,11 +189,15 @@ class BagReader:
             end_ns: only those with ``log_time < end_ns``.
             raw: messages stay bytes of CDR, and cost no decoding.
             arrays: sequences of fixed-size messages become structured arrays, as in `decode`.
+            on_error: of a message that is damaged; ``"skip"`` leaves it out as one whose type is not known.
 
         Raises:
+            ValueError: another `on_error`.
             BagError: damaged, no such topic, or one of `topics` cannot be decoded. DecodeError: a message is damaged;
                 names the topic and the time.
         """
+        if on_error not in ("raise", "skip"):
+            raise ValueError(f'on_error is "raise" or "skip", got {on_error!r}')
         names = self._names(topics)
         if raw:
             found = self._merged(names, start_ns, end_ns)
@@ -200,7 +205,8 @@ class BagReader:
         for name in names or ():
             for one in self._channels_of(name):
                 self.message_class(one)
-        return self._decoded(self._merged(names, start_ns, end_ns), arrays, may_leave_out=names is None)
+        found = self._merged(names, start_ns, end_ns)
+        return self._decoded(found, arrays, names is None, on_error == "skip")
 
     def raw_messages(
         self,
@@ -222,7 +228,7 @@ class BagReader:
     def _merged(self, names: list[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Raw]:
         return merged(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
 
-    def _decoded(self, found: Iterable[Raw], arrays: bool, may_leave_out: bool) -> Iterator[BagMessage]:
+    def _decoded(self, found: Iterable[Raw], arrays: bool, may_leave_out: bool, may_skip: bool) -> Iterator[BagMessage]:
         decoders: dict[Channel, Callable[[bytes | memoryview], Any] | None] = {}
         make = tuple.__new__  # what BagMessage() does, in half the time
         for channel, data, log_time, publish_time in found:
@@ -237,7 +243,11 @@ class BagReader:
                 message = decode(data)
             except DecodeError as error:
                 place = f"{self.path}: {channel.topic} at {log_time} ns: {error.path}"
-                raise DecodeError(place, error.offset_bytes, error.reason) from None
+                told = DecodeError(place, error.offset_bytes, error.reason)
+                if not may_skip:
+                    raise told from None
+                self._leave_out(channel.topic, told)
+                continue
             except WrongDefinitionError as error:
                 if not may_leave_out:
                     raise WrongDefinitionError(f"{self.path}: {error}") from None

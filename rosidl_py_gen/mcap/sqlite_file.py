@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+from io import SEEK_END
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.mcap.common import BagError, BagTopic
 from rosidl_py_gen.mcap.mcap_file import joined
-from rosidl_py_gen.mcap.storage import MAX_TIME, Channel, damage_told
+from rosidl_py_gen.mcap.storage import Channel, damage_told
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 _TABLES = "messages", "topics", "message_definitions"
 """What is read of a database."""
 _JOURNALS = "-wal", "-journal"
+_JOURNAL_MAGIC = b"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7"
+"""What a journal begins with, and ends with when it names a journal of several databases."""
+_MAX_TIME = (1 << 63) - 1
 
 
 class SqliteFile:
@@ -47,8 +51,9 @@ class SqliteFile:
             raise
 
     def _connected(self) -> sqlite3.Connection:
-        ends = [end for end in _JOURNALS if Path(f"{self._path}{end}").is_file()]
-        if not any(Path(f"{self._path}{end}").stat().st_size for end in ends):
+        real = self._path.resolve()  # beside which SQLite looks for them
+        ends = [end for end in _JOURNALS if Path(f"{real}{end}").is_file()]
+        if not any(Path(f"{real}{end}").stat().st_size for end in ends):
             return _connect(self._path, "mode=ro&immutable=1")
         base = _connect(self._path, "mode=ro")
         try:
@@ -59,7 +64,8 @@ class SqliteFile:
         self._copy = TemporaryDirectory(prefix="rosidl-py-gen-bag-")
         copied = Path(self._copy.name, "bag.db3")
         for end in ("", *ends):
-            shutil.copyfile(f"{self._path}{end}", f"{copied}{end}")
+            shutil.copyfile(f"{real}{end}", f"{copied}{end}")
+        _require_own_journal(self._path, Path(f"{copied}-journal"))
         return _connect(copied, "mode=rw")
 
     def _require_tables(self) -> None:
@@ -126,8 +132,8 @@ class SqliteFile:
             marks = ",".join("?" * len(wanted))
             rows = self._base.execute(
                 f"select topic_id, timestamp, data from messages where topic_id in ({marks}) and timestamp >= ? "
-                "and timestamp < ? order by timestamp, id",
-                [*wanted, min(start, MAX_TIME), min(end, MAX_TIME)],
+                "and timestamp <= ? order by timestamp, id",
+                [*wanted, min(start, _MAX_TIME), min(end - 1, _MAX_TIME)],
             )
             for key, stamp, data in rows:
                 if not isinstance(data, bytes) or not isinstance(stamp, int):
@@ -138,6 +144,15 @@ class SqliteFile:
         self._base.close()
         if self._copy is not None:
             self._copy.cleanup()
+
+
+def _require_own_journal(path: Path, journal: Path) -> None:
+    """Raises `BagError`: SQLite deletes the file that a journal of several databases names, whatever it is."""
+    if journal.is_file():
+        with journal.open("rb") as stream:
+            stream.seek(-min(len(_JOURNAL_MAGIC), journal.stat().st_size), SEEK_END)
+            if stream.read() == _JOURNAL_MAGIC:
+                raise BagError(f"{path}: its -journal is of several databases; expected one of this file alone")
 
 
 def _connect(path: Path, how: str) -> sqlite3.Connection:

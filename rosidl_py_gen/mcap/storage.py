@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import heapq
+from itertools import chain
 from operator import itemgetter
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from pathlib import Path
 
-MAX_TIME = (1 << 63) - 1
+MAX_TIME = (1 << 64) - 1
+"""Of MCAP; databases have half of it."""
 MAX_UNPACKED_BYTES = 1 << 30
 """What is unpacked at once, a chunk above all, may become so large where the user does not say otherwise."""
 LOG_TIME = itemgetter(2)
@@ -38,6 +40,8 @@ class Channel:
         self.topic = info.name
 
 
+_NOTHING = Channel(BagTopic("", ""))
+"""Comes at the time at which a file begins."""
 Raw: TypeAlias = "tuple[Channel, bytes | memoryview, int, int]"
 """What a `BagMessage` has, before decoding; a plain tuple is made in a third of the time. Large messages view the chunk
 they are in, and so do the arrays that are decoded from them.
@@ -80,4 +84,14 @@ def merged(files: list[Storage], topics: Collection[str] | None, start: int, end
     """The messages of several files by log time."""
     if len(files) == 1:
         return files[0].messages(topics, start, end)
-    return heapq.merge(*(one.messages(topics, start, end) for one in files), key=LOG_TIME)
+    each = []
+    for file in files:
+        span = file.span()
+        if span is not None and span[0] < end and span[1] >= start:
+            each.append(chain(((_NOTHING, b"", span[0], 0),), _late(file, topics, start, end)))
+    return (one for one in heapq.merge(*each, key=LOG_TIME) if one[0] is not _NOTHING)
+
+
+def _late(file: Storage, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+    """Begun when its first message may be due, so that not every file of a bag has a chunk in memory."""
+    yield from file.messages(topics, start, end)
