@@ -104,12 +104,19 @@ class Session:
             raise
 
     async def __aenter__(self) -> Self:
+        self.context.discovery.on_mismatch = self._note_mismatch
         await self.node.__aenter__()
         return self
 
     async def __aexit__(self, *_: object) -> None:
         self.node.close()
         self.context.close()
+
+    def _note_mismatch(self, text: str) -> None:
+        """Say on standard error why nothing comes."""
+        from rosidl_py_gen.tools import printing
+
+        printing.note(f"warning: {text.replace(f'node {self.node.fully_qualified_name}', 'this command')}")
 
     async def settle(self) -> None:
         """Listen until discovery says nothing new: at least 0.2 s, at most 2 s; or as long as the user said.

@@ -52,6 +52,8 @@ class Discovery:
         self._warned: set[tuple[bytes, bytes]] = set()
         self._warned_services: set[tuple[str, bytes, bytes]] = set()
         self._mismatches: list[tuple[EndpointFound, EndpointFound, str]] = []
+        self.on_mismatch: Callable[[str], None] | None = None
+        """Is told instead of the log which endpoints of ours do not understand others; of commands, which have none."""
         self.type_checks: dict[bytes, str] = {}
         """Of our endpoints, what becomes of messages of another definition, where that is not "error"."""
         participant.set_discovery_sink(self._on_events)
@@ -154,43 +156,54 @@ class Discovery:
 
     # ------------------------------------------------------------------------------------------------ mismatches
 
+    def why_apart(self, writer: EndpointFound, reader: EndpointFound) -> str:
+        """Why a writer and a reader of one topic do not understand each other; empty when they do."""
+        if writer.type != reader.type:
+            return f"types differ, {_shown_type(writer)} and {_shown_type(reader)}"
+        if reason := self._participant.mismatch(writer, reader):
+            return reason
+        if definitions_differ(writer, reader.type_hash, reader.service_hash):
+            hashes = [one.type_hash or one.service_hash for one in (writer, reader)]
+            return f"they have {_shown_type(writer)} by different definitions, {hashes[0]} and {hashes[1]}"
+        return ""
+
     def _compare(self, new: EndpointFound) -> None:
         """Look for endpoints that `new` should talk to but cannot; one side must be ours."""
         mine = self._participant.guid
         for other in self.graph.on_topic(new.topic, writers=not new.is_writer):
-            if mine not in (new.participant_guid, other.participant_guid) or new.type != other.type:
-                continue
             writer, reader = (new, other) if new.is_writer else (other, new)
-            pair = (writer.guid, reader.guid)
-            if pair in self._warned:
+            ours = [one for one in (writer, reader) if one.participant_guid == mine]
+            if not ours or (writer.guid, reader.guid) in self._warned:
                 continue
-            reason = self._participant.mismatch(writer, reader) or self._type_mismatch(writer, reader)
-            if reason:
-                self._warned.add(pair)
-                self._mismatches.append((writer, reader, reason))
-                loop = self._bridge.loop
-                if loop is not None:
-                    loop.call_later(_NAME_PATIENCE_S, self._warn_mismatches)
+            reason = self.why_apart(writer, reader)
+            if not reason or not self._is_news(writer, reader):
+                continue
+            self._warned.add((writer.guid, reader.guid))
+            modes = {self.type_checks.get(one.guid, "error") for one in ours}
+            if "by different definitions" in reason:
+                if modes == {"off"}:
+                    continue
+                if reader in ours and "error" not in modes:
+                    reason += "; they are used all the same, as type_check says"
+                else:
+                    reason += (
+                        ". Bring both to one, or take that of the other side: `await node.resolve_type(topic)`, or "
+                        "`rosidl-py`, which looks it up"
+                    )
+            self._mismatches.append((writer, reader, reason))
+            loop = self._bridge.loop
+            if loop is not None:
+                loop.call_later(_NAME_PATIENCE_S, self._warn_mismatches)
 
-    def _type_mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
-        """Why what one writes means something else to the other; empty when it does not."""
-        mine = self._participant.guid
-        modes = {self.type_checks.get(one.guid, "error") for one in (writer, reader) if one.participant_guid == mine}
-        if modes == {"off"} or not definitions_differ(writer, reader.type_hash, reader.service_hash):
-            return ""
-        name = demangle_service(writer.topic)  # both halves of a service may differ
-        if name is not None:
-            one, two = sorted((writer.participant_guid, reader.participant_guid))
-            if (name, one, two) in self._warned_services:
-                return ""
-            self._warned_services.add((name, one, two))
-        shown = demangle_type(writer.type) or demangle_service_type(writer.type) or writer.type
-        hashes = [one.type_hash or one.service_hash for one in (writer, reader)]
-        are_used = "" if reader.participant_guid != mine or "error" in modes else "; they are used, as type_check says"
-        return (
-            f"they have {shown} by different definitions{are_used}: {hashes[0]} and {hashes[1]}. Bring both to one, or "
-            "take that of the other side: `await node.resolve_type(topic)`, or `rosidl-py`, which looks it up"
-        )
+    def _is_news(self, writer: EndpointFound, reader: EndpointFound) -> bool:
+        """Whether it is the first half of a service between two participants; the other says the same."""
+        name = demangle_service(writer.topic)
+        if name is None:
+            return True
+        one, two = sorted((writer.participant_guid, reader.participant_guid))
+        known = (name, one, two) in self._warned_services
+        self._warned_services.add((name, one, two))
+        return not known
 
     def _warn_mismatches(self, *, final: bool = True) -> None:
         waiting, self._mismatches = self._mismatches, []
@@ -201,13 +214,19 @@ class Discovery:
                 continue
             own = writer if writer.participant_guid == self._participant.guid else reader
             name = demangle_topic(own.topic) or demangle_service(own.topic) or own.topic
+            text = f"no messages on {name} from {words[0]} to {words[1]}: {reason}"
+            if self.on_mismatch is not None:
+                self.on_mismatch(text)
+                continue
             namespace, node_name = self.graph.node_of(own)
-            get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(
-                f"no messages on {name} from {words[0]} to {words[1]}: {reason}"
-            )
+            get_logger(logger_name(fully_qualified_node_name(node_name, namespace))).warning(text)
 
     def close(self) -> None:
         """Announce nothing more and release whoever waits."""
         self._closed = True
         self._mismatches.clear()
         self._changed()
+
+
+def _shown_type(endpoint: EndpointFound) -> str:
+    return demangle_service_type(endpoint.type) or demangle_type(endpoint.type) or endpoint.type

@@ -196,16 +196,16 @@ def _mismatch(node: Node, topic: str, writer: TopicEndpointInfo, reader: TopicEn
     endpoints, participant = node.scope.graph.endpoints, node.scope.participant
     nodes = [f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in (writer, reader)]
     said = f"no messages on {topic} from {nodes[0]} to {nodes[1]}"
-    hashes = {writer.topic_type_hash, reader.topic_type_hash} - {""}
+    discovery = node.scope.discovery
+    reason = discovery.why_apart(endpoints[writer.endpoint_gid], endpoints[reader.endpoint_gid])
     if writer.topic_type != reader.topic_type:
-        text = f"types differ, {writer.topic_type} and {reader.topic_type}"
-        yield Finding(WARNING, f"{said}: {text}", public="types differ on a topic")
-    elif reason := participant.mismatch(endpoints[writer.endpoint_gid], endpoints[reader.endpoint_gid]):
+        yield Finding(WARNING, f"{said}: {reason}", public="types differ on a topic")
+    elif reason and reason == participant.mismatch(endpoints[writer.endpoint_gid], endpoints[reader.endpoint_gid]):
         advice, public = "", "two ends of a topic do not connect"
         if participant.middleware == "DDS":  # elsewhere the reason may name a type
             advice = "give both the same reliability and durability, or the publisher the stronger ones"
             public += f": {reason}"
         yield Finding(WARNING, f"{said}: {reason}", advice, public=public)
-    elif len(hashes) > 1:
-        text = f"both have a {writer.topic_type}, but by different definitions; what arrives may be misread"
-        yield Finding(WARNING, f"{topic}: {nodes[0]} and {nodes[1]} {text}", public="definitions differ on a topic")
+    elif reason:
+        advice = "bring both to one definition; until then our nodes do not use what arrives, and others may misread it"
+        yield Finding(WARNING, f"{said}: {reason}", advice, public="definitions differ on a topic")

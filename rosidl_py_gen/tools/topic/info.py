@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import History
@@ -30,6 +30,7 @@ async def _info(
         types = dict(node.get_topic_names_and_types()).get(name, [])
         publishers = node.get_publishers_info_by_topic(name)
         subscribers = node.get_subscriptions_info_by_topic(name)
+        apart = [*_apart(session, publishers, subscribers)]
     if only_type:
         if as_json:
             printing.document(types)
@@ -37,10 +38,26 @@ async def _info(
             printing.line("\n".join(types))
     elif as_json:
         ends = {"publishers": [*map(_plain, publishers)], "subscribers": [*map(_plain, subscribers)]}
-        printing.document({"name": name, "types": types, **ends})
+        printing.document({"name": name, "types": types, **ends, "mismatches": apart})
     else:
         _show(types, publishers, subscribers, verbose)
+        for text in apart if verbose else ():
+            printing.line(f"warning: {text}", "yellow")
     return 0
+
+
+def _apart(
+    session: Session, publishers: Sequence[TopicEndpointInfo], subscribers: Sequence[TopicEndpointInfo]
+) -> Iterator[str]:
+    """Which of them do not understand each other, and why."""
+    discovery = session.context.discovery
+    endpoints = discovery.graph.endpoints
+    for one in publishers:
+        for two in subscribers:
+            ends = endpoints.get(one.endpoint_gid), endpoints.get(two.endpoint_gid)
+            if ends[0] is not None and ends[1] is not None and (reason := discovery.why_apart(ends[0], ends[1])):
+                names = [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in (one, two)]
+                yield f"no messages from {names[0]} to {names[1]}: {reason}"
 
 
 def _show(
