@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 from example_interfaces.action import Fibonacci
 from std_msgs.msg import Int64, String
 from std_srvs.srv import SetBool
 
-from rosidl_py_gen.runtime import Context, Duration, MemoryTransport, Node, run, spin
+from rosidl_py_gen.runtime import Context, Duration, LifecycleNode, MemoryTransport, Node, State, run, spin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
@@ -56,6 +57,26 @@ async def set_parameter(node: Node, kind: str) -> None:
     node.set_parameters({"p": 2})
 
 
+async def until_canceled(goal: Any) -> None:
+    await goal.wait_for_cancel()
+
+
+@dataclass
+class Speed:
+    top: float = 1.0
+
+
+async def declare(node: Node) -> None:
+    calm = [True]
+
+    def validator(speed: Speed) -> str | None:
+        return None if calm else cast("str", fails())
+
+    node.declare_parameters(Speed, validator=validator)
+    calm.clear()
+    node.set_parameters({"top": 2.0})
+
+
 async def jump(node: Node) -> None:
     node.clock.create_jump_callback(post=fails, on_clock_change=True)
     node.clock.enable_ros_time_override()
@@ -76,6 +97,8 @@ WAYS: dict[str, Callable[[Node], Coroutine[Any, Any, None]]] = {
     "action in a thread": lambda node: send_goal(node, execute=fails),
     "async action": lambda node: send_goal(node, execute=fails_later),
     "accept": lambda node: send_goal(node, accept=fails),
+    "on_cancel": lambda node: send_goal(node, execute=until_canceled, on_cancel=fails),
+    "validator": lambda node: declare(node),
     "pre-set": lambda node: set_parameter(node, "pre"),
     "on-set": lambda node: set_parameter(node, "on"),
     "post-set": lambda node: set_parameter(node, "post"),
@@ -111,6 +134,21 @@ async def test_a_context_gives_its_nodes_the_choice_and_is_ended_as_a_whole() ->
         async with Context(0, transport=MemoryTransport(), args=["test"], on_error="raise") as context:
             await publish(Node("n", context=context), fails)
             await asyncio.Event().wait()
+
+
+def test_a_lifecycle_callback_counts_too(context: Context) -> None:
+    class Part(LifecycleNode):
+        def on_configure(self, state: State) -> None:
+            fails()
+
+    node = Part("n", context=context, on_error="raise")
+
+    async def main() -> None:
+        await node.configure()
+        await asyncio.Event().wait()
+
+    with pytest.raises(AssertionError, match=BAD):
+        run(main)
 
 
 def test_spin_ends_with_it(context: Context) -> None:
