@@ -8,19 +8,20 @@ import signal
 import pytest
 from hypothesis import HealthCheck, settings
 
-settings.register_profile(
-    "project",
-    deadline=None,
-    print_blob=True,
-    suppress_health_check=[HealthCheck.too_slow],
-    # CI tries the same examples every time, so that it fails for the change at hand; everybody else tries new ones.
-    derandomize="ROSIDL_TEST_REQUIRE_PEERS" in os.environ,
-)
-settings.load_profile("project")
 
-
-def pytest_configure() -> None:
+@pytest.hookimpl(tryfirst=True)  # before hypothesis looks at --hypothesis-profile
+def pytest_configure(config: pytest.Config) -> None:
     """Let SIGINT interrupt. A shell starts background jobs with SIGINT ignored, and every child inherits that."""
+    settings.register_profile(
+        "project",
+        deadline=None,
+        print_blob=True,
+        suppress_health_check=[HealthCheck.too_slow],
+        # CI tries the same examples every time, so that it fails for the change at hand, and once more those of a seed
+        # that it prints; everybody else tries new ones.
+        derandomize="ROSIDL_TEST_REQUIRE_PEERS" in os.environ and not config.getoption("--hypothesis-seed"),
+    )
+    settings.load_profile("project")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -94,6 +94,7 @@ def test_a_docstring_stays_a_docstring(lines: list[str]) -> None:
             assert " ".join(line.split()) in " ".join(text.value.value.split())
 
 
+@pytest.mark.hypothesis  # the plugin marks only what is @given itself
 def test_docstrings_of_any_text_are_left_alone_by_the_formatter(tmp_path: object) -> None:
     found: list[str] = []
 

@@ -125,6 +125,7 @@ def test_wrong_programs_do_not_pass_mypy(everything: Path, tmp_path: Path) -> No
         assert any(f"program.py:{line}:" in one and code in one for one in str(caught.value).splitlines())
 
 
+@pytest.mark.hypothesis  # the plugin marks only what is @given itself
 def test_random_definitions_become_clean_code(tmp_path: Path) -> None:
     files: dict[str, str] = {}
 

@@ -36,9 +36,9 @@ INT_RANGES = st.sampled_from([None, IntRange(-2, 3), IntRange(-3, 4, 2)])
 FLOAT_RANGES = st.sampled_from([None, FloatRange(-1.0, 2.0), FloatRange(-2.0, 4.0, 1.0)])
 ALLOWED_INTS = {None: set(range(-5, 6)), IntRange(-2, 3): {-2, -1, 0, 1, 2, 3}, IntRange(-3, 4, 2): {-3, -1, 1, 3, 4}}
 ALLOWED_FLOATS = {
-    None: {-2.0, 0.0, 0.5, 1.5, 4.0},
-    FloatRange(-1.0, 2.0): {0.0, 0.5, 1.5},
-    FloatRange(-2.0, 4.0, 1.0): {-2.0, 0.0, 4.0},
+    None: {0.5, 1.5, *map(float, range(-5, 6))},
+    FloatRange(-1.0, 2.0): {-1.0, 0.0, 0.5, 1.0, 1.5, 2.0},
+    FloatRange(-2.0, 4.0, 1.0): {-2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0},
 }
 REFUSED_TEXT = "x"
 
@@ -146,21 +146,31 @@ class StoreAgainstModel(RuleBasedStateMachine):
 
     @rule(items=st.lists(st.tuples(NAMES, VALUES), min_size=1, max_size=4))
     def set_atomically(self, items: list[tuple[str, object]]) -> None:
-        wanted = [Parameter(name, parameter_value(value)) for name, value in items]
+        asked = [Parameter(name, parameter_value(value)) for name, value in items]
+        wanted = [self.meant(parameter) for parameter in asked]
         possible = all(self.may_set(parameter) for parameter in wanted)
         self.heard.clear()
-        assert self.store.set_atomically(wanted).successful == possible
+        assert self.store.set_atomically(asked).successful == possible
         assert self.heard == ({parameter.name: parameter.value for parameter in wanted} if possible else {})
         if possible:
             self.apply(wanted)
 
     @rule(items=st.lists(st.tuples(NAMES, VALUES), max_size=4))
     def set_each(self, items: list[tuple[str, object]]) -> None:
-        wanted = [Parameter(name, parameter_value(value)) for name, value in items]
-        for parameter, result in zip(wanted, self.store.set_each(wanted), strict=True):
+        asked = [Parameter(name, parameter_value(value)) for name, value in items]
+        for one, result in zip(asked, self.store.set_each(asked), strict=True):
+            parameter = self.meant(one)
             assert result.successful == self.may_set(parameter)
             if result.successful:
                 self.apply([parameter])
+
+    def meant(self, parameter: Parameter) -> Parameter:
+        """A whole number means a double where one was declared."""
+        known = self.model.get(parameter.name)
+        if known is None or known.described.dynamic_typing or known.kind is not ParameterType.DOUBLE:
+            return parameter
+        value = parameter.value.value
+        return Parameter(parameter.name, parameter_value(float(value))) if type(value) is int else parameter
 
     def may_set(self, parameter: Parameter) -> bool:
         known = self.model.get(parameter.name)

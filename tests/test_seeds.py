@@ -1,0 +1,38 @@
+"""CI tries the same examples every time, but for one run with a seed that it prints and that gives the same again."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parent
+PROPERTY = """\
+from hypothesis import given
+from hypothesis import strategies as st
+
+
+@given(st.integers())
+def test_any(number):
+    print("tried", number)
+"""
+
+
+def tried(folder: Path, *arguments: str) -> list[str]:
+    command = [sys.executable, "-m", "pytest", "-s", "-p", "no:cacheprovider", *arguments, "test_property.py"]
+    environment = {**os.environ, "ROSIDL_TEST_REQUIRE_PEERS": "1", "PYTEST_ADDOPTS": ""}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return re.findall(r"tried (-?\d+)", done.stdout)
+
+
+def test_a_seed_gives_new_examples_where_ci_has_the_same_ones(tmp_path: Path) -> None:
+    shutil.copy(TESTS / "conftest.py", tmp_path)
+    (tmp_path / "test_property.py").write_text(PROPERTY)
+    usual, seeded = tried(tmp_path), tried(tmp_path, "-m", "hypothesis", "--hypothesis-seed=5")
+    assert len(usual) > 50 and usual == tried(tmp_path)
+    assert len(seeded) > 50 and seeded == tried(tmp_path, "--hypothesis-seed=5")
+    assert seeded != usual != tried(tmp_path, "--hypothesis-seed=6") != seeded
