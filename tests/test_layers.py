@@ -115,7 +115,7 @@ SEAMS = {
     "mcap": ("mcap",),
     "zstandard": ("mcap.storage",),
     "foxglove": ("tools.foxglove.server",),
-    "websockets": ("tools.foxglove.own_viewer",),
+    "websockets": ("tools.foxglove.own_viewer", "tools.foxglove.front"),
     "pytest": ("runtime.pytest_plugin",),
 }
 # Only these may import the node: everything else gets a transport and a resolved name.
