@@ -79,13 +79,52 @@ def describe(name: str, lookup: Lookup) -> Description:
 def rihs01(description: Description) -> str:
     """The hash of a full description; default values do not take part."""
 
-    def bare(one: Description) -> Description:
-        fields = [{"name": field["name"], "type": field["type"]} for field in one["fields"]]
-        return {"type_name": one["type_name"], "fields": fields}
+    return _hash(
+        _hashed_text(description["type_description"]),
+        [_hashed_text(one) for one in description["referenced_type_descriptions"]],
+    )
 
-    hashed = {
-        "type_description": bare(description["type_description"]),
-        "referenced_type_descriptions": [bare(one) for one in description["referenced_type_descriptions"]],
-    }
-    text = json.dumps(hashed, ensure_ascii=True, separators=(", ", ": "))
+
+def _hashed_text(one: Description) -> str:
+    fields = [{"name": field["name"], "type": field["type"]} for field in one["fields"]]
+    return json.dumps({"type_name": one["type_name"], "fields": fields}, ensure_ascii=True, separators=(", ", ": "))
+
+
+def _hash(top: str, referenced: Iterable[str]) -> str:
+    text = f'{{"type_description": {top}, "referenced_type_descriptions": [{", ".join(referenced)}]}}'
     return "RIHS01_" + hashlib.sha256(text.encode()).hexdigest()
+
+
+class Hashes:
+    """RIHS01 of many types that refer to each other: each is looked up and written once.
+
+    Args:
+        lookup: as for `describe`.
+    """
+
+    def __init__(self, lookup: Lookup) -> None:
+        self._lookup = lookup
+        self._texts: dict[str, tuple[str, tuple[str, ...]]] = {}
+        self._found: dict[str, str] = {}
+
+    def of(self, name: str) -> str:
+        """The hash of a type whose references all exist."""
+        if name not in self._found:
+            seen: dict[str, str] = {}
+            pending = [name]
+            while pending:
+                current = pending.pop()
+                if current not in seen:
+                    seen[current], below = self._one(current)
+                    pending += below
+            top = seen.pop(name)
+            self._found[name] = _hash(top, (seen[key] for key in sorted(seen)))
+        return self._found[name]
+
+    def _one(self, name: str) -> tuple[str, tuple[str, ...]]:
+        """A type as it is hashed, and the types of its fields."""
+        if name not in self._texts:
+            rows = tuple(self._lookup(name))
+            below = dict.fromkeys(kind.base for _, kind, _ in rows if kind.is_message)
+            self._texts[name] = _hashed_text(individual(name, rows)), tuple(below)
+        return self._texts[name]

@@ -23,6 +23,7 @@ from rosidl_py_gen.typesupport import constants, hashes_of, referenced_classes, 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from rosidl_py_gen.codegen.sources import Layouts
     from rosidl_py_gen.spec.resolve import Library
 
 T = TypeVar("T")
@@ -305,7 +306,21 @@ def load_compiler() -> None:
 
 def _class(library: Library, name: RosName, find: Find) -> type:
     """The class of a checked type: in use already, importable, or compiled now."""
-    return find(library, name) or _compile(library, name, find)
+    cls = find(library, name)
+    if cls is not None:  # the compiler need not be loaded
+        return cls
+    from rosidl_py_gen.codegen.sources import Layouts
+
+    layouts, known = Layouts(library.message), dict[str, type]()
+
+    def made(part: RosName) -> type:
+        """Each type once: comparing or planning one costs as much as all it refers to."""
+        cls = known.get(str(part))
+        if cls is None:
+            cls = known[str(part)] = find(library, part) or _compile(library, part, layouts, made)
+        return cls
+
+    return made(name)
 
 
 def _says_all_the_same(library: Library, name: RosName) -> type | None:
@@ -332,21 +347,20 @@ def _says_the_same(library: Library, full_name: str, cls: type) -> bool:
     return type_description(cls) == description and own == constants_of
 
 
-def _compile(library: Library, name: RosName, find: Find) -> type:
-    from rosidl_py_gen.codegen.sources import Layouts, Target, module_path, module_source
+def _compile(library: Library, name: RosName, layouts: Layouts, made: Callable[[RosName], type]) -> type:
+    from rosidl_py_gen.codegen.sources import Target, module_path, module_source
     from rosidl_py_gen.spec.model import messages_of
 
     global _worlds
     _worlds += 1
     root = f"{_MEMORY}.w{_worlds}."
-    layouts = Layouts(library.message)
     modules: dict[str, str] = {}
 
     def known(full_name: str) -> str | None:
         """Compile what the type needs first, or find it."""
         if full_name not in modules:
             needed = split_ros_name(full_name)
-            cls = _class(library, needed, find) if needed != top else None
+            cls = made(needed) if needed != top else None
             modules[full_name] = cls.__module__ if cls else root + module_path(full_name)
         return modules[full_name]
 

@@ -120,7 +120,7 @@ SEAMS = {
     "zstandard": ("mcap.chunks", "mcap.compressed"),
     "lz4": ("mcap.chunks",),
     "foxglove": ("tools.foxglove.server",),
-    "websockets": ("tools.foxglove.own_viewer",),
+    "websockets": ("tools.foxglove.own_viewer", "tools.foxglove.front"),
     "pytest": ("runtime.pytest_plugin",),
 }
 # Only these may import the node: everything else gets a transport and a resolved name.

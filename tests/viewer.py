@@ -133,14 +133,16 @@ class Viewer:
 
 
 @asynccontextmanager
-async def viewer(address: str) -> AsyncIterator[Viewer]:
-    """Connect to ``ws://...``."""
+async def viewer(address: str, **how: Any) -> AsyncIterator[Viewer]:
+    """Connect to ``ws://...``; `how` as for `connect`."""
     protocols: Any = ["foxglove.sdk.v1"]
-    async with connect(address, subprotocols=protocols, proxy=None, max_size=None) as connection:
-        made = Viewer(connection)
-        made.reading = asyncio.ensure_future(made.read())
-        try:
-            yield made
-        finally:
-            made.reading.cancel()
-            await asyncio.gather(made.reading, return_exceptions=True)
+    connection = await connect(address, subprotocols=protocols, proxy=None, max_size=None, **how)
+    made = Viewer(connection)
+    made.reading = asyncio.ensure_future(made.read())
+    try:
+        yield made
+    finally:
+        made.reading.cancel()
+        await asyncio.gather(made.reading, return_exceptions=True)
+        with suppress(AttributeError):  # asyncio's, for a transport that was closed while much was to be written
+            await connection.close()

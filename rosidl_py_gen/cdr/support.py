@@ -7,6 +7,7 @@ Positions in generated encoders count from the byte after the 4-byte encapsulati
 from __future__ import annotations
 
 import sys
+from dataclasses import MISSING
 from struct import Struct
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -99,6 +100,32 @@ if TYPE_CHECKING:
 else:
     # Slot stores after this are faster than a call of the dataclass's __init__ (CONTRIBUTING.md has the figures).
     new = object.__new__
+
+
+def fill(message: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
+    """What the constructor of a dataclass does, for messages of very many fields.
+
+    Raises:
+        TypeError: too many values, a value for what is no field, or two for one field.
+    """
+    fields = message.__dataclass_fields__
+    names = message.__match_args__
+    if len(args) > len(names):
+        raise TypeError(f"{type(message).__name__} takes {len(names)} values, found {len(args)}")
+    given = dict(zip(names, args, strict=False))
+    for name in kwargs:
+        if name in given or name not in fields:
+            problem = "two values for" if name in given else "an unexpected keyword argument"
+            raise TypeError(f"{type(message).__name__} got {problem} '{name}'")
+    given |= kwargs
+    for name in names:
+        field = fields[name]
+        if name in given:
+            value = given[name]
+        else:
+            value = field.default if field.default is not MISSING else field.default_factory()
+        setattr(message, name, value)
+
 
 PAD2 = (b"", b"\0")
 PAD4 = tuple(bytes(-n % 4) for n in range(4))

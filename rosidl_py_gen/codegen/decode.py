@@ -118,8 +118,9 @@ class _Reader:
     def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[Statement]:
         """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
         out: list[Statement] = []
+        last = max((index for index, step in enumerate(steps) if not isinstance(step, (Enter, Nul))), default=-1)
         for index, step in enumerate(steps):
-            needed = keep_pos or any(not isinstance(later, (Enter, Nul)) for later in steps[index + 1 :])
+            needed = keep_pos or index < last
             if not (isinstance(step, Enter | Nul) or (isinstance(step, Run) and step.align > 1)):
                 self.catch_up(out)
             self.step(step, needed, out)

@@ -134,8 +134,9 @@ class _Writer:
         """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
         out: list[Statement] = []
         contents: Contents = {step.ref: step for step in steps if isinstance(step, (Text, Numbers, Strings, Loop))}
+        last = max((index for index, step in enumerate(steps) if _reads_pos(step)), default=-1)
         for index, step in enumerate(steps):
-            needed = keep_pos or any(_reads_pos(later) for later in steps[index + 1 :])
+            needed = keep_pos or index < last
             self.step(step, needed, contents, out)
         return out
 

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 # A nested message of more leaves than this is called, not printed in line. It bounds the generated code to a multiple
 # of the definition; every common message (Odometry has 22 leaves, Marker 43) stays flat.
 INLINE_WEIGHT = 48
+# So is one with more levels or loops in each other: CPython takes 20 loops, and each is planned up to four times.
+INLINE_LEVELS = 12
+INLINE_LOOPS = 5
 # A fixed array of more bytes than this is joined as it is instead of being copied through a struct.
 BLOCK_BYTES = 1024
 
@@ -51,6 +54,7 @@ class Layouts:
         self._plans: dict[str, Plan] = {}
         self._sizes: dict[tuple[str, int], int | None] = {}
         self._weights: dict[str, int] = {}
+        self._heights: dict[str, tuple[int, int]] = {}
         self._fixed: dict[str, bool] = {}
         self._records: dict[str, bool] = {}
         self._least: dict[str, int] = {}
@@ -67,23 +71,34 @@ class Layouts:
             builder = _Builder(self, Start(None, 1, 0) if heavy else Start(0, MAX_ALIGN, 0))
             builder.message(name, 0, "")
             builder.close()
-            largest = self.max_size(name)
-            fixed = self.max_size(name) if self.is_fixed(name) else None
-            self._plans[name] = Plan(
-                name, tuple(builder.steps), heavy, self.weight(name), fixed, largest, self.has_records(name)
-            )
+            largest, records = self.max_size(name), self.has_records(name)
+            fixed = largest if self.is_fixed(name) else None
+            self._plans[name] = Plan(name, tuple(builder.steps), heavy, self.weight(name), fixed, largest, records)
         return self._plans[name]
 
     def is_heavy(self, name: str) -> bool:
-        return self.weight(name) > INLINE_WEIGHT
+        levels, loops = self.height(name)
+        return self.weight(name) > INLINE_WEIGHT or levels > INLINE_LEVELS or loops > INLINE_LOOPS
+
+    def height(self, name: str) -> tuple[int, int]:
+        """How many levels of nested messages, and of loops over them, are printed in line in a message."""
+        if name not in self._heights:
+            levels = loops = 0
+            for item in self.message(name).fields:
+                if item.type.is_message:
+                    below, within = (0, 0) if self.is_heavy(item.type.base) else self.height(item.type.base)
+                    levels = max(levels, below + 1)
+                    loops = max(loops, within + (item.type.arity is not Arity.SCALAR))
+            self._heights[name] = levels, loops
+        return self._heights[name]
 
     def weight(self, name: str) -> int:
         """Leaves of a message after flattening; a nested message that is called counts as one."""
         if name not in self._weights:
             total = 0
             for item in self.message(name).fields:
-                inner = self.weight(item.type.base) if item.type.is_message else 1
-                total += inner if inner <= INLINE_WEIGHT else 1
+                is_inline = item.type.is_message and not self.is_heavy(item.type.base)
+                total += self.weight(item.type.base) if is_inline else 1
             self._weights[name] = max(1, total)
         return self._weights[name]
 
@@ -110,11 +125,7 @@ class Layouts:
         return self._records[name]
 
     def max_size(self, name: str, offset: int = 0) -> int | None:
-        """The end of the largest message that begins at `offset`, as a distance; None when unbounded.
-
-        Only the offset modulo 8 matters. An array's elements soon repeat their remainders, so sizes of huge arrays are
-        found without walking them.
-        """
+        """The end of the largest message that begins at `offset` (modulo 8), as a distance; None when unbounded."""
         key = (name, offset % MAX_ALIGN)
         if key not in self._sizes:
             position: int | None = key[1]

@@ -143,15 +143,18 @@ class Locals:
 
     def __init__(self) -> None:
         self._used = set(_METHOD_NAMES)
+        self._numbers: dict[str, int] = {}
+        """Where to go on with names that many fields want: those cut off are often the same."""
 
     def name(self, wanted: str) -> str:
         """`wanted` if it is free, else with an underscore or a number behind."""
         wanted = wanted[:_LONGEST].rstrip("_") or "value"
         candidate = wanted
-        number = 2
+        number = self._numbers.get(wanted, 2)
         while candidate in self._used or keyword.iskeyword(candidate) or hasattr(builtins, candidate):
             candidate = wanted.rstrip("_") + "_" if number == 2 else f"{wanted.rstrip('_')}_{number - 1}"
             number += 1
+        self._numbers[wanted] = number
         self._used.add(candidate)
         return candidate
 

@@ -196,17 +196,19 @@ class Structs:
     """The precompiled struct functions of a module, each once."""
 
     entries: dict[tuple[str, str, int, bool], str]
+    counts: dict[str, int]
 
     @staticmethod
     def new() -> Structs:
-        return Structs({})
+        return Structs({}, {})
 
     def name(self, role: str, code: str, align: int = 1, nul: bool = False) -> str:
         """`role` is pack, unpack_from or iter_unpack; align > 1 makes a table of eight, indexed by ``pos & 7``."""
         key = (role, code, align, nul)
         if key not in self.entries:
             prefix = {"pack": "_pack", "unpack_from": "_unpack", "iter_unpack": "_iter"}[role]
-            number = sum(1 for known in self.entries if known[0] == role)
+            number = self.counts.get(role, 0)
+            self.counts[role] = number + 1
             self.entries[key] = f"{prefix}_{number}"
         return self.entries[key]
 

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.codegen.layout import Layouts
 
 _CDR = "rosidl_py_gen.cdr"
+_WIDE = 1000
+"""Fields of a message whose constructor is not the one of dataclasses, which takes time by the square of them."""
 
 
 class Target(NamedTuple):
@@ -62,6 +64,7 @@ class MessageView(NamedTuple):
     encoder: EncoderView
     decoder: DecoderView
     heavy: bool
+    wide: bool
     name: dict[str, str]
 
 
@@ -170,6 +173,9 @@ def _message(
     name = _class_scope_names(imports, plan.heavy)
     fields = tuple(field_view(item, imports, classes, layouts.is_fixed) for item in message.fields)
     constants = tuple(constant_view(item, imports) for item in message.constants)
+    is_wide = len(fields) > _WIDE
+    if is_wide:
+        imports.use(SUPPORT, "fill", in_class=False)
     encoder = encoder_view(plan, imports, structs, classes)
     decoder = decoder_view(plan, imports, structs, classes)
     imports.use(SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
@@ -180,18 +186,19 @@ def _message(
         visible(message.comment) or (f"{full_name}.",),
         constants,
         fields,
-        _constructor(fields),
+        _constructor(fields, is_wide),
         _type_info(message, name["TypeInfo"], target.hashes(full_name), classes),
         encoder,
         decoder,
         plan.heavy,
+        is_wide,
         name,
     )
 
 
-def _constructor(fields: tuple[FieldView, ...]) -> tuple[str, ...]:
+def _constructor(fields: tuple[FieldView, ...], is_wide: bool) -> tuple[str, ...]:
     """The parameters of ``__init__`` as type checkers shall see it; empty when the dataclass's own says the same."""
-    if all(item.accepted == item.annotation for item in fields):
+    if not is_wide and all(item.accepted == item.annotation for item in fields):
         return ()
     this = "self" if all(item.name != "self" for item in fields) else "__self"
     return (this, *(f"{item.name}: {item.accepted} = ..." for item in fields))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from mcap.decoder import DecoderFactory as McapDecoderFactory
 
-from rosidl_py_gen import compile_text
+from rosidl_py_gen import Message, compile_text, decode
 from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem
 
 if TYPE_CHECKING:
@@ -51,6 +51,8 @@ def decoder_of(cls: type[Any], arrays: bool) -> Callable[[bytes | memoryview], A
     """The `decode` of a class; the function itself, as a wrapper costs as much as a small message."""
     if not cls._TYPE.fields:
         return partial(_nothing, cls)
+    if any(field.py_name == "decode" for field in cls._TYPE.fields):  # the field has taken the method's place
+        return partial(decode, cls, arrays=arrays)
     return partial(cls.decode, arrays=True) if arrays else cls.decode
 
 
@@ -60,8 +62,12 @@ def _nothing(cls: type[Any], data: bytes | memoryview) -> Any:
 
 
 def message_class(name: str, definition: bytes) -> type[Any]:
-    """The class of a schema; raises `DefinitionError`."""
+    """The class of a message's schema; raises `DefinitionError`."""
     try:
-        return compile_text(name, definition.decode())
+        cls = compile_text(name, definition.decode())
     except (UnicodeDecodeError, InvalidNameError) as error:
         raise DefinitionError(Problem(f"<{name[:100]}>", 0, 0, f"the schema cannot be read: {error}")) from None
+    if not issubclass(cls, Message):
+        text = "the schema is that of a service or action, expected that of a message"
+        raise DefinitionError(Problem(f"<{name[:100]}>", 0, 0, text))
+    return cls

@@ -68,6 +68,8 @@ def parse_section(
     done: list[_Pending] = []
     waiting: list[str] = []
     for number, line in enumerate(lines[count:], first_line + count):
+        if findings.is_full(Location(source, number, 1)):
+            break
         _read_line(line.rstrip(), number, name, done, waiting, source, findings)
     fields, constants = _finish(done)
     _refuse_duplicates(fields, findings)

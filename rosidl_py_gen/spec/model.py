@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.fieldtype import FieldType
     from rosidl_py_gen.names import RosName
 
+MOST_PROBLEMS = 100
+"""Of one file; what may have been meant instead costs more to find out than it does to read the line."""
+
 Scalar = bool | int | float | str
 Default = Scalar | tuple[Scalar, ...]
 
@@ -130,6 +133,17 @@ class Findings:
     """Collects problems over many files, so that one run shows them all."""
 
     problems: list[Problem] = field(default_factory=list)
+    _counts: dict[str, int] = field(default_factory=dict)
 
     def add(self, location: Location, text: str) -> None:
-        self.problems.append(location.problem(text))
+        """Note a problem; of one file the first ones."""
+        path = location.source.path
+        count = self._counts[path] = self._counts.get(path, 0) + 1
+        if count <= MOST_PROBLEMS:
+            self.problems.append(location.problem(text))
+        elif count == MOST_PROBLEMS + 1:
+            self.problems.append(location.problem(f"there are more problems; the first {MOST_PROBLEMS} are shown"))
+
+    def is_full(self, location: Location) -> bool:
+        """Whether so much is wrong in the location's file that further problems are not shown."""
+        return self._counts.get(location.source.path, 0) > MOST_PROBLEMS

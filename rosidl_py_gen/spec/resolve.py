@@ -10,11 +10,12 @@ import re
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.descriptions import Description, FieldRow, action_rows, default_text, describe, rihs01, service_rows
+from rosidl_py_gen.descriptions import Description, FieldRow, Hashes, action_rows, default_text, describe, service_rows
 from rosidl_py_gen.errors import DefinitionError, Problem, TypeNotFoundError, shown_path
 from rosidl_py_gen.names import INTERFACE_RULE, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.spec.derive import IMPLIED
 from rosidl_py_gen.spec.interface import may_be_file, parse_interface, read_source
+from rosidl_py_gen.spec.limits import MOST_LEVELS, Measures
 from rosidl_py_gen.spec.model import (
     ActionDef,
     FieldDef,
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.spec.find import SearchPath
     from rosidl_py_gen.spec.model import Source
 
-_MAX_NESTING = 100
 _DERIVED = re.compile(r"_(Request|Response|Event|Goal|Result|Feedback|FeedbackMessage|SendGoal|GetResult)\Z")
 
 
@@ -46,7 +46,7 @@ class Library:
         self._interfaces: dict[RosName, Interface | None] = {}
         self._texts: set[RosName] = set()
         self._messages: dict[str, MessageDef] = {}
-        self._hashes: dict[str, str] = {}
+        self._hashes = Hashes(self.rows)
 
     def add_text(self, name: RosName, source: Source) -> Interface | None:
         """Parse text that comes from no file of the search path; it hides a file of the same name."""
@@ -119,9 +119,7 @@ class Library:
 
     def type_hash(self, full_name: str) -> str:
         """RIHS01 of a message, service or action whose references all exist."""
-        if full_name not in self._hashes:
-            self._hashes[full_name] = rihs01(describe(full_name, self.rows))
-        return self._hashes[full_name]
+        return self._hashes.of(full_name)
 
     def all_hashes(self, full_name: str) -> dict[str, str]:
         """RIHS01 of a type and of every type it refers to, by name."""
@@ -229,16 +227,19 @@ def _needs(library: Library, name: RosName) -> list[RosName]:
 
 
 def check(library: Library, names: Iterable[RosName]) -> None:
-    """Add a finding for every reference to a type that does not exist, and for every type that contains itself."""
+    """Add a finding for every reference to a type that does not exist, and for every type that contains itself or is
+    too large.
+    """
     state: dict[str, int] = {}  # depth of what is done; -1 while it is being visited
+    measures = Measures(library.findings)
     for name in names:
         interface = library.interface(name)
         if interface is not None:
             for message in messages_of(interface):
-                _visit(library, message, state)
+                _visit(library, message, state, measures)
 
 
-def _visit(library: Library, top: MessageDef, state: dict[str, int]) -> None:
+def _visit(library: Library, top: MessageDef, state: dict[str, int], measures: Measures) -> None:
     if str(top.name) in state:
         return
     stack = [(top, iter(top.fields), [0])]
@@ -249,21 +250,24 @@ def _visit(library: Library, top: MessageDef, state: dict[str, int]) -> None:
         if item is None:
             stack.pop()
             state[str(message.name)] = depth[0]
-            if depth[0] == _MAX_NESTING:  # whatever contains this one would be deeper
+            measures.take(message)
+            if depth[0] == MOST_LEVELS:  # whatever contains this one would be deeper
                 at = Location(message.source, 1, 1)
-                library.findings.add(at, f"{message.name} nests types deeper than {_MAX_NESTING - 1} levels")
+                library.findings.add(at, f"{message.name} nests types deeper than {MOST_LEVELS - 1} levels")
             if stack:
                 stack[-1][2][0] = max(stack[-1][2][0], depth[0] + 1)
             continue
         target = library.message(item.type.base)
-        if target is None:
+        if target is None and not library.findings.is_full(item.location):
             _report_unknown(library, item)
+        elif target is None:
+            continue
         elif state.get(item.type.base) == -1:
             library.findings.add(item.location, f"{item.type.base} contains itself through this field")
         elif item.type.base in state:
             depth[0] = max(depth[0], state[item.type.base] + 1)
-        elif len(stack) > _MAX_NESTING:
-            library.findings.add(item.location, f"types are nested deeper than {_MAX_NESTING} levels here")
+        elif len(stack) > MOST_LEVELS:
+            library.findings.add(item.location, f"types are nested deeper than {MOST_LEVELS} levels here")
         else:
             state[item.type.base] = -1
             stack.append((target, iter(target.fields), [0]))

@@ -28,7 +28,7 @@ async def test_a_page_plots_a_field(dds: World, tool: Any, browser: Browser) -> 
     wave = node.create_publisher(Pressure, "wave")
     began = monotonic()
     timer = node.create_timer(0.02, lambda: wave.publish(Pressure(data=math.sin(3 * (monotonic() - began)))))
-    process = await tool.start("foxglove", "--port", "0", "--json")
+    process = await tool.start("foxglove", "--port", "0", "--json", "--allow-origin", "null")
     address = json.loads(await asyncio.wait_for(process.stdout.readline(), 25))["address"]
     query = urlencode({"topic": "/wave", "field": "data", "address": address})
 

@@ -13,6 +13,38 @@ from rosidl_py_gen.tools import options, run_command
 )
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0 takes a free one.")
 @click.option("--read-only", "is_read_only", is_flag=True, help="No publishing, calling and setting by viewers.")
+@click.option(
+    "--allow-origin",
+    "origins",
+    multiple=True,
+    metavar="ORIGIN",
+    help="Also let web pages of ORIGIN connect, such as https://example.org; * lets every page. May be repeated.",
+)
+@click.option(
+    "--token",
+    default="",
+    envvar="ROSIDL_PY_FOXGLOVE_TOKEN",
+    show_envvar=True,
+    help="Viewers have to give ?token=TOKEN.",
+)
+@click.option(
+    "--max-message",
+    "most_mib",
+    type=click.IntRange(1, 64),
+    default=16,
+    show_default=True,
+    metavar="MIB",
+    help="The largest message of a viewer.",
+)
+@click.option(
+    "--max-rate",
+    "per_s",
+    type=click.IntRange(1, 1_000_000),
+    default=1000,
+    show_default=True,
+    metavar="PER_SECOND",
+    help="Messages of a viewer; one that sends more is read more slowly.",
+)
 @click.option("--use-sim-time", is_flag=True, help="Tell viewers the time of /clock, also if it appears later.")
 @click.option(
     "--queue",

@@ -11,7 +11,7 @@ import asyncio
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import compile_text, from_json, get_message
+from rosidl_py_gen import Message, compile_text, decode, from_json, get_message
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
@@ -21,7 +21,6 @@ from rosidl_py_gen.tools.topic.wait import full_name
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import Publisher
     from rosidl_py_gen.tools.foxglove.server import Server
     from rosidl_py_gen.tools.foxglove.wishes import Offer, OfferKey
@@ -31,6 +30,8 @@ _ENCODINGS = ("cdr", "json")
 _MOST_WAITING = 10
 _MOST_WAITING_BYTES = 1 << 20
 """Of messages that come before the type of their topic is known."""
+_MOST_SCHEMA_BYTES = 1 << 18
+"""Of the definition of one type; a class takes a second for each 64 KiB, in a thread that the loop competes with."""
 _MOST_SCHEMAS = 256
 """Of viewers, that become classes: these stay for good."""
 
@@ -120,6 +121,8 @@ class Publishing:
         return await self._compile(name, offer.schema)
 
     async def _compile(self, name: str, schema: bytes) -> type[Message]:
+        if len(schema) > _MOST_SCHEMA_BYTES:
+            raise ToolError(f"its definition has {len(schema)} bytes, at most {_MOST_SCHEMA_BYTES} are read")
         known = hash((name, schema))
         if known not in self._compiled and len(self._compiled) >= _MOST_SCHEMAS:
             raise ToolError(f"viewers have defined {_MOST_SCHEMAS} types already, and there is no room for more")
@@ -129,6 +132,8 @@ class Publishing:
         except RosidlError:  # there is no class
             self._compiled.discard(known)
             raise
+        if not issubclass(cls, Message):
+            raise ToolError(f"{name} is a service or action, not a message")
         return cls
 
     def _publish(self, offered: _Offered, data: bytes) -> None:
@@ -138,7 +143,7 @@ class Publishing:
             if offer.encoding == "json":
                 message = from_json(cls, data)
             elif cls._TYPE.fields:
-                message = cls.decode(data)
+                message = decode(cls, data)
             else:  # what viewers send as a message without fields is not always what ROS sends
                 message = cls()
             offered.publisher.publish(message)

@@ -9,11 +9,14 @@ import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+from urllib.parse import quote
 
 from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools.foxglove.access import Access
 from rosidl_py_gen.tools.foxglove.clock import TOPIC as CLOCK
 from rosidl_py_gen.tools.foxglove.clock import Clock
 from rosidl_py_gen.tools.foxglove.connections import Connections
+from rosidl_py_gen.tools.foxglove.front import Front, start_hidden
 from rosidl_py_gen.tools.foxglove.own_viewer import OwnViewer, new_token, own_viewer
 from rosidl_py_gen.tools.foxglove.parameters import Parameters
 from rosidl_py_gen.tools.foxglove.publishing import Publishing
@@ -22,6 +25,7 @@ from rosidl_py_gen.tools.foxglove.services import Services
 from rosidl_py_gen.tools.foxglove.topics import Topics
 from rosidl_py_gen.tools.session import Network, Session
 
+_APP = "https://app.foxglove.dev"
 _PAUSE_S = 0.1
 """Between looks at a graph that keeps changing."""
 
@@ -35,6 +39,10 @@ class _Wanted:
     queue: int
     use_sim_time: bool
     is_read_only: bool
+    origins: Sequence[str]
+    token: str
+    most_mib: int
+    per_s: int
     hidden: bool
     paths: Sequence[str]
     as_json: bool
@@ -64,6 +72,8 @@ class _View:
         self._node = session.node
         self._clock = Clock()
         self._server = server = Server()
+        access = Access(wanted.origins, wanted.token)
+        self._front = Front(access, most_bytes=wanted.most_mib << 20, per_s=wanted.per_s)
         self._changed = asyncio.Event()
         self._has_clock = self._has_noted_clock = self._is_closed = False
         shown: dict[str, Any] = {"paths": wanted.paths, "hidden": wanted.hidden}
@@ -81,15 +91,20 @@ class _View:
         """
         wanted, token = self._wanted, new_token()
         self._has_clock = wanted.use_sim_time or self._node.count_publishers(CLOCK) > 0
-        listening = Listening(wanted.host, wanted.port, wanted.queue, self._has_clock, wanted.is_read_only)
         parameters = self._parameters
         handlers = Handlers(self._serve, parameters.get, parameters.set_, parameters.refreshed)
-        port = self._server.start(listening, handlers, token)
+
+        def start(host: str, port: int) -> int:
+            listening = Listening(host, port, wanted.queue, self._has_clock, wanted.is_read_only)
+            return self._server.start(listening, handlers, token)
+
+        behind = start_hidden(start)
+        port = await self._front.start(wanted.host, wanted.port, behind)
         if self._has_clock:
             self._clock.follow(self._node, self._server)
         self._say_where(port)
         while True:
-            async with own_viewer(wanted.host, port, token) as own:
+            async with own_viewer(*behind, token) as own:
                 await self._follow_all(own)
 
     async def _follow_all(self, own: OwnViewer) -> None:
@@ -139,16 +154,18 @@ class _View:
 
     def _say_where(self, port: int) -> None:
         host = f"[{self._wanted.host}]" if ":" in self._wanted.host else self._wanted.host
-        address = f"ws://{host}:{port}"
+        address = f"ws://{host}:{port}" + (f"/?token={quote(self._wanted.token)}" if self._wanted.token else "")
+        app = f"{_APP}?ds=foxglove-websocket&ds.url={quote(address, safe='')}"
         if self._wanted.as_json:
-            printing.document({"address": address, "open": self._server.app_url()}, in_stream=True)
+            printing.document({"address": address, "open": app}, in_stream=True)
             return
         printing.line(f"{address} for Foxglove and Lichtblick; Ctrl-C ends it", "bold")
-        printing.line(self._server.app_url())
+        printing.line(app)
 
     async def close(self) -> None:
         """Let go of viewers, and of everything that was opened for them."""
         await self._server.stop()
+        await self._front.stop()
         self._is_closed = True
         for part in (self._topics, self._services, self._publishing, self._parameters):
             await part.close()

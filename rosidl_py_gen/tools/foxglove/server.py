@@ -143,10 +143,6 @@ class Server:
             raise ToolError(f"cannot listen on {host}:{listening.port}: {reason}; --port takes another one") from None
         return self._server.port
 
-    def app_url(self) -> str:
-        """What opens the web app on this server."""
-        return (self._server.app_url() if self._server is not None else None) or ""
-
     async def stop(self) -> None:
         """Say good-bye to viewers; one that reads nothing would keep the SDK waiting for ever."""
         self._waits.end()
