@@ -19,6 +19,7 @@ from rosidl_py_gen.errors import ClosedError as ClosedError
 from rosidl_py_gen.errors import DecodeError as DecodeError
 from rosidl_py_gen.errors import DefinitionError as DefinitionError
 from rosidl_py_gen.errors import EncodeError as EncodeError
+from rosidl_py_gen.errors import ExtraMissingError as ExtraMissingError
 from rosidl_py_gen.errors import InvalidNameError as InvalidNameError
 from rosidl_py_gen.errors import OutputError as OutputError
 from rosidl_py_gen.errors import RosidlError as RosidlError

@@ -10,6 +10,10 @@ import os
 import sys
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 VARIABLE = "ROSIDL_PY_GEN_CACHE"
 """Environment variable that names another folder; ``off`` keeps nothing."""
@@ -50,6 +54,23 @@ def load_description(type_hash: str) -> bytes | None:
     except (OSError, ValueError):
         return None
     return data if len(data) <= MOST_BYTES else None
+
+
+def kept_descriptions(containing: bytes) -> Iterator[tuple[str, bytes]]:
+    """Hash and data of everything that is kept and has these bytes in it, the newest first."""
+    folder = cache_folder()
+    if folder is None:
+        return
+    try:
+        with os.scandir(folder) as entries:
+            aged = [(entry.stat().st_mtime_ns, entry.name) for entry in entries if entry.name.endswith(_SUFFIX)]
+    except (OSError, ValueError):
+        return
+    for _, name in sorted(aged, reverse=True):
+        type_hash = name.removesuffix(_SUFFIX)
+        data = load_description(type_hash)
+        if data is not None and containing in data:
+            yield type_hash, data
 
 
 def keep_description(type_hash: str, data: bytes) -> None:

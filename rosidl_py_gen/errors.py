@@ -18,6 +18,10 @@ class RosidlError(Exception):
     """Base of every error this package raises on purpose."""
 
 
+class ExtraMissingError(RosidlError, ModuleNotFoundError):
+    """The user has to install an extra of this package; the text has the command, `name` the module that is missing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Problem:
     """One finding in a definition file: where it is and what is wrong.

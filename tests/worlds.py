@@ -61,6 +61,8 @@ ON_ZENOH = {
     "test_contexts.py",
     "test_introspection.py",
     "test_lifecycle.py",
+    "test_lost_results.py",
+    "test_lost_servers.py",
     "test_node.py",
     "test_node_services.py",
     "test_parameter_client.py",

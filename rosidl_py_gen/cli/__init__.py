@@ -61,6 +61,19 @@ class _Group(click.Group):
 @click.option("--out", default=".", metavar="DIR", show_default=True, help="Receives the generated packages.")
 @click.option("--check", is_flag=True, help="Write nothing; exit with 1 if anything would change.")
 @click.option("--keep-going", is_flag=True, help="Generate what is right even if some definitions are wrong.")
+@click.option(
+    "--install",
+    "action",
+    flag_value="install",
+    help="Install the packages into this Python's environment, by pip; nothing is generated anywhere else.",
+)
+@click.option(
+    "--uninstall",
+    "action",
+    flag_value="uninstall",
+    help="Take back what --install and wheels brought: all, or those of --filter.",
+)
+@click.option("--force", is_flag=True, help="With these two: beside ROS, over packages of others, and changed ones.")
 @click.option("--list", "listing", is_flag=True, help="Print the packages found, and from where.")
 @_JSON
 @click.pass_context
@@ -72,6 +85,7 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
     \b
     rosidl-py-gen --filter std_msgs:geometry_msgs
     rosidl-py-gen --path ~/robot_ws/src --filter my_msgs --out generated
+    rosidl-py-gen --filter std_msgs:geometry_msgs --install
     """
     if os.environ.get("NO_COLOR"):
         context.color = False
@@ -81,13 +95,25 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
             raise click.exceptions.Exit(2)  # as click does for commands that take no_args_is_help
         if arguments["selection"] and not arguments["selection"].strip(":;, "):
             context.fail(f"--filter {arguments['selection']!r} names nothing")
-        _run("generate", **arguments)
+        action, force = arguments.pop("action"), arguments.pop("force")
+        if action is None:
+            if force:
+                context.fail("--force belongs to --install and --uninstall")
+            _run("generate", **arguments)
+            return
+        for name in ("out", "check", "listing", "keep_going"):
+            if _is_typed(context, name):
+                option = "list" if name == "listing" else name.replace("_", "-")
+                context.fail(f"--{option} and --{action} do not go together")
+        chosen = {name: arguments[name] for name in ("paths", "selection", "as_json")}
+        _run("install", action=action, force=force, **chosen)
         return
-    given = [name for name in ("out", "check", "listing", "keep_going") if _is_typed(context, name)]
+    given = [name for name in ("out", "check", "listing", "keep_going", "action", "force") if _is_typed(context, name)]
     if _is_typed(context, "selection") and context.invoked_subcommand != "check":
         given.append("selection")
     if given:
-        option = {"listing": "--list", "selection": "--filter"}.get(given[0], "--" + given[0].replace("_", "-"))
+        named = {"listing": "--list", "selection": "--filter", "action": f"--{arguments['action']}"}
+        option = named.get(given[0], "--" + given[0].replace("_", "-"))
         context.fail(f"{option} has no meaning for the command {context.invoked_subcommand}")
     context.obj = arguments
 
@@ -95,6 +121,8 @@ def _cli(context: click.Context, /, **arguments: Any) -> None:
 def _says_what_is_wanted(context: click.Context, arguments: dict[str, Any]) -> bool:
     """Whether the main job shall run: nobody wants all packages in the current folder by accident."""
     writes_nothing = arguments["check"] or arguments["listing"]
+    if arguments["action"]:
+        return True
     return bool(writes_nothing or arguments["paths"] or arguments["selection"]) or any(
         _is_typed(context, name) for name in ("selection", "out")
     )
@@ -141,6 +169,24 @@ def interface(**arguments: Any) -> None:
     NAME is an interface such as std_srvs/srv/SetBool; --json prints the type description.
     """
     _run("interface", **arguments)
+
+
+@_cli.command()
+@click.argument("names", nargs=-1)
+@_PATH
+@click.option("--out", default="dist", metavar="DIR", show_default=True, help="Receives the wheels.")
+@click.option("--no-dependencies", is_flag=True, help="No wheels of the packages that these use.")
+@_JSON
+def wheel(**arguments: Any) -> None:
+    """Make a pip wheel of each message package, and of those they use that are not installed.
+
+    NAMES are packages; without any, all in the folders of --path. Name, version and so on come from package.xml.
+
+    \b
+    rosidl-py-gen wheel --path ~/robot_ws/src/my_msgs --out dist
+    pip install --find-links dist my-msgs
+    """
+    _run("wheel", **arguments)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,15 +1,20 @@
 """Bags: recorded messages as MCAP files and rosbag2 folders, read and written without ROS.
 
-Needs the extra: ``pip install 'rosidl-py-gen[mcap]'``.
+Needs the extra ``mcap``; without it the import raises `ExtraMissingError`, an `ImportError` that has the command.
 """
 
-from rosidl_py_gen.mcap.common import BagError as BagError
-from rosidl_py_gen.mcap.common import BagMessage as BagMessage
-from rosidl_py_gen.mcap.common import BagTopic as BagTopic
-from rosidl_py_gen.mcap.common import BagWarning as BagWarning
-from rosidl_py_gen.mcap.common import LeftOut as LeftOut
-from rosidl_py_gen.mcap.common import RawMessage as RawMessage
-from rosidl_py_gen.mcap.decoder import DecoderFactory as DecoderFactory
-from rosidl_py_gen.mcap.reader import BagReader as BagReader
-from rosidl_py_gen.mcap.sqlite import SqliteWriter as SqliteWriter
-from rosidl_py_gen.mcap.writer import BagWriter as BagWriter
+from rosidl_py_gen.resources import extra_missing as _extra_missing
+
+try:
+    from rosidl_py_gen.mcap.common import BagError as BagError
+    from rosidl_py_gen.mcap.common import BagMessage as BagMessage
+    from rosidl_py_gen.mcap.common import BagTopic as BagTopic
+    from rosidl_py_gen.mcap.common import BagWarning as BagWarning
+    from rosidl_py_gen.mcap.common import LeftOut as LeftOut
+    from rosidl_py_gen.mcap.common import RawMessage as RawMessage
+    from rosidl_py_gen.mcap.decoder import DecoderFactory as DecoderFactory
+    from rosidl_py_gen.mcap.reader import BagReader as BagReader
+    from rosidl_py_gen.mcap.sqlite import SqliteWriter as SqliteWriter
+    from rosidl_py_gen.mcap.writer import BagWriter as BagWriter
+except ModuleNotFoundError as missing:
+    raise _extra_missing(missing) or missing from None

@@ -185,7 +185,8 @@ class BagReader:
         Args:
             topics: only these; None means all whose type is known, and all when `raw`. What is left out then is in
                 `left_out`, and there is one `BagWarning` for each such topic.
-            start_ns, end_ns: ``start_ns <= log_time < end_ns``.
+            start_ns: only those with ``start_ns <= log_time``.
+            end_ns: only those with ``log_time < end_ns``.
             raw: messages stay bytes of CDR, and cost no decoding.
             arrays: sequences of fixed-size messages become structured arrays, as in `decode`.
             on_error: of a message that is damaged; ``"skip"`` leaves it out as one whose type is not known.

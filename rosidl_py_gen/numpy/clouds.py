@@ -18,15 +18,20 @@ if TYPE_CHECKING:
 _DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """``sensor_msgs/msg/PointField``: INT8 to FLOAT64."""
 _NUMBERS = {kind: number for number, kind in _DATATYPES.items()}
+_MOST_STEP = 2**31 - 1
+"""Bytes of a point that numpy can describe."""
 
 
 def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
     """The structured dtype of one point: names, offsets and byte order of `cloud`, itemsize `point_step`.
 
     Raises:
-        ConversionError: a field has an unknown datatype, does not fit into `point_step`, or two have one name.
+        ConversionError: a field has an unknown datatype, does not fit into `point_step`, or two have one name; or
+            `point_step` is larger than numpy knows.
     """
     step = count(cloud.point_step, "point_step")
+    if step > _MOST_STEP:
+        raise ConversionError(f"point_step: {step} bytes, but a point of an array has at most {_MOST_STEP}")
     names, formats, offsets = [], [], []
     for index, field in enumerate(cloud.fields):
         place = f"fields[{index}]"
@@ -48,7 +53,7 @@ def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
 
 
 def pointcloud_to_array(
-    cloud: Any, fields: Sequence[str] | None = None, *, copy: bool = False
+    cloud: Any, fields: Sequence[str] | None = None, *, copy: bool = False, skip_nans: bool = False
 ) -> np.ndarray[Any, np.dtype[np.void]]:
     """The points of a ``sensor_msgs/msg/PointCloud2``: ``points["x"]`` is the column of all x.
 
@@ -56,6 +61,8 @@ def pointcloud_to_array(
         fields: only these.
         copy: own the result, without the bytes between fields; otherwise it shares the bytes of `cloud`, and is
             read-only if those are.
+        skip_nans: leave out points that have a NaN in one of the fields; the result is a row of its own then, also for
+            an organised cloud. `is_dense` is not believed.
 
     Returns:
         Structured, of shape ``(width,)``, or ``(height, width)`` for an organised cloud. A field with a `count` above 1
@@ -85,7 +92,19 @@ def pointcloud_to_array(
             if name not in names:
                 raise ConversionError(f'no field "{name}" in {", ".join(names)}{did_you_mean(name, names)}')
         array = array[list(fields)]
+    if skip_nans:
+        array = array[~_has_nan(array)]
     return array.astype(_packed(array.dtype)) if copy else array
+
+
+def _has_nan(points: np.ndarray[Any, Any]) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """For each point."""
+    found = np.zeros(points.shape, np.bool_)
+    for name in points.dtype.names or ():
+        column = points[name]
+        if column.dtype.kind == "f":
+            found |= np.isnan(column).reshape(*points.shape, -1).any(-1) if column.size else False
+    return found
 
 
 def _packed(dtype: np.dtype[Any]) -> np.dtype[Any]:
@@ -95,13 +114,20 @@ def _packed(dtype: np.dtype[Any]) -> np.dtype[Any]:
 
 @overload
 def array_to_pointcloud(
-    array: Any, *, names: Sequence[str] = ..., header: Message | None = None, cls: type[M], is_dense: bool | None = None
+    array: Any,
+    *,
+    names: Sequence[str] = ...,
+    dtype: Any = ...,
+    header: Message | None = None,
+    cls: type[M],
+    is_dense: bool | None = None,
 ) -> M: ...
 @overload
 def array_to_pointcloud(
     array: Any,
     *,
     names: Sequence[str] = ...,
+    dtype: Any = ...,
     header: Message | None = None,
     cls: None = None,
     is_dense: bool | None = None,
@@ -110,6 +136,7 @@ def array_to_pointcloud(
     array: Any,
     *,
     names: Sequence[str] = ("x", "y", "z"),
+    dtype: Any = None,
     header: Any = None,
     cls: type[M] | None = None,
     is_dense: bool | None = None,
@@ -119,14 +146,19 @@ def array_to_pointcloud(
     Args:
         array: structured, of shape ``(n,)`` or ``(height, width)``; or plain numbers whose last axis has the fields
             `names`. In one piece and without gaps it is not copied.
+        dtype: of plain numbers; None keeps the array's own, which makes FLOAT64 fields of float64. RViz and PCL read x,
+            y and z only as FLOAT32: ``"f4"``.
         is_dense: whether all values are finite; None looks.
 
     Raises:
-        ConversionError: a field has a type that point clouds do not have, or the shape does not fit.
+        ConversionError: a field has a type that point clouds do not have, the shape does not fit, or a number is beyond
+            `dtype`.
     """
     points = np.asarray(array)
     if points.dtype.names is None:
-        points = _structured(points, names)
+        points = _structured(points if dtype is None else _as_kind(points, np.dtype(dtype)), names)
+    elif dtype is not None:
+        raise ConversionError(f"dtype: the array has fields with types of their own, {points.dtype}")
     if points.ndim not in (1, 2):
         raise ConversionError(f"array: expected one or two axes of points, got shape {points.shape}")
     points, is_big = _writable(points)
@@ -151,6 +183,18 @@ def _structured(values: np.ndarray[Any, Any], names: Sequence[str]) -> np.ndarra
         raise ConversionError(f"array: expected {len(names)} columns ({', '.join(names)}), got shape {values.shape}")
     dtype = np.dtype([(name, values.dtype) for name in names])
     return np.ascontiguousarray(values).view(dtype)[..., 0]
+
+
+def _as_kind(values: np.ndarray[Any, Any], kind: np.dtype[Any]) -> np.ndarray[Any, Any]:
+    """Rounded, but never another number: raises `ConversionError` for what is beyond the type."""
+    if kind.kind not in "iuf" or values.dtype.kind not in "biuf":
+        raise ConversionError(f"array: {values.dtype} as {kind}: expected numbers; point fields are {_known_types()}")
+    with np.errstate(all="ignore"):
+        made = values.astype(kind)
+        lost = (np.isfinite(values) & ~np.isfinite(made)) if kind.kind == "f" else made != values
+    if lost.any():
+        raise ConversionError(f"array: {values[lost].flat[0]!r} is beyond {kind}")
+    return made
 
 
 def _writable(points: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:

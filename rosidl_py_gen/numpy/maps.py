@@ -19,14 +19,27 @@ def occupancygrid_to_array(grid: Any, *, copy: bool = False) -> np.ndarray[Any, 
         copy: own the result; otherwise it shares the cells of `grid`.
 
     Raises:
-        ConversionError: `data` does not have ``info.height * info.width`` cells.
+        ConversionError: `data` does not have ``info.height * info.width`` cells, or is no int8.
     """
     height, width = count(grid.info.height, "info.height"), count(grid.info.width, "info.width")
-    data = flat_bytes(np.asarray(grid.data, np.int8), "data")
+    data = flat_bytes(_cells(grid.data), "data")
     if len(data) != height * width:
         raise ConversionError(f"data: {len(data)} cells, but {height} x {width} need {height * width}")
     cells = data.view(np.int8).reshape(height, width)
     return cells.copy() if copy else cells
+
+
+def _cells(data: Any) -> np.ndarray[Any, np.dtype[np.int8]]:
+    """Of what the field holds, which may be a list; never another number."""
+    try:
+        found = np.frombuffer(data, np.int8) if isinstance(data, bytes | bytearray | memoryview) else np.asarray(data)
+        made = found.astype(np.int8, copy=False)
+        is_same = made is found or bool((made == found).all())
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ConversionError(f"data: expected int8, got {type(data).__name__}: {error}") from None
+    if not is_same:
+        raise ConversionError(f"data: expected int8, got {found.dtype} from {found.min()} to {found.max()}")
+    return made
 
 
 @overload

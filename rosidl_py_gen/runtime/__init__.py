@@ -4,6 +4,17 @@ The public names stand in `__init__.pyi`, for type checkers and for us. Each is 
 DDS itself only when a context without transport is opened.
 """
 
+from typing import TYPE_CHECKING
+
 from rosidl_py_gen.cdr.lazy import stub_exports
 
-__getattr__, __dir__, __all__ = stub_exports(__name__)
+_find, __dir__, __all__ = stub_exports(__name__)
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> object:
+        if name not in __all__ and not name.startswith("_"):
+            from rosidl_py_gen.rclpy_names import refuse_module_name
+
+            refuse_module_name(__name__, name)
+        return _find(name)

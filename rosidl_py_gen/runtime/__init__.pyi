@@ -38,6 +38,7 @@ from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError as C
 from rosidl_py_gen.runtime.endpoints.subscription import MessageInfo as MessageInfo
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription as Subscription
 from rosidl_py_gen.runtime.endpoints.timer import Timer as Timer
+from rosidl_py_gen.runtime.graph.definitions import TypeCheck as TypeCheck
 from rosidl_py_gen.runtime.graph.state import EndpointType as EndpointType
 from rosidl_py_gen.runtime.graph.state import NodeInfo as NodeInfo
 from rosidl_py_gen.runtime.graph.state import TopicEndpointInfo as TopicEndpointInfo
@@ -49,6 +50,7 @@ from rosidl_py_gen.runtime.logs.file import LogFileError as LogFileError
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError as LogLevelError
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError as LoopMismatchError
 from rosidl_py_gen.runtime.loop.event_loop import new_event_loop as new_event_loop
+from rosidl_py_gen.runtime.loop.failures import CallbackFailedError as CallbackFailedError
 from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError as InvalidRemapRuleError
 from rosidl_py_gen.runtime.node.arguments import RosArgumentError as RosArgumentError
 from rosidl_py_gen.runtime.node.context import Context as Context
@@ -111,3 +113,4 @@ from rosidl_py_gen.runtime.transport.qos import InvalidQoSError as InvalidQoSErr
 from rosidl_py_gen.runtime.transport.qos import Liveliness as Liveliness
 from rosidl_py_gen.runtime.transport.qos import QoSProfile as QoSProfile
 from rosidl_py_gen.runtime.transport.qos import Reliability as Reliability
+from rosidl_py_gen.signatures import CallbackSignatureError as CallbackSignatureError

@@ -1,26 +1,131 @@
 """Fixtures for tests of programs that use this package: nodes that meet in memory, without network.
 
 Loaded by pytest through the entry point ``rosidl_py_gen``; imports the runtime when a fixture is used. Decides that the
-nodes of a test share its event loop.
+nodes of a test share its event loop, and that a test fails whose callbacks fail: with the callback's own exception, or,
+when it has failed already, with a section that shows the traceback.
 """
 
 from __future__ import annotations
 
+import re
+import time
+import traceback
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator, Iterator
+    from types import TracebackType
 
     from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
 
+_PACKAGE = str(Path(__file__).parents[1])
+_LOOK_S = 0.005
+
+
+class RosErrors:
+    """What callbacks, handlers and other functions of the program raised in this test.
+
+    The test fails with it, unless it said before its end that this was to be expected.
+    """
+
+    def __init__(self) -> None:
+        self.found: list[BaseException] = []
+        """All exceptions so far, oldest first."""
+        self._judged = 0
+        self._expected: list[tuple[type[BaseException], str]] = []
+
+    def expect(self, kind: type[BaseException], match: str = "") -> None:
+        """This test makes callbacks raise `kind`, with a text that `match` is found in (`re.search`), once or more.
+
+        The test fails when none does.
+        """
+        if not (isinstance(kind, type) and issubclass(kind, BaseException)):
+            raise TypeError(f"expect takes an exception class such as ValueError, got {kind!r:.100}")
+        re.compile(match)
+        self._expected.append((kind, match))
+
+    async def wait(self, count: int = 1, timeout_s: float = 5.0) -> list[BaseException]:
+        """Wait until so many exceptions were raised in all, and return them; `WaitTimeoutError` when they were not."""
+        import asyncio
+
+        from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError
+
+        end_s = time.monotonic() + timeout_s
+        while len(self.found) < count:
+            if time.monotonic() > end_s:
+                raise WaitTimeoutError(f"{len(self.found)} callbacks failed in {timeout_s} s, expected {count}")
+            await asyncio.sleep(_LOOK_S)
+        return list(self.found)
+
+    def judge(self, *, is_over: bool = True) -> list[BaseException]:
+        """What was not expected among the exceptions since the last call; when all `is_over`, what is missing, too."""
+        new, self._judged = self.found[self._judged :], len(self.found)
+        wrong = [_shortened(error) for error in new if not any(_is(error, *wanted) for wanted in self._expected)]
+        for kind, match in self._expected if is_over else ():
+            if not any(_is(error, kind, match) for error in self.found):
+                what = f"{kind.__name__} with {match!r}" if match else kind.__name__
+                wrong.append(AssertionError(f"no callback raised {what}, which this test expects"))
+        return wrong
+
+
+def _is(error: BaseException, kind: type[BaseException], match: str) -> bool:
+    return isinstance(error, kind) and re.search(match, str(error)) is not None
+
+
+def _shortened(error: BaseException) -> BaseException:
+    """The error with a traceback that begins in the program, if it comes by there."""
+    trace: TracebackType | None = error.__traceback__
+    while trace is not None and trace.tb_frame.f_code.co_filename.startswith(_PACKAGE):
+        trace = trace.tb_next
+    return error if trace is None else error.with_traceback(trace)
+
+
+def _as_one(errors: list[BaseException]) -> BaseException:
+    from rosidl_py_gen.runtime.loop.failures import CallbackFailedError
+
+    return errors[0] if len(errors) == 1 else CallbackFailedError(errors)
+
+
+_ERRORS = pytest.StashKey[RosErrors]()
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, None]:
+    """Fail a test whose callbacks failed."""
+    outcome = yield
+    errors = item.stash.get(_ERRORS, None)
+    wrong = [] if errors is None else errors.judge(is_over=outcome.excinfo is None)
+    if wrong and outcome.excinfo is None:
+        outcome.force_exception(_as_one(wrong))
+    elif wrong:
+        shown = "\n".join("".join(traceback.format_exception(error)) for error in wrong)
+        item.add_report_section("call", "callbacks that failed", shown)
+
+
 @pytest.fixture
-def ros_world() -> MemoryTransport:
-    """A fresh `MemoryTransport`; give it to every `Context` of the test."""
+def ros_errors(request: pytest.FixtureRequest) -> Iterator[RosErrors]:
+    """What callbacks raise in this test, of whatever node: the test fails with it unless it was expected.
+
+    ``ros_errors.expect(ValueError, match="too fast")`` in the test, before or after it happened.
+    """
+    from rosidl_py_gen.runtime.logs.loggers import failure_listeners
+
+    request.node.stash[_ERRORS] = errors = RosErrors()
+    with failure_listeners.add(lambda _, error: errors.found.append(error)):
+        yield errors
+    if late := errors.judge(is_over=False):  # while nodes were closed
+        raise _as_one(late)
+
+
+@pytest.fixture
+def ros_world(ros_errors: RosErrors) -> MemoryTransport:
+    """A fresh `MemoryTransport`; give it to every `Context` of the test. Callbacks that fail, fail the test."""
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
     return MemoryTransport()
@@ -31,7 +136,8 @@ def ros_node(ros_world: MemoryTransport) -> Iterator[Callable[..., Node]]:
     """A function ``ros_node(name, namespace="", args=())`` that makes nodes of `ros_world`, closed after the test.
 
     Each node has a context of its own, as if it were another process; `args` is its command line. Nodes may be made
-    before the test's event loop runs: the first use of any of them inside the loop is enough for all.
+    before the test's event loop runs: the first use of any of them inside the loop is enough for all. Callbacks that
+    fail, fail the test; see `ros_errors`.
     """
     from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.node.node import Node

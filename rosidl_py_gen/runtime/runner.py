@@ -20,6 +20,7 @@ from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.loop.event_loop import new_event_loop
+from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.node.context import Context
 
@@ -48,6 +49,7 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
         LoopMismatchError: an event loop runs already, as in Jupyter.
         TypeError: no async function or coroutine.
         KeyboardInterrupt: at the second SIGINT.
+        Exception: what `main` raised, or the first callback that failed of a node with ``on_error="raise"``.
     """
     coroutine = _coroutine(main)
     loop = new_event_loop()
@@ -75,7 +77,7 @@ def spin(*nodes: Node) -> None:
 
     Raises:
         LoopMismatchError: an event loop runs already, as in Jupyter; nothing is closed then.
-        TypeError: no node. KeyboardInterrupt: at the second SIGINT.
+        TypeError: no node. KeyboardInterrupt: at the second SIGINT. What callbacks raised: as `run`.
     """
     for node in nodes:
         if not hasattr(getattr(node, "context", None), "bridge"):
@@ -139,7 +141,9 @@ def _run_task(loop: asyncio.AbstractEventLoop, signals: _Signals, task: asyncio.
 
 async def _attached(coroutine: Coroutine[Any, Any, T]) -> T:
     Context.attach_all()
-    return await coroutine
+    loop = asyncio.get_running_loop()
+    with Guard(lambda failures: failures.bridge.loop is loop):
+        return await coroutine
 
 
 # ----------------------------------------------------------------------------------------------------------- signals

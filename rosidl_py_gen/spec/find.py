@@ -1,6 +1,10 @@
 """Which interface packages there are, and which files belong to them.
 
-First hit wins: the folders the caller names, then every prefix of AMENT_PREFIX_PATH, then the bundled interfaces.
+Folders called msg, srv or action that hold other files only make no package: those of Python packages, what this tool
+generates among them, and of C++ headers. Virtual environments and CMake's build folders are not looked into.
+
+First hit wins: the folders the caller names, then every prefix of AMENT_PREFIX_PATH, then packages that were installed
+as wheels of `distribution`, then the bundled interfaces.
 Reads directory entries and package.xml names; interface files themselves, and the CMakeLists.txt that says which files
 a source package consists of, are opened later, and only when needed.
 """
@@ -11,20 +15,27 @@ import os
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
+from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import DefinitionError, Problem
 from rosidl_py_gen.names import KINDS, PACKAGE_RULE, RosName, is_package_name
-from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.resources import ENTRY_POINTS, interfaces_dir
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from rosidl_py_gen.spec.listed import Listing
 
 _NAME_TAG = re.compile(r"<name>\s*([^<>]*?)\s*</name>")
 _IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
+_MADE_BY_TOOLS = ("pyvenv.cfg", "CMakeCache.txt")
+"""Files of folders that hold copies: of a virtual environment, and of a build."""
+_SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
+INSTALLED = "installed"
+"""The origin of packages that were installed by pip."""
 _MAX_DEPTH = 12
 _MAX_XML_BYTES = 1 << 20
 
@@ -124,9 +135,25 @@ def search_path(
         holders = (Path(entry.path) for entry in _entries(share) if _holds_interfaces(Path(entry.path)))
         _add(found, prefix, (Package(path.name, path, prefix) for path in holders if is_package_name(path.name)))
     if bundled:
+        if installed := [*_installed()]:
+            _add(found, INSTALLED, installed)
         holders = (Path(entry.path) for entry in _entries(interfaces_dir()))
         _add(found, "bundled", (Package(path.name, path, "bundled") for path in holders if _holds_interfaces(path)))
     return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
+
+
+def _installed() -> Iterator[Package]:
+    """Packages whose wheels say where they are; nothing of them is imported."""
+    for one in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):
+        name, module = one
+        try:
+            spec = find_spec(module.partition(".")[0])
+        except (ImportError, ValueError):
+            continue
+        if spec is not None and spec.origin and is_package_name(name):
+            folder = Path(spec.origin).parent
+            if _holds_interfaces(folder):
+                yield Package(name, folder, INSTALLED)
 
 
 def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
@@ -135,7 +162,10 @@ def _add(found: SearchPath, origin: str, packages: Iterable[Package]) -> None:
         first = found.packages.setdefault(package.name, package)
         if first is not package:
             if first.origin == package.origin:
-                text = f'two packages are called "{package.name}": {first.folder} and {package.folder}'
+                text = (
+                    f'two packages are called "{package.name}": {first.folder} and {package.folder}; give one folder '
+                    "as --path, or put an empty file COLCON_IGNORE into the other"
+                )
                 raise DefinitionError(Problem(origin, 0, 0, text))
             found.hidden.append(package)
 
@@ -157,7 +187,21 @@ def _entries(folder: Path) -> list[os.DirEntry[str]]:
 
 
 def _holds_interfaces(folder: Path) -> bool:
-    return any(os.path.isdir(folder / kind) for kind in KINDS)
+    """Whether there is a folder for interfaces: with one in it, or empty, because the last one was removed."""
+    return any(_is_for_interfaces(folder / kind) for kind in KINDS)
+
+
+def _is_for_interfaces(folder: Path) -> bool:
+    try:
+        with os.scandir(folder) as entries:
+            first = next(entries, None)
+            return (
+                first is None or first.name.endswith(_SUFFIXES) or any(one.name.endswith(_SUFFIXES) for one in entries)
+            )
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except OSError:  # whoever reads it says why it cannot be read
+        return True
 
 
 def _groups_packages(folder: Path) -> bool:
@@ -182,6 +226,8 @@ def _descend(
 ) -> None:
     real = os.path.realpath(folder)  # links may form loops
     if real in visited or depth > _MAX_DEPTH or any(os.path.exists(folder / mark) for mark in _IGNORE_MARKS):
+        return
+    if depth and any(os.path.isfile(folder / mark) for mark in _MADE_BY_TOOLS):
         return
     visited.add(real)
     manifest = folder / "package.xml"

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import Problem, shown_path
 from rosidl_py_gen.names import KINDS, RosName, did_you_mean
+from rosidl_py_gen.ownership import owns
 from rosidl_py_gen.spec.cmake import GENERATE, Call, Listed, follow
 from rosidl_py_gen.spec.cmake_commands import INTERFACE_SUFFIXES, Place
 from rosidl_py_gen.spec.cmake_text import MAX_BYTES, UnreadableError
@@ -152,6 +153,8 @@ class _Reader:
         name = _name(self.package, relative)
         if whole is None or not self.may_read(whole):
             self.note(entry.place, f'"{shown}" is not in the package folder; it is left out')
+        elif name is None and owns(self.folder / whole[len(ROOT) + 1 :]):
+            return  # a pattern took our own output for a definition
         elif name is None:
             self.problem(entry, f'"{shown}" is not an interface file; expected .msg, .srv, .action or .idl')
         elif not os.path.isfile(self.folder / whole[len(ROOT) + 1 :]):

@@ -9,6 +9,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime import Durability, QoSProfile
 from rosidl_py_gen.tf.buffer import DEPTH
 from rosidl_py_gen.tf.transform import Transform
+from rosidl_py_gen.tf.tree import without_slash
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
@@ -45,7 +46,7 @@ class StaticTransformBroadcaster:
         Raises:
             EncodeError: something else than TransformStamped messages or `Transform` objects.
         """
-        new = {message.child_frame_id: message for message in messages(transforms)}
+        new = {without_slash(message.child_frame_id): message for message in messages(transforms)}
         self._publisher.publish(self._cls(transforms=list({**self._sent, **new}.values())))
         self._sent.update(new)
 

@@ -148,8 +148,8 @@ class FrameTree:
 
     def insert(self, child: str, stamp: int, link: Link, *, is_static: bool) -> None:
         """Take a transform in; raises `InvalidTransformError`, and nothing has changed then."""
-        child = child.removeprefix("/")
-        link = Link(link.parent.removeprefix("/"), link.translation, _checked(child, link))
+        child, link = without_slash(child), link._replace(parent=without_slash(link.parent))
+        link = link._replace(rotation=_checked(child, link))
         frame = self._frames.get(child)
         if frame is None or isinstance(frame, _Static) != is_static:
             frame = _Static() if is_static else _Moving(self._cache_time)
@@ -305,12 +305,17 @@ class _Walk:
         self.steps += 1
 
 
+def without_slash(frame: str) -> str:
+    """The name of a frame without the slash that tf of ROS 1 began it with; tf2 takes one away, too."""
+    return frame.removeprefix("/")
+
+
 def _least(stamps: Any) -> int:
     return min((stamp for stamp in stamps if stamp), default=0)
 
 
 def _checked(child: str, link: Link) -> Quaternion:
-    """The rotation with length 1; raises `InvalidTransformError`."""
+    """The rotation with length 1, of frames without a slash; raises `InvalidTransformError`."""
     if not child or not link.parent:
         raise InvalidTransformError(f'frame_id "{link.parent}" and child_frame_id "{child}" must not be empty')
     if child == link.parent:

@@ -23,6 +23,7 @@ import click
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.errors import RosidlError, printable
+from rosidl_py_gen.resources import extra_missing
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
@@ -47,16 +48,6 @@ _GROUPS = {
 
 _BROKEN_PIPE = 141
 """What a shell says of a program that SIGPIPE ended."""
-_EXTRA = {
-    "cyclonedds": "node",
-    "rich": "node",
-    "yaml": "node",
-    "mcap": "mcap",
-    "foxglove": "foxglove",
-    "websockets": "foxglove",
-    "zenoh": "zenoh",
-}
-"""Modules that extras bring. Definitions can be shown without them."""
 
 
 class ToolError(RosidlError):
@@ -172,10 +163,10 @@ def main(arguments: list[str] | None = None) -> None:
         report(str(error))
         sys.exit(1)
     except ModuleNotFoundError as missing:
-        name = (missing.name or "").partition(".")[0]
-        if name not in _EXTRA:
+        explained = extra_missing(missing)
+        if explained is None:
             raise
-        report(f"this needs {name}, which is not installed: pip install 'rosidl-py-gen[{_EXTRA[name]}]'")
+        report(str(explained))
         sys.exit(1)
     except OSError as error:
         report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))

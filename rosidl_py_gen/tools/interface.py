@@ -10,6 +10,7 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.descriptions import describe
+from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.names import did_you_mean
 from rosidl_py_gen.spec.definition import expanded_lines, full_name, read_checked
 from rosidl_py_gen.spec.find import search_path
@@ -105,18 +106,28 @@ def _print_lines(lines: Sequence[str]) -> None:
 # --------------------------------------------------------------------------------------------------------- definitions
 
 
-def _given(search: SearchPath, text: str) -> RosName:
+def _given(text: str) -> str:
     if text == "-":
         text = sys.stdin.readline().strip() if sys.stdin is not None else ""
         if not text:
             raise ToolError("expected the name of an interface on standard input, found nothing")
-    return full_name(search, text)
+    return text
 
 
 def _read(search: SearchPath, text: str) -> tuple[Library, RosName]:
-    name = _given(search, text)
+    """From the search path, else from what nodes said of it once."""
+    text = _given(text)
+    name = full_name(search, text)
     library = Library(search)
-    read_checked(library, name)
+    try:
+        read_checked(library, name)
+    except TypeNotFoundError:
+        from rosidl_py_gen.tools.kept import kept_library
+
+        kept = kept_library(text)
+        if kept is None:
+            raise
+        return kept
     return library, name
 
 
@@ -162,7 +173,7 @@ def _parts(library: Library, top: RosName) -> list[str]:
 def _proto(search: SearchPath, paths: tuple[str, ...], as_json: bool, name: str, no_quotes: bool) -> None:
     from rosidl_py_gen import to_dict
 
-    values = to_dict(_example(_given(search, name), paths))
+    values = to_dict(_example(search, _given(name), paths))
     if as_json:
         printing.document(values)
         return
@@ -172,12 +183,30 @@ def _proto(search: SearchPath, paths: tuple[str, ...], as_json: bool, name: str,
     printing.line(text if no_quotes else _quoted(text))
 
 
-def _example(name: RosName, paths: tuple[str, ...]) -> Message:
+def _example(search: SearchPath, text: str, paths: tuple[str, ...]) -> Message:
     """A message with its default values: of a service the request, of an action the goal."""
     from rosidl_py_gen import get_message
 
-    half = "" if "_" in name.name else {"msg": "", "srv": "_Request", "action": "_Goal"}[name.kind]
-    return get_message(f"{name}{half}", path=paths)()
+    name = full_name(search, text)
+    try:
+        half = _half(name)
+        return get_message(f"{name}_{half}" if half else str(name), path=paths)()
+    except TypeNotFoundError:
+        from rosidl_py_gen.dynamic import class_of_library
+        from rosidl_py_gen.tools.kept import kept_library
+
+        kept = kept_library(text)
+        if kept is None:
+            raise
+        library, name = kept
+        cls: Any = class_of_library(library, name, path=paths)
+        made: Message = (getattr(cls, _half(name)) if _half(name) else cls)()
+        return made
+
+
+def _half(name: RosName) -> str:
+    """Which part of an interface is filled in; empty for a message."""
+    return "" if "_" in name.name else {"msg": "", "srv": "Request", "action": "Goal"}[name.kind]
 
 
 def _quoted(text: str) -> str:

@@ -181,7 +181,7 @@ class Session:
 
         Raises:
             ToolError: it did not appear; says which similar name exists.
-            InvalidNameError.
+            InvalidNameError: this is no name.
         """
         from rosidl_py_gen.names import did_you_mean
 

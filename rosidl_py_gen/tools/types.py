@@ -57,8 +57,8 @@ async def message_class(
         type_name: ``pkg/msg/Name`` or ``pkg/Name``.
 
     Raises:
-        ToolError: the topic has several types. TypeNotFoundError. TypeDescriptionError. InvalidNameError.
-        DefinitionError.
+        ToolError: the topic has several types.
+        TypeNotFoundError, TypeDescriptionError, InvalidNameError, DefinitionError: as their names say.
     """
     types = _topic_types(session, topic)
     name = _only("topic", topic, types) if type_name is None else str(split_ros_name(type_name, "msg"))

@@ -128,3 +128,14 @@ def test_derived_messages_have_interfaces_and_plans(tmp_path: Path) -> None:
     found = command("plan", "std_srvs/srv/SetBool", cwd=tmp_path)
     assert "SetBool_Request" in found.stderr
     assert "SetBool_Goal" not in found.stderr
+
+
+def test_what_was_generated_below_the_path_is_not_taken_for_a_package(tmp_path: Path) -> None:
+    package = "<package><name>robot_msgs</name></package>"
+    listing = "find_package(rosidl_default_generators)\nfile(GLOB files RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} msg/*)\n"
+    listing += "rosidl_generate_interfaces(robot_msgs ${files})\n"
+    files = {"package.xml": package, "CMakeLists.txt": listing, "msg/A.msg": "int8 x"}
+    write(tmp_path, {f"src/robot_msgs/{name}": text for name, text in files.items()})
+    for out in ("generated", "generated", "src", "src"):  # beside the definitions, and among them
+        made = command("--path", ".", "--filter", "robot_msgs", "--out", out, cwd=tmp_path)
+        assert (made.returncode, made.stdout[:27]) == (0, "1 interfaces in 1 packages:"), made.stderr

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from worlds import GENERATED, ROOT, domain_id
+from worlds import GENERATED, ROOT, dds, domain_id, only_loopback, pytest_pyfunc_call
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+__all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
 
 @pytest.fixture

@@ -90,6 +90,17 @@ async def test_their_client_sets_ours_all_or_none(dds: Any, shared_peer: Peer) -
     assert held(ours, list(NEW)) == list(NEW.values())
 
 
+async def test_their_whole_number_is_our_double_and_ours_theirs(dds: Any, shared_peer: Peer, theirs: Any) -> None:
+    ours = ours_with_all_kinds(dds)
+    wanted = {"gain": 3, "gains": [1, 2], "count": 4}
+    answer = await ask_ours(shared_peer, ours, "set_parameters", wanted)
+    assert [one["successful"] for one in answer["results"]] == [True] * 3
+    assert repr(held(ours, list(wanted))) == "[3.0, [1.0, 2.0], 4]"
+    assert [one.successful for one in await theirs.set(wanted, WAIT_S)] == [True] * 3
+    assert (await theirs.set_atomically({"gain": 5, "count": 6}, WAIT_S)).successful
+    assert repr(await held_by_them(shared_peer, theirs, list(wanted))) == "[5.0, [1.0, 2.0], 6]"
+
+
 async def test_their_client_loads_a_file_into_our_node(dds: Any, shared_peer: Peer, tmp_path: Path) -> None:
     ours = ours_with_all_kinds(dds)
     file = tmp_path / "parameters.yaml"

@@ -123,6 +123,9 @@ def test_types_that_clouds_do_not_have_are_refused_by_name() -> None:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
+        ({"point_step": 2**31}, "point_step: 2147483648 bytes, but a point of an array has at most 2147483647"),
+        ({"fields": [PointField(name="x", datatype=2, count=2**31)]}, 'fields.0.: "x" ends at byte 2147483648, but'),
+        ({"width": 2**40}, "width: expected a number from 0 to 4294967295"),
         ({"point_step": 19}, 'fields.3.: "i" ends at byte 20, but point_step is 19'),
         ({"fields": [*XYZI, XYZI[0]]}, 'there are two fields "x"'),
         ({"fields": [PointField(name="x", datatype=9)]}, "fields.0..datatype: 9 is not known"),
@@ -150,14 +153,15 @@ def test_a_count_of_zero_means_one_and_no_name_gets_one() -> None:
     assert dtype.names == ("unnamed_field_0",)
 
 
+EDGES = [2**28, 2**31 - 2, 2**31 - 1, 2**31, 2**32 - 1]
 FIELDS = st.builds(
     PointField,
     name=st.text(max_size=2),
     offset=st.integers(0, 30) | st.integers(0, 2**32 - 1),
     datatype=st.integers(0, 10),
-    count=st.integers(0, 3) | st.integers(0, 2**32 - 1),
+    count=st.integers(0, 3) | st.integers(0, 2**32 - 1) | st.sampled_from(EDGES),
 )
-SIZES = st.integers(0, 40) | st.integers(0, 2**32 - 1)
+SIZES = st.integers(0, 40) | st.integers(0, 2**32 - 1) | st.sampled_from(EDGES)
 
 
 @given(
@@ -177,8 +181,58 @@ def test_no_cloud_raises_anything_else_or_reads_beyond_its_data(message: Any) ->
         points = pointcloud_to_array(message)
     except RosidlError:
         return
+    assert pointcloud_to_array(message, skip_nans=True).size <= points.size
     assert points.size * points.dtype.itemsize <= 200 * 200  # rows may overlap only in what is there
     points.tobytes()
+
+
+def test_points_that_are_not_numbers_are_left_out_on_request() -> None:
+    made = np.zeros((2, 3), [("x", "f4"), ("n", "f8", (2,)), ("i", "u1")])
+    made["i"] = np.arange(6).reshape(2, 3)
+    made["x"][0, 1] = made["n"][1, 2, 1] = np.nan
+    made["x"][1, 0] = np.inf
+    message = array_to_pointcloud(made, cls=PointCloud2, is_dense=True)  # which is not true
+    assert pointcloud_to_array(message, skip_nans=True)["i"].tolist() == [0, 2, 3, 4]
+    assert pointcloud_to_array(message, ["x", "i"], skip_nans=True, copy=True)["i"].tolist() == [0, 2, 3, 4, 5]
+    assert pointcloud_to_array(message).shape == (2, 3)
+
+
+@pytest.mark.parametrize("is_bigendian", [False, True])
+def test_fields_of_float64_are_read_wherever_they_lie(is_bigendian: bool) -> None:
+    order = "<>"[is_bigendian]
+    kinds = {"names": ["x", "t"], "formats": [f"{order}f4", f"{order}f8"], "offsets": [0, 5], "itemsize": 14}
+    made = np.zeros(3, np.dtype(kinds))
+    made["x"], made["t"] = [1, 2, 3], [1e300, 1.7e9 + 1e-6, -0.0]
+    fields = [PointField(name="x", offset=0, datatype=7, count=1), PointField(name="t", offset=5, datatype=8, count=1)]
+    message = PointCloud2(
+        height=1, width=3, fields=fields, is_bigendian=is_bigendian, point_step=14, row_step=42, data=made.tobytes()
+    )
+    points = pointcloud_to_array(PointCloud2.decode(message.encode()))
+    assert points["t"].tolist() == [1e300, 1.7e9 + 1e-6, -0.0] and points["x"].tolist() == [1, 2, 3]
+
+
+def test_plain_columns_get_the_type_that_is_asked_for() -> None:
+    numbers = np.random.default_rng(1).random((4, 3))
+    assert {field.datatype for field in array_to_pointcloud(numbers).fields} == {8}
+    message = array_to_pointcloud(numbers, dtype="f4", cls=PointCloud2)
+    assert {field.datatype for field in message.fields} == {7} and message.point_step == 12
+    assert np.allclose(pointcloud_to_array(message)["y"], numbers[:, 1])
+    with pytest.raises(ConversionError, match=r"1e\+300.* is beyond float32"):
+        array_to_pointcloud([[0.0, 1e300, 0.0]], dtype="f4")
+    with pytest.raises(ConversionError, match=r"0\.5.* is beyond uint8"):
+        array_to_pointcloud([[0.0, 0.5, 0.0]], dtype="u1")
+    with pytest.raises(ConversionError, match="types of their own"):
+        array_to_pointcloud(np.zeros(1, [("x", "f8")]), dtype="f4")
+
+
+def test_cells_of_another_type_are_never_other_numbers() -> None:
+    grid = array_to_occupancygrid(np.array([[-1, 0, 100]]), 0.05, cls=OccupancyGrid)
+    grid.data = [-1, 0, 100]
+    assert occupancygrid_to_array(grid).tolist() == [[-1, 0, 100]]
+    for wrong in (np.array([0, 200, 1]), np.array([0, 0.5, 1]), [0, 1, 1000]):
+        grid.data = wrong
+        with pytest.raises(ConversionError, match="data: expected int8, got"):
+            occupancygrid_to_array(grid)
 
 
 def test_maps_come_as_rows_of_cells() -> None:

@@ -108,6 +108,7 @@ def test_what_no_encoding_has_is_refused(kind: type) -> None:
         ({"height": 3}, "data: 12 bytes, but 3 rows of 6 bytes need 18"),
         ({"width": 2**32 - 1, "step": 2**32 - 1}, "step"),
         ({"height": 2**32 - 1}, "data: 12 bytes"),
+        ({"height": 2**70, "width": 0}, "height: expected a number from 0 to 4294967295"),
     ],
 )
 def test_what_does_not_fit_is_named(changes: dict[str, object], text: str) -> None:

@@ -316,12 +316,14 @@ def test_both_sides_agree_how_goals_that_are_cancelled_at_random_end() -> None:
 
 
 def test_the_tests_of_a_node_pass_as_a_user_runs_them_and_find_a_mistake(tmp_path: Path) -> None:
-    def run_tests() -> str:
-        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_speed_guard.py"]
+    def run_tests(folder: Path = tmp_path) -> str:
+        without = [f"-pno:{plugin}" for plugin in ("cacheprovider", "xdist", "timeout")]  # who has pytest alone
+        command = [sys.executable, "-m", "pytest", "-q", *without, "test_speed_guard.py"]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
-        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=60)
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
         return done.stdout
 
+    assert "5 passed" in run_tests(EXAMPLES)
     code = (EXAMPLES / "speed_guard.py").read_text()
     shutil.copy(EXAMPLES / "test_speed_guard.py", tmp_path)
     (tmp_path / "speed_guard.py").write_text(code)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import pytest
 from std_msgs.msg import String
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime import MemoryTransport, Node
+
+pytest_plugins = ["pytester"]
 
 
 def test_nodes_of_the_fixture_have_their_own_command_line(ros_node: Callable[..., Node]) -> None:
@@ -24,3 +27,111 @@ async def test_nodes_of_the_fixture_meet_in_memory(ros_node: Callable[..., Node]
     assert (await subscription.receive(timeout_s=5)).data == "hello"
     assert sorted(listener.get_node_names()) == ["/listener", "/talker"]
     assert ros_world is not None
+
+
+FAILING = """
+import asyncio
+import pytest
+from std_msgs.msg import String
+from rosidl_py_gen.runtime import Context, Node
+
+def judge(message):
+    assert message.data == "right", "wrong word"
+
+async def lead(node, callback, count=1):
+    heard = []
+    node.create_subscription(String, "chatter", callback)
+    node.create_subscription(String, "chatter", heard.append)
+    for _ in range(count):
+        node.create_publisher(String, "chatter").publish(String(data="hello"))
+    while len(heard) < count:
+        await asyncio.sleep(0)
+    return heard
+
+async def later(message):
+    judge(message)
+
+def test_plain(ros_node):
+    asyncio.run(lead(ros_node("n"), judge))
+
+def test_async(ros_node):
+    async def main():
+        await lead(ros_node("n"), later)
+        await asyncio.sleep(0)
+    asyncio.run(main())
+
+def test_several(ros_node):
+    asyncio.run(lead(ros_node("n"), judge, count=2))
+
+def test_own_context(ros_world):
+    with Context(0, transport=ros_world, args=["test"]) as context:
+        asyncio.run(lead(Node("n", context=context), judge))
+
+def test_pytest_fail(ros_node):
+    asyncio.run(lead(ros_node("n"), lambda message: pytest.fail("no such word")))
+
+def test_own_failure(ros_node):
+    asyncio.run(lead(ros_node("n"), judge))
+    raise KeyError("mine")
+
+def test_while_closing(ros_node):
+    node = ros_node("n")
+    class Part:
+        def close(self):
+            try:
+                judge(String())
+            except AssertionError:
+                node.scope.report_failure("closing")
+    node.scope.own(Part())
+
+def test_expected(ros_node, ros_errors):
+    ros_errors.expect(AssertionError, match="wrong word")
+    asyncio.run(lead(ros_node("n"), judge))
+
+def test_expected_and_waited_for(ros_node, ros_errors):
+    async def main():
+        await lead(ros_node("n"), later)
+        [error] = await ros_errors.wait()
+        assert "wrong word" in str(error)
+    asyncio.run(main())
+    ros_errors.expect(AssertionError)
+
+def test_expected_in_vain(ros_node, ros_errors):
+    ros_errors.expect(ValueError)
+
+def test_other_than_expected(ros_node, ros_errors):
+    ros_errors.expect(AssertionError, match="another word")
+    asyncio.run(lead(ros_node("n"), judge))
+
+def test_next_one_is_not_blamed(ros_node):
+    asyncio.run(lead(ros_node("n"), lambda message: None))
+"""
+
+
+def test_a_test_fails_whose_callbacks_fail_with_their_traceback(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(test_it=FAILING)
+    result = pytester.runpytest_inprocess("-p", "no:cacheprovider", "-rA")
+    outcomes = {
+        (report.nodeid.rpartition("::")[2], report.when): report.outcome
+        for report in result.reprec.getreports("pytest_runtest_logreport")  # type: ignore[attr-defined]
+        if report.when == "call" or report.failed
+    }
+    failed = {name for (name, when), outcome in outcomes.items() if outcome == "failed" and when == "call"}
+    assert failed == {f"test_{name}" for name in EXPECTED_TO_FAIL}
+    assert {name for (name, when) in outcomes if when == "teardown"} == {"test_while_closing"}
+    text = result.stdout.str()
+    assert 'assert message.data == "right", "wrong word"' in text
+    assert "2 callbacks failed" in text and "callbacks that failed" in text
+    assert "no callback raised ValueError, which this test expects" in text
+
+
+EXPECTED_TO_FAIL = (
+    "plain",
+    "async",
+    "several",
+    "own_context",
+    "pytest_fail",
+    "own_failure",
+    "expected_in_vain",
+    "other_than_expected",
+)

@@ -51,6 +51,31 @@ def test_a_workspace_with_packages_at_any_depth(tmp_path: Path) -> None:
     assert set(packages(found)) == {"a_msgs"}
 
 
+@pytest.mark.parametrize(
+    "copy",
+    [
+        {"gen/a_msgs/msg/__init__.py": "", "gen/a_msgs/msg/_point.py": "", "gen/a_msgs/msg/__pycache__/x.pyc": ""},
+        {"install/include/a_msgs/a_msgs/msg/point.hpp": "", "lib/python3/site-packages/a_msgs/msg/_point.py": ""},
+        {"venv/pyvenv.cfg": "", "venv/lib/site-packages/rosidl_py_gen/interfaces/a_msgs/msg/Point.msg": "int8 x"},
+        {"out/CMakeCache.txt": "", "out/rosidl_adapter/a_msgs/msg/Point.idl": ""},
+        {"web/action/__init__.py": "", "web/action/Handler.py": ""},
+    ],
+)
+def test_copies_that_tools_make_are_no_packages(tmp_path: Path, copy: dict[str, str]) -> None:
+    found = only(write(tmp_path, {**{f"src/{name}": text for name, text in POINT.items()}, **copy}))
+    assert {name: one.folder for name, one in found.packages.items()} == {"a_msgs": tmp_path / "src" / "a_msgs"}
+
+
+def test_a_virtual_environment_may_be_named_itself(tmp_path: Path) -> None:
+    write(tmp_path, {"pyvenv.cfg": "", **POINT})
+    assert set(packages(only(tmp_path))) == {"a_msgs"}
+
+
+def test_other_files_among_interfaces_do_not_matter(tmp_path: Path) -> None:
+    write(tmp_path, {**POINT, "a_msgs/msg/Aaa.py": "", "a_msgs/msg/README.md": "", "a_msgs/msg/__init__.py": ""})
+    assert list(only(tmp_path).packages["a_msgs"].files) == [RosName("a_msgs", "msg", "Point")]
+
+
 def test_the_manifest_names_the_package_not_the_folder(tmp_path: Path) -> None:
     manifest = (
         "<?xml version='1.0'?><!-- <name>wrong</name> --><package format='3'>\n<name> real_msgs </name></package>"

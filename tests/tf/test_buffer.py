@@ -11,6 +11,7 @@ import pytest
 from worlds import World, run, until
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.tf import (
     ConnectivityError,
     ExtrapolationError,
@@ -24,6 +25,7 @@ from rosidl_py_gen.tf import (
 )
 
 TransformStamped: Any = get_message("geometry_msgs/msg/TransformStamped")
+TFMessage: Any = get_message("tf2_msgs/msg/TFMessage")
 S = 10**9
 LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
 QUARTER = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
@@ -111,6 +113,10 @@ def test_an_empty_buffer_says_so() -> None:
         (moved("a", "a"), "the same"),
         (moved("", "a"), "must not be empty"),
         (moved("a", ""), "must not be empty"),
+        (moved("/a", "a"), '"a": frame_id and child_frame_id are the same'),
+        (moved("a", "/a"), "the same"),
+        (moved("/", "a"), "must not be empty"),
+        (moved("a", "/"), "must not be empty"),
         (moved("a", "b", x=math.nan), '"b": not finite'),
         (moved("a", "b", x=math.inf), "not finite"),
         (moved("a", "b", rotation=LEVEL * math.nan), "not finite"),
@@ -123,6 +129,16 @@ def test_what_is_no_transform_is_refused_and_changes_nothing(transform: Transfor
     with pytest.raises(InvalidTransformError, match=text):
         buffer.set_transform(transform)
     assert buffer.frames() == {}
+
+
+def test_a_slash_before_a_frame_makes_no_other_frame() -> None:
+    buffer = TransformBuffer()
+    buffer.set_transform(moved("/map", "/base", x=2))
+    buffer.set_transform(moved("/base", "lidar", x=1), static=True)
+    assert list(buffer.frames()) == ["base", "lidar", "map"]
+    assert buffer.lookup("map", "lidar").translation.tolist() == [3, 0, 0]
+    with pytest.raises(InvalidTransformError, match=r"the target frame .*begins with /"):
+        buffer.lookup("/map", "lidar")
 
 
 def test_frames_in_a_circle_are_told() -> None:
@@ -207,6 +223,19 @@ def test_transforms_travel_from_broadcasters_to_buffers(world: World) -> None:
             found = await waiting
             assert found.translation.tolist() == [12, 0, 0] and found.stamp == 4 * S
             assert buffer.can_transform("odom", "lidar")  # sent before there was a buffer
+
+    run(main)
+
+
+def test_a_static_transform_sent_again_with_a_slash_takes_the_place_of_the_first(memory: World) -> None:
+    async def main() -> None:
+        async with memory.node("robot") as robot, memory.node("viewer") as viewer:
+            statics = StaticTransformBroadcaster(robot)
+            statics.send(moved("base", "/lidar", 0, 1))
+            statics.send(moved("base", "lidar", 0, 2))
+            heard = viewer.create_subscription(TFMessage, "/tf_static", qos=QoSProfile().transient_local())
+            message = await heard.receive(timeout_s=10)
+            assert [one.transform.translation.x for one in message.transforms] == [2]
 
     run(main)
 

@@ -120,10 +120,14 @@ async def test_what_is_dumped_can_be_loaded(network: World, tool: Tool, tmp_path
     assert (written.out, file.read_text()) == ("", printed.out)
     assert json.loads(as_json.out)["/drive"]["arm.names"] == ["a", "b"]
     node.set_parameters({"speed": 3.0, "arm.names": ["z"]})
-    file.write_text("\n".join(line for line in printed.out.splitlines() if "start_type" not in line))
     loaded = await tool("param", "load", "/drive", str(file))
     assert (loaded.code, node.get_parameters(["speed", "arm.names"])) == (0, [1.5, ("a", "b")])
     assert "Set parameter speed successful" in loaded.out
+    assert "start_type_description_service successful: it is read-only and has this value" in loaded.out
+    file.write_text("/drive:\n  ros__parameters: {speed: 2, start_type_description_service: false}\n")
+    differs = await tool("param", "load", "/drive", str(file))
+    assert (differs.code, node.get_parameter("speed", float)) == (1, 2.0)
+    assert "failed: it is read-only and stays True, the file says False" in differs.err
 
 
 async def test_a_file_that_sets_what_it_must_not_fails(dds: World, tool: Tool, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.time.values import Time
+from rosidl_py_gen.signatures import require_signature
 
 Policy = Literal["parallel", "reject", "preempt", "queue"]
 """Of an action server, about goals that come while another one runs."""
@@ -58,10 +59,14 @@ def require_stamp(stamp: Any) -> Time:
 
 def require_server_options(action: str, execute: object, accept: object, on_cancel: object, policy: object) -> None:
     """Raise `TypeError` or `ValueError` for what an action server cannot be made of, before anything is."""
-    for callback, name in ((execute, "execute"), (accept, "accept")):
+    for callback, name, gets in ((execute, "execute", "the goal"), (accept, "accept", "what the client asks for")):
         require_callable(callback, f"{name} of action {action}")
+        if callable(callback):
+            require_signature(callback, f"{name} of action {action}", gets)
     if not (isinstance(on_cancel, bool) or callable(on_cancel)):
         raise TypeError(f"on_cancel of action {action} must be True, False or a function, got {on_cancel!r:.100}")
+    if callable(on_cancel):
+        require_signature(on_cancel, f"on_cancel of action {action}", "the goal")
     if accept is not None and execute is None:
         raise TypeError(
             f"accept of action {action} needs execute too, else nobody serves the goals it accepts; without execute, "

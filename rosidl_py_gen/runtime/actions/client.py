@@ -11,6 +11,7 @@ Source: protocol.md 8.1, 8.4, 8.5.
 from __future__ import annotations
 
 import uuid
+from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
@@ -22,6 +23,7 @@ from rosidl_py_gen.runtime.actions.checks import (
     require_stamp,
 )
 from rosidl_py_gen.runtime.actions.client_goal import (
+    ActionServerLostError,
     ActionTimeoutError,
     AlreadyTerminatedError,
     CancelError,
@@ -34,9 +36,9 @@ from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCod
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.endpoints.client import Client
-from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, carrier_qos
+from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, ServerLostError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.matching import Matching
-from rosidl_py_gen.runtime.endpoints.scope import Composite
+from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, GoalT
     from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.time.values import SecNanosec
 
 T = TypeVar("T")
@@ -71,8 +74,9 @@ class ActionClient(Composite, Generic[ActionT_co]):
         *,
         feedback_depth: int,
         server_lost_after_s: float,
+        type_check: TypeCheck | None = None,
     ) -> None:
-        super().__init__(scope)
+        super().__init__(scope, type_check=type_check)
         self._feedback_depth = require_depth("feedback_depth", feedback_depth)
         lost_after_ns = limit_to_ns("server_lost_after_s", server_lost_after_s)
         self.name = names.action
@@ -138,6 +142,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         Raises:
             GoalRejectedError: the server does not want it.
             ActionTimeoutError: no answer in `timeout_s` seconds; a `TimeoutError`.
+            ActionServerLostError: the server went away before it answered; the goal may have been accepted.
             EncodeError, TypeError: the goal does not fit its type.
             ActionArgumentError: no goal id, or one of a goal of this client that has not ended.
             ForeignServiceError, ClosedError: as their names say.
@@ -176,6 +181,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             return await self._send.call(request, deadline.left_s())
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"goal not answered by action {self.name} in {timeout_s} s") from error
+        except ServerLostError as error:
+            raise ActionServerLostError(f"goal not answered by action {self.name}: {error}") from error
 
     def send_goal_sync(
         self: ActionClient[Action[GoalT, Any, Any]],
@@ -207,7 +214,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             self._goals.pop(handle.goal_id, None)
             handle.failed(error)
 
-        self._result.ask(request, lambda response: self._on_result(handle, response), on_error)
+        on_reply = partial(self._on_result, handle)
+        self._result.ask(request, on_reply, on_error, lambda: handle.status.is_terminal)
 
     def _on_result(self, handle: ClientGoal[Any], response: Any) -> None:
         self._feedback.deliver()  # what came before the result, and is perhaps not looked at before the next wait
@@ -239,7 +247,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
 
         Raises:
             CancelRejectedError: there were goals, and the server refused for all of them.
-            ActionTimeoutError, ClosedError.
+            ActionTimeoutError, ActionServerLostError, ClosedError.
         """
         return await self._ask_cancel(ZERO_ID, None, "any goal", timeout_s)
 
@@ -260,6 +268,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             response = await self._cancel.call(request, timeout_s)
         except CallTimeoutError as error:
             raise ActionTimeoutError(f"cancel not answered by action {self.name}: {error}") from error
+        except ServerLostError as error:
+            raise ActionServerLostError(f"cancel not answered by action {self.name}: {error}") from error
         code = int(response.return_code)
         if code != CancelCode.NONE:
             kind, says = _CANCEL_ERRORS.get(code, (CancelError, f"answered with the unknown code {code} about"))
@@ -278,6 +288,9 @@ class ActionClient(Composite, Generic[ActionT_co]):
             status = find_status(data, goal_id)
             if status is not None:
                 handle.status_arrived(status)
+
+    def __repr__(self) -> str:
+        return shown(self, self.name, self.action_type, peers=lambda: len(self._send.servers()), peer="server")
 
     def close(self) -> None:
         """Let go of all goals: whoever waits gets `ClosedError`, feedback ends. May be called twice."""

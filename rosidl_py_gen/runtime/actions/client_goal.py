@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic
 
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.loop.stream import Stream
@@ -33,7 +34,7 @@ class ActionTimeoutError(ActionError, TimeoutError):
 
 
 class ActionServerLostError(ActionError):
-    """The server went away before the result was in."""
+    """The server went away before it answered, or before the result was in."""
 
 
 class CancelError(ActionError):
@@ -48,6 +49,7 @@ class AlreadyTerminatedError(CancelError):
     """The goal has ended, or is being cancelled already."""
 
 
+@knows_rclpy
 class ClientGoal(Generic[ActionT_co]):
     """A goal that was accepted; made by `ActionClient.send_goal`. `ClientGoal[Fibonacci]` to a type checker."""
 
@@ -124,7 +126,8 @@ class ClientGoal(Generic[ActionT_co]):
 
         Raises:
             CancelRejectedError, AlreadyTerminatedError, UnknownGoalError: the server's answer.
-            ActionTimeoutError: no answer in `timeout_s` seconds. ClosedError.
+            ActionTimeoutError: no answer in `timeout_s` seconds. ActionServerLostError: the server went away.
+            ClosedError.
         """
         await self._cancel(self.goal_id, timeout_s)
 

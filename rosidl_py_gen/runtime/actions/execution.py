@@ -1,8 +1,9 @@
 """Runs the `execute` function of an action server, one call for each goal.
 
-Decides how the end of a handler becomes the end of its goal: what it returns is the result, an exception (its own
-CancelledError too) is ABORTED, and so is an end that says nothing. A plain function runs in a daemon thread of its own:
-any number of goals at once, and one that never returns does not keep the program alive.
+Decides how the end of a handler becomes the end of its goal: what it returns is the result, also of a goal that it
+ended before without one; an exception (its own CancelledError too) is ABORTED, and so is an end that says nothing. A
+plain function runs in a daemon thread of its own: any number of goals at once, and one that never returns does not keep
+the program alive.
 
 Decides too how long the first handler after a change among the clients waits until their feedback would arrive.
 """
@@ -15,7 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.actions.server_goal import FINISHED, Finished, ServerGoal
+from rosidl_py_gen.runtime.actions.server_goal import FINISHED, Finished, ServerGoal, caller
 from rosidl_py_gen.runtime.loop.callbacks import in_thread, is_async
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 
@@ -86,10 +87,16 @@ class HandlerRunner:
             task.add_done_callback(lambda _: self._ended(goal))
 
     def _ended(self, goal: ServerGoal[Any]) -> None:
-        if goal.is_active and not self._scope.closed:
+        goal.handler = None
+        if self._scope.closed:
+            return
+        if goal.is_active:
             goal.abort()
+        else:
+            goal.returned(None)
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
+        goal.handler = caller()
         try:
             if not self._readiness.is_given():
                 await self._readiness.wait()
@@ -101,17 +108,29 @@ class HandlerRunner:
 
     async def _in_thread(self, goal: ServerGoal[Any]) -> Any:
         try:
-            outcome = await in_thread(f"action handler {self._action}", self._execute, goal)
+            outcome = await in_thread(f"action handler {self._action}", self._begin, goal)
+            goal.handler = caller()
             return await outcome if inspect.isawaitable(outcome) else outcome
         except asyncio.CancelledError:
             goal.request_cancel()  # the function may still run in its thread
             raise
 
+    def _begin(self, goal: ServerGoal[Any]) -> Any:
+        goal.handler = caller()
+        return self._execute(goal)
+
     def _returned(self, goal: ServerGoal[Any], outcome: object) -> None:
-        if self._scope.closed or not goal.is_active:
+        result = None if isinstance(outcome, Finished) else outcome
+        if self._scope.closed:
             return
-        if outcome is not None and not isinstance(outcome, Finished):
-            goal.succeed(outcome)
+        if not goal.is_active:
+            if not goal.returned(result):
+                self._scope.logger.warning(
+                    f"the handler of action {self._action} returned a result for goal {goal.goal_id.hex()}, which had "
+                    "ended with another one; what it returned is not sent"
+                )
+        elif result is not None:
+            goal.succeed(result)
         else:
             self._scope.logger.warning(
                 f"the handler of action {self._action} returned without ending goal {goal.goal_id.hex()}; aborting it"

@@ -20,7 +20,7 @@ from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness, HandlerRu
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
-from rosidl_py_gen.runtime.endpoints.scope import Composite
+from rosidl_py_gen.runtime.endpoints.scope import Composite, counted, shown
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.callbacks import settle_threadsafe
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.actions.checks import Policy
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType
     from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.time.clock import Clock
 
 
@@ -52,6 +53,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         on_cancel: Callable[[ServerGoal[ActionT_co]], Any] | bool,
         result_timeout_s: float,
         policy: Policy,
+        type_check: TypeCheck | None = None,
     ) -> None:
         require_server_options(names.action, execute, accept, on_cancel, policy)
         self.name = names.action
@@ -59,7 +61,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
         self.action_class = action_type.cls
-        super().__init__(scope)
+        super().__init__(scope, type_check=type_check)
         self._type = action_type
         self._policy = policy
         self._unknown = action_type.encode_result(GoalStatus.UNKNOWN, None)
@@ -83,6 +85,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         )
         ServiceServer(parts, action_type.cancel, names.cancel_goal, self._on_cancel_goal, SERVICES_DEFAULT)
         ServiceServer(parts, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT)
+        self._send_goal = send_goal
         readiness = FeedbackReadiness(parts, send_goal, self._goals.feedback)
         self._runner = None if execute is None else HandlerRunner(parts, self.name, execute, readiness)
         scope.own(self)
@@ -193,8 +196,13 @@ class ActionServer(Composite, Generic[ActionT_co]):
     def _on_get_result(self, request: Any) -> bytes | Coroutine[Any, Any, bytes]:
         self._goals.expire()
         goal_id = goal_id_of(request)
-        goal = self._goals.active.get(goal_id)
+        goal, _ = self._goals.returning.get(goal_id, (self._goals.active.get(goal_id), None))
         return goal.encoded_result() if goal is not None else self._goals.book.result(goal_id) or self._unknown
+
+    def __repr__(self) -> str:
+        goals = counted(len(self.goals), "active goal")
+        peers = lambda: len(self._send_goal.matched_clients())  # noqa: E731
+        return shown(self, self.name, self.action_type, goals, peers=peers, peer="client")
 
     def close(self) -> None:
         """Stop serving. May be called twice.

@@ -3,19 +3,24 @@
 Which state may follow which is `states.py`'s; here every change of state goes to the status topic. A result is encoded
 when its goal ends, once, and kept as bytes. Every method of `ServerGoal` may be called from any thread, except the
 coroutines: a plain `execute` function runs in a thread of its own.
+
+A handler may end its goal first and return the result then, as those written for rclpy do. So a goal that its own
+handler ends without a result has its new status at once, and its result when the handler returns.
 """
 
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, GoalEvent, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
+from rosidl_py_gen.runtime.loop.callbacks import current_loop, settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
@@ -44,6 +49,12 @@ class Finished:
 FINISHED = Finished()
 
 
+def caller() -> object:
+    """Who calls: a task of this thread's loop, or else the thread."""
+    return threading.get_ident() if current_loop() is None else asyncio.current_task()
+
+
+@knows_rclpy
 class ServerGoal(Generic[ActionT_co]):
     """A goal that was accepted; `ServerGoal[Fibonacci]` to a type checker."""
 
@@ -55,6 +66,8 @@ class ServerGoal(Generic[ActionT_co]):
         self._changed = Waiters()
         self.cancel_answers: set[asyncio.Future[bool]] = set()
         """Cancel requests that the program decides about; they are refused when the goal ends."""
+        self.handler: object = None
+        """The `caller` that its handler is while that runs; the server sets this."""
         self.has_started = False
         """True since it began to execute, also after its end."""
         self.goal_id = goal_id
@@ -111,8 +124,16 @@ class ServerGoal(Generic[ActionT_co]):
         """It has ended, or the server closes; the server does this."""
         self._result = result
         self._changed.wake()
+        self.refuse_cancels()
+
+    def refuse_cancels(self) -> None:
+        """It is too late for them; the server does this."""
         for answer in self.cancel_answers:
             settle_threadsafe(answer, False)
+
+    def returned(self, result: object | None) -> bool:
+        """Its handler has returned; whether the result, None for a default one, is what was sent. On the loop."""
+        return self._goals.complete(self, result)
 
     async def encoded_result(self) -> bytes:
         """What get_result answers, once the goal has ended; the server asks this."""
@@ -135,7 +156,10 @@ class ServerGoal(Generic[ActionT_co]):
         self._goals.on_loop(lambda: self._goals.start_deferred(self))
 
     def succeed(self: ServerGoal[Action[Any, ResultT, Any]], result: ResultT | None = None) -> Finished:
-        """End the goal as SUCCEEDED; None is a default result. It is sent as it is now: later changes have no effect.
+        """End the goal as SUCCEEDED. The result is sent as it is now: later changes have no effect.
+
+        Without one, the handler's own call leaves that to what the handler returns; any other call sends a default
+        result.
 
         Raises:
             GoalTransitionError: it has ended already, or has not been started (see `started`).
@@ -156,7 +180,8 @@ class ServerGoal(Generic[ActionT_co]):
         return self._finish(GoalEvent.CANCELED, result)
 
     def _finish(self, event: GoalEvent, result: object | None) -> Finished:
-        self._goals.on_loop(lambda: self._goals.finish(self.goal_id, event, result))
+        awaits_return = result is None and self.handler is not None and self.handler == caller()
+        self._goals.on_loop(lambda: self._goals.finish(self.goal_id, event, result, awaits_return=awaits_return))
         return FINISHED
 
     def __repr__(self) -> str:
@@ -190,6 +215,8 @@ class ServerGoals:
         self.book: GoalBook[bytes] = GoalBook(limit_to_ns("result_timeout_s", result_timeout_s))
         self.active: dict[bytes, ServerGoal[Any]] = {}
         """Goals that have not ended, in the order of acceptance."""
+        self.returning: dict[bytes, tuple[ServerGoal[Any], GoalEvent]] = {}
+        """Goals that have ended, but for the result that their handlers are to return."""
         self._running: set[bytes] = set()
         self._queue: deque[ServerGoal[Any]] = deque()
         self._expiry: asyncio.TimerHandle | None = None
@@ -266,22 +293,42 @@ class ServerGoals:
         goal.mark_started()
         self._run(goal)
 
-    def finish(self, goal_id: bytes, event: GoalEvent, result: object | None) -> None:
+    def finish(self, goal_id: bytes, event: GoalEvent, result: object | None, *, awaits_return: bool = False) -> None:
         """End a goal; None stands for a default result. One that cannot be sent fails here, where its author sees it.
 
+        With `awaits_return` the result is what `complete` is called with.
+
         Raises:
-            GoalTransitionError, UnknownGoalError, EncodeError, TypeError, ClosedError.
+            GoalTransitionError, UnknownGoalError, EncodeError, TypeError, ClosedError: as their names say.
         """
         self._scope.require_open(False, f"action server {self._name}")
         data = self._type.encode_result(ENDS[event], result)
         self.book.finish(goal_id, event, data, self._clock.now_ns())
         self._status.rows.set_status(goal_id, ENDS[event])
         self._running.discard(goal_id)
-        self.active.pop(goal_id).mark_ended(data)
+        goal = self.active.pop(goal_id)
+        if awaits_return:
+            self.returning[goal_id] = (goal, event)
+            goal.refuse_cancels()
+        else:
+            goal.mark_ended(data)
         self._status.publish()
         if self._queue and not self._running:
             self._start(self._queue.popleft())
         self.expire()
+
+    def complete(self, goal: ServerGoal[Any], result: object | None) -> bool:
+        """The handler of a goal that has ended returned this; False when another result was sent before."""
+        _, event = self.returning.get(goal.goal_id, (goal, None))
+        if event is None:
+            status = self.book.status(goal.goal_id)
+            sent = self.book.result(goal.goal_id)
+            return result is None or sent is None or sent == self._type.encode_result(status, result)
+        data = self._type.encode_result(ENDS[event], result)
+        del self.returning[goal.goal_id]
+        self.book.replace_result(goal.goal_id, data)
+        goal.mark_ended(data)
+        return True
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
         """From any thread."""
@@ -340,4 +387,6 @@ class ServerGoals:
             self._expiry.cancel()
         for goal in self.active.values():
             goal.request_cancel()
+            goal.mark_ended(b"")
+        for goal, _ in self.returning.values():
             goal.mark_ended(b"")

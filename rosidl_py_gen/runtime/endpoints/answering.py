@@ -1,6 +1,8 @@
-"""Which servers of a client have answered, and so are connected with the reader of its replies.
+"""The servers of one client: which have answered, and so are connected with the reader of its replies; which are there.
 
-Decides when all have: each since the last of them appeared, which may have been made anew.
+Decides when all have answered: each since the last of them appeared, which may have been made anew. A server is gone
+when the graph has neither what it reads nor what it writes any more: at once when it was closed, with the end of its
+lease when it was killed.
 """
 
 from __future__ import annotations
@@ -38,3 +40,24 @@ class Answering:
 
     def _participant(self, guid: bytes) -> bytes:
         return self._graph.participant_of(guid) or guid
+
+
+class Presence:
+    """The endpoints of all servers of one service."""
+
+    def __init__(self, graph: Graph, request_topic: str, reply_topic: str) -> None:
+        self._graph = graph
+        self._request_topic = request_topic
+        self._reply_topic = reply_topic
+        self._version = -1
+        self._guids: frozenset[bytes] = frozenset()
+
+    def now(self) -> frozenset[bytes]:
+        """Their GUIDs; the same object until the graph changes, so that any number of requests can keep it."""
+        graph = self._graph
+        if graph.version != self._version:
+            self._version = graph.version
+            readers = graph.on_topic(self._request_topic, writers=False)
+            writers = graph.on_topic(self._reply_topic, writers=True)
+            self._guids = frozenset(one.guid for one in (*readers, *writers))
+        return self._guids

@@ -2,7 +2,8 @@
 
 Decides how replies are matched (own id plus sequence number, protocol.md 5.1; nothing of other clients' is copied),
 when a server counts as available (5.2), and that a request never outlives who made it: an answer, a time limit,
-cancellation and `close` all remove it. `ask` is the core, `call` a future on top of it.
+cancellation and `close` all remove it. So does the end of the last server that got it: one that comes in its place has
+never heard of the request. `ask` is the core, `call` a future on top of it.
 
 A request goes to all servers of its service, in the way one kind of them understands. As soon as one of them wants an
 `Identity`, as those on Fast DDS, it is theirs: Cyclone's have to refuse most requests of that kind as too short, ours
@@ -16,10 +17,10 @@ from __future__ import annotations
 
 import asyncio
 from functools import partial
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.answering import Answering
+from rosidl_py_gen.runtime.endpoints.answering import Answering, Presence
 from rosidl_py_gen.runtime.endpoints.header import (
     CallTimeoutError,
     ForeignServiceError,
@@ -29,13 +30,12 @@ from rosidl_py_gen.runtime.endpoints.header import (
     message_of,
     send,
 )
-from rosidl_py_gen.runtime.endpoints.matching import Matching
-from rosidl_py_gen.runtime.endpoints.scope import request_numbers
+from rosidl_py_gen.runtime.endpoints.matching import Matching, kept_by
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
+from rosidl_py_gen.runtime.endpoints.window import PendingRequest
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.runtime.transport.qos import History
 from rosidl_py_gen.runtime.transport.unanswered import why_unanswered
 
 if TYPE_CHECKING:
@@ -44,37 +44,13 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.header import ClientId
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _PAUSE_S = 0.1
 """See `RequestWindow`."""
-
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
-
-
-class _PendingRequest(Generic[ResponseT]):
-    """A request under way."""
-
-    __slots__ = ("encoded", "has_turn", "limits", "number", "on_error", "on_reply", "sequence", "timeout_s")
-
-    def __init__(
-        self,
-        encoded: bytes,
-        on_reply: Callable[[ResponseT, bytes | None], object],
-        on_error: Callable[[Exception], object],
-        timeout_s: float | None = None,
-    ) -> None:
-        self.encoded = encoded
-        self.timeout_s = timeout_s
-        self.on_reply = on_reply
-        self.on_error = on_error
-        self.sequence = next(request_numbers)
-        self.number = 0
-        """The middleware's, when it was sent with an identity."""
-        self.has_turn = False
-        self.limits: TimeLimits | None = None
-        """What watches its time, if that is limited."""
 
 
 class _OutOfTimeError(RosidlError):
@@ -92,11 +68,12 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         qos: QoSProfile,
         *,
         pause_s: float = _PAUSE_S,
+        type_check: TypeCheck | None = None,
     ) -> None:
         """`pause_s` is that of the `RequestWindow`."""
-        super().__init__(scope, service_type, name, qos, is_client=True)
-        self._pending: dict[int, _PendingRequest[ResponseT]] = {}
-        self._by_number: dict[int, _PendingRequest[ResponseT]] = {}
+        super().__init__(scope, service_type, name, qos, is_client=True, type_check=type_check)
+        self._pending: dict[int, PendingRequest[ResponseT]] = {}
+        self._by_number: dict[int, PendingRequest[ResponseT]] = {}
         """Those that were sent with an identity, by the middleware's numbers."""
         self._sent = 0
         self._limits: TimeLimits | None = None
@@ -107,11 +84,13 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._identified = self._always_identified
         """Requests are numbered by the middleware, and sent with an identity until all servers have answered."""
         self._answering = Answering(scope.graph)
+        self._presence = Presence(scope.graph, self._request_topic, self._reply_topic)
         self._kept = 0
         self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
         """By which replies may call us."""
         self._window = scope.request_window(self._request_topic, pause_s)
         self._reader.set_sink(self._on_replies)
+        self._departures = scope.discovery.departures.add(self._on_departure)
         scope.own(self, reader=self._reader.guid, writer=self._writer.guid)
 
     # ------------------------------------------------------------------------------------------------ availability
@@ -155,8 +134,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         graph = self._scope.graph
         refusal, identifies = self._scope.participant.identity_refusal, self._scope.participant.identifies
         # Matched but not reported yet: what the server keeps, and its id, are known a moment later.
-        readers = [graph.endpoints[guid] for guid in self._writer.matched_readers() if guid in graph.endpoints]
-        writers = [graph.endpoints[guid] for guid in self._reader.matched_writers() if guid in graph.endpoints]
+        # One with another definition would read requests as something else.
+        agrees, sent, endpoints = self._check.agrees, self._written_hash, graph.endpoints
+        readers = [one for guid in self._writer.matched_readers() if (one := endpoints.get(guid)) and agrees(one, sent)]
+        writers = [one for guid in self._reader.matched_writers() if (one := endpoints.get(guid)) and agrees(one)]
         foreign = {one.participant_guid for one in readers if identifies(one.guid)}
         foreign &= {one.participant_guid for one in writers if identifies(one.guid)}
         readers = [one for one in readers if not identifies(one.guid)]
@@ -172,14 +153,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         reached = {server.guid for server in graph.on_topic(self._request_topic, writers=False)}
         reached.update(self._writer.matched_readers())
         self._answering.reach(reached)
-        self._kept = self._kept_by_servers()
+        self._kept = kept_by(graph, self._writer)
         return is_served or is_identified
-
-    def _kept_by_servers(self) -> int:
-        """How many requests the server that keeps fewest keeps; 0 when all keep all."""
-        endpoints = self._scope.graph.endpoints
-        servers = (endpoints[guid].qos for guid in self._writer.matched_readers() if guid in endpoints)
-        return min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
 
     # ------------------------------------------------------------------------------------------------------- calls
 
@@ -190,7 +165,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
 
         Raises:
             CallTimeoutError: a `TimeoutError`.
-            ServerLostError: the server went away during the call; told by Zenoh only.
+            ServerLostError: all servers that got the request went away, or Zenoh tells that one failed.
             ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
             EncodeError: the request does not fit its type. DecodeError: the response does not.
             ClosedError: the client was closed, also while waiting.
@@ -202,12 +177,13 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         loop = scope.bridge.running_loop()
         encoded = self._type.request.encode(request)
         if not self._is_available() and not await self.wait_for_service(deadline.left_s()):
-            raise CallTimeoutError(f"no server of {self.name} ({self.service_type}) appeared in {timeout_s} s")
+            others = self._check.others(self._request_topic, self._written_hash)
+            raise CallTimeoutError(f"no server of {self.name} ({self.service_type}) appeared in {timeout_s} s{others}")
         future: asyncio.Future[ResponseT] = loop.create_future()
         on_error = partial(settle_threadsafe, future, None)
-        pending: _PendingRequest[ResponseT]
+        pending: PendingRequest[ResponseT]
         left_s = deadline.left_s()
-        pending = _PendingRequest(encoded, lambda response, _: settle(future, response), on_error, left_s)
+        pending = PendingRequest(encoded, lambda response, _: settle(future, response), on_error, left_s)
         self._put(pending)
         if left_s is not None:
             self._limit(pending, loop, left_s)
@@ -252,7 +228,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._scope.require_open(self._closed, f"the client of {self.name}")
         self._scope.bridge.running_loop()
         self._was_asked = True
-        pending = _PendingRequest(self._type.request.encode(request), on_reply, on_error)
+        pending = PendingRequest(self._type.request.encode(request), on_reply, on_error)
         self._put(pending)
         return pending.sequence
 
@@ -268,14 +244,15 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             if pending.has_turn:
                 self._window.leave()
 
-    def _put(self, pending: _PendingRequest[ResponseT]) -> None:
+    def _put(self, pending: PendingRequest[ResponseT]) -> None:
+        pending.servers = self._presence.now()
         self._pending[pending.sequence] = pending
         if self._kept:
             self._window.enter(partial(self._send_in_turn, pending), self._kept)
         else:
             self._send_soon(pending)
 
-    def _limit(self, pending: _PendingRequest[ResponseT], loop: asyncio.AbstractEventLoop, left_s: float) -> None:
+    def _limit(self, pending: PendingRequest[ResponseT], loop: asyncio.AbstractEventLoop, left_s: float) -> None:
         """Let a request fail when its time has passed."""
         if self._limits is None or self._limits.loop is not loop:
             self._limits = TimeLimits(loop, self._expire)
@@ -287,18 +264,18 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         if pending is not None:
             self._fail(pending, _OutOfTimeError())
 
-    def _send_soon(self, pending: _PendingRequest[ResponseT]) -> None:
+    def _send_soon(self, pending: PendingRequest[ResponseT]) -> None:
         if self._outbox.waiting or not self._send(pending):
             self._outbox.send(partial(self._send, pending))
 
-    def _send_in_turn(self, pending: _PendingRequest[ResponseT]) -> bool:
+    def _send_in_turn(self, pending: PendingRequest[ResponseT]) -> bool:
         if pending.sequence not in self._pending:
             return False
         pending.has_turn = True
         self._send_soon(pending)
         return True
 
-    def _send(self, pending: _PendingRequest[ResponseT]) -> bool:
+    def _send(self, pending: PendingRequest[ResponseT]) -> bool:
         """Write a request; False when the servers are so far behind that it has to wait."""
         if pending.sequence not in self._pending:
             return True
@@ -323,6 +300,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             raise
         if sent:
             self._sent = number
+            pending.is_sent, pending.servers = True, self._presence.now()
             if isinstance(client, bytes):
                 pending.number = number
                 self._by_number[number] = pending
@@ -330,7 +308,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             self._tap.sent(self._gid, shown, pending.encoded)
         return sent
 
-    def _fail(self, pending: _PendingRequest[ResponseT], error: Exception) -> None:
+    def _fail(self, pending: PendingRequest[ResponseT], error: Exception) -> None:
         self.forget(pending.sequence)
         pending.on_error(error)
 
@@ -346,6 +324,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         items = self._reader.queue.items
         while items:
             data, _, handle, _ = items.popleft()
+            if handle not in self._agreeing and not self._check.admits(handle):
+                continue
             try:
                 client, sequence, begin = header_of(data)
             except DecodeError as err:
@@ -369,12 +349,27 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             if pending is not None:
                 self._take_reply(pending, message_of(data, begin), server)
 
+    def _on_departure(self) -> None:
+        """Somebody left the graph; whoever waits for an answer is told on the loop, in a callback of its own."""
+        if self._pending:
+            self._scope.bridge.call_soon(self._look_for_lost)
+
+    def _look_for_lost(self) -> None:
+        """Let requests fail that nobody is left to answer. What was answered before is read before."""
+        if self._closed or not any(pending.is_lost(self._presence.now()) for pending in self._pending.values()):
+            return
+        self._reader.fetch()
+        self._read_all()
+        for pending in list(self._pending.values()):
+            if pending.is_lost(self._presence.now()):
+                self._fail(pending, ServerLostError(f"the server of {self.name} went away before it answered"))
+
     def _lose(self, number: int, reason: str) -> None:
         pending = self._by_number.get(number)
         if pending is not None:
             self._fail(pending, ServerLostError(f"the server of {self.name} {reason}"))
 
-    def _take_reply(self, pending: _PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
+    def _take_reply(self, pending: PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
         try:
             response = self._type.response.decode(message)
         except DecodeError as error:
@@ -385,6 +380,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
 
     # ------------------------------------------------------------------------------------------------------- state
 
+    def all_acknowledged(self) -> bool:
+        """Whether every server has taken in all requests that were sent; one that lives does so within milliseconds."""
+        return self._writer.all_acknowledged()
+
     @property
     def pending_count(self) -> int:
         """How many calls wait for a response."""
@@ -393,6 +392,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
     def close(self) -> None:
         """Stop; calls under way raise `ClosedError`. May be called twice."""
         if self._ends(self._reader.guid, self._writer.guid):
+            self._departures.close()
             for pending in list(self._pending.values()):
                 self._fail(pending, ClosedError(f"the client of {self.name} was closed during the call"))
             self._outbox.close()

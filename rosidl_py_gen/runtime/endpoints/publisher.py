@@ -12,7 +12,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import EncodeError
-from rosidl_py_gen.runtime.endpoints.scope import Owned
+from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
+from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
 from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import MessageType
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.interface import Writer
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -32,7 +34,16 @@ T = TypeVar("T")
 class Publisher(Owned, Generic[T]):
     """Made by `Node.create_publisher`."""
 
-    def __init__(self, scope: Scope, message_type: MessageType[T], topic: str, qos: QoSProfile) -> None:
+    def __init__(
+        self,
+        scope: Scope,
+        message_type: MessageType[T],
+        topic: str,
+        qos: QoSProfile,
+        *,
+        type_check: TypeCheck | None = None,
+    ) -> None:
+        mode = checked_mode(type_check, scope.type_check)
         super().__init__(scope)
         self._bridge = scope.bridge
         self.topic = topic
@@ -49,6 +60,7 @@ class Publisher(Owned, Generic[T]):
             dds_topic, type_name(message_type.ros_name), self.qos, message_type.type_hash, node=scope.number
         )
         self._write = self._writer.write
+        scope.set_type_check(mode, self._writer.guid)
         keep_all = self.qos.history is History.KEEP_ALL
         self._outbox = Outbox(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
         scope.own(self, writer=self._writer.guid)
@@ -144,6 +156,10 @@ class Publisher(Owned, Generic[T]):
         """
         self._scope.require_open(self._closed, f"the publisher on {self.topic}")
         self._writer.assert_liveliness()
+
+    def __repr__(self) -> str:
+        parts = self.topic, self.message_type, self.qos.short()
+        return shown(self, *parts, peers=lambda: self.subscription_count, peer="subscription")
 
     def close(self) -> None:
         """Stop publishing; may be called twice. What waits to be sent is dropped."""

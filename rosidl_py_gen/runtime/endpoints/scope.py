@@ -10,30 +10,31 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import copy
-import itertools
 import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.runtime.logs.loggers import node_logger, report_failure
+from rosidl_py_gen.rclpy_names import knows_rclpy
+from rosidl_py_gen.runtime.graph.definitions import checked_mode
+from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
+from rosidl_py_gen.runtime.loop.failures import Failures
 from rosidl_py_gen.runtime.time.deadline import Deadline
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
 
     from rosidl_py_gen.runtime.endpoints.window import RequestWindows
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.interface import Participant
 
 T = TypeVar("T")
 
 _GRAPH_POLL_S = 0.05
 """Matching inside DDS may follow the discovery event by some moments, and nothing announces that."""
-
-request_numbers = itertools.count(1)
-"""Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
 
 
 class WouldDeadlockError(RosidlError, RuntimeError):
@@ -49,6 +50,10 @@ class Closable(Protocol):
 
 class Owned:
     """What a node owns: it closes with the node, or before; its constructor ends with `Scope.own`."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        knows_rclpy(cls)
 
     def __init__(self, scope: Scope) -> None:
         self._scope = scope
@@ -66,14 +71,29 @@ class Owned:
 class Composite(Owned):
     """What is made of parts: whatever is made with `_parts` ends with it, endpoints as well as tasks."""
 
-    def __init__(self, scope: Scope) -> None:
+    def __init__(self, scope: Scope, *, type_check: TypeCheck | None = None) -> None:
         super().__init__(scope)
         self._parts = scope.child()
+        self._parts.type_check = checked_mode(type_check, scope.type_check)
 
     def close(self) -> None:
         """Close everything this is made of. From any thread; may be called twice."""
         if self._ends():
             self._parts.close()
+
+
+def shown(owner: Owned, *parts: str, peers: Callable[[], int], peer: str) -> str:
+    """A `repr`: ``Publisher(/chatter, std_msgs/msg/String, reliable, volatile, keep last 10, 2 subscriptions)``.
+
+    It never fails and never waits: nothing that is closed, or was forked, is asked for its `peers`.
+    """
+    state = "closed" if owner._closed or owner._scope.closed else counted(peers(), peer)
+    return f"{type(owner).__name__}({', '.join((*parts, state))})"
+
+
+def counted(number: int, what: str) -> str:
+    """``1 server``, ``2 servers``."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 class Throttle:
@@ -102,6 +122,7 @@ class Scope:
         request_windows: RequestWindows,
         number: int,
         fully_qualified_name: str,
+        on_error: OnError = "log",
     ) -> None:
         """`number` is the node's in `discovery`."""
         self.participant = participant
@@ -111,11 +132,15 @@ class Scope:
         self.number = number
         self.node_name = fully_qualified_name
         self.logger = node_logger(fully_qualified_name)
+        self.failures = Failures(bridge, on_error)
+        """What becomes of exceptions in functions of the user."""
         self.closed = False
         self.owned: dict[int, Closable] = {}
         """Everything that has to be closed with this scope, oldest first; emptied by `close`."""
         self.has_callbacks = False
         """Whether there ever was an endpoint with a function of the user."""
+        self.type_check: TypeCheck = "error"
+        """What endpoints do about messages of another definition, where they are not told otherwise."""
         self.request_window = request_windows.of
         """All clients of a service in one context share its window."""
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -143,6 +168,11 @@ class Scope:
             self.owned.pop(id(endpoint), None)
             endpoint.close()
             self.require_open(False, "the node")
+
+    def set_type_check(self, mode: TypeCheck, *guids: bytes) -> None:
+        """What endpoints of ours do about others of another definition; said before they are announced."""
+        if mode != "error":
+            self.discovery.type_checks.update(dict.fromkeys(guids, mode))
 
     def disown(self, endpoint: object, *guids: bytes) -> None:
         """Undo `own`; nothing is announced when the whole node is going."""
@@ -241,8 +271,9 @@ class Scope:
                 f"{what} from inside the event loop would wait for ever; use {instead} in an async function, or call "
                 "it from another thread"
             )
-        return self.bridge.portal.run(coroutine)
+        raises = self.failures.on_error == "raise"
+        return self.bridge.portal.run(self.failures.heard(coroutine) if raises else coroutine)
 
     def report_failure(self, doing: str) -> None:
-        """Log the exception being handled, with its traceback, as the node."""
-        report_failure(doing, self.logger)
+        """Log the exception being handled, with its traceback, as the node; raise it where that is asked for."""
+        self.failures.report(doing, self.logger)

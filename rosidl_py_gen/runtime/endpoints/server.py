@@ -26,6 +26,7 @@ from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.interface import identity_of
+from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -33,12 +34,14 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.header import ClientId
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.interface import Sample
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
+_RESPONSE_HINT = "; it makes the response itself and returns it"
 _PATIENCE_S = 0.1
 _FAST_DDS_PATIENCE_S = 5.0
 """Endpoints of a Fast DDS participant are known up to 1.2 s after it knows ours and calls (fastdds.md 7)."""
@@ -94,9 +97,13 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
         name: str,
         handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None,
         qos: QoSProfile,
+        *,
+        type_check: TypeCheck | None = None,
     ) -> None:
         require_callable(handler, f"the handler of service {name}", "; QoS is given as qos=...")
-        super().__init__(scope, service_type, name, qos, is_client=False)
+        if handler is not None:
+            require_signature(handler, f"the handler of service {name}", "the request", hint=_RESPONSE_HINT)
+        super().__init__(scope, service_type, name, qos, is_client=False, type_check=type_check)
         self._handler = None if handler is None else UserFunction(scope, handler, f"the handler of service {name}")
         self._requests: Stream[ServiceRequest[RequestT, ResponseT]] = Stream()
         self._clients: Matching[tuple[ClientId, bytes | None]] = Matching(scope, lambda who: self._listens(*who))
@@ -136,6 +143,8 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
 
     def _read(self, sample: Sample) -> ServiceRequest[RequestT, ResponseT] | None:
         data, _, handle, _ = sample
+        if handle not in self._agreeing and not self._check.admits(handle):
+            return None
         writer_guid = self._reader.writer_guid(handle)
         participant = self._scope.participant
         if writer_guid is not None and participant.identifies(writer_guid) and identity_of(data) is None:

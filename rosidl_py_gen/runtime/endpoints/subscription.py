@@ -3,34 +3,41 @@
 Decides how samples leave the receive queue. Messages are decoded when they are taken, not when they arrive, so that
 what keep-last drops costs nothing. A sample that does not decode is counted, logged at most once a second, and dropped.
 
-A plain callback is called for each message on the event loop. An async one is awaited message by message, in order;
-while it runs, new messages wait in the queue as its depth allows.
+A plain callback is called for each message on the event loop. An async one is awaited message by message, in order, or
+with `concurrency` so many at once; while it runs, new messages wait in the queue as its depth allows. The first ones
+that are dropped then are worth a warning, unless the depth of 1 says that only the newest counts.
 """
 
 from __future__ import annotations
 
-import asyncio
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle
+from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
+from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.endpoints.types import has_buffer
+from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
+from rosidl_py_gen.runtime.loop.concurrency import drops_warning, require_concurrency
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
+from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import MessageType
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.interface import Payload, Reader, Sample
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 T = TypeVar("T")
+
+_INFO_HINT = "; where a message came from is told by receive_with_info(), of a subscription without callback"
 
 
 class MessageInfo(NamedTuple):
@@ -63,8 +70,14 @@ class Subscription(Owned, Generic[T]):
         qos: QoSProfile,
         *,
         ignore_local: bool = False,
+        type_check: TypeCheck | None = None,
+        concurrency: int = 1,
     ) -> None:
+        mode = checked_mode(type_check, scope.type_check)
+        require_concurrency(concurrency)
         require_callable(callback, f"the callback of {topic}", "; QoS is given as qos=...")
+        if callback is not None:
+            require_signature(callback, f"the callback of {topic}", "the message", hint=_INFO_HINT)
         super().__init__(scope)
         self.topic = topic
         """Fully qualified name, after expansion and remapping."""
@@ -74,7 +87,9 @@ class Subscription(Owned, Generic[T]):
         """How many samples did not decode."""
         self._decode: Callable[[Payload], T] = message_type.decode
         self._callback = None if callback is None else UserFunction(scope, callback, f"the callback of {topic}")
-        self._worker: asyncio.Task[None] | None = None
+        self._concurrency = concurrency
+        self._under_way = 0
+        """How many calls of an async callback wait for something."""
         self._waiters = Waiters()
         self._latest: T | None = None
         self._throttle = Throttle()
@@ -93,6 +108,12 @@ class Subscription(Owned, Generic[T]):
             has_buffer=has_buffer(message_type),
         )
         self._items = self._reader.queue.items
+        self._check = WriterCheck(scope, mode, self._reader, message_type.type_hash)
+        self._agreeing = self._check.agreeing
+        scope.set_type_check(mode, self._reader.guid)
+        depth = self._items.maxlen or 0
+        self._full = depth if depth > 1 else -1
+        """How many items there are when some may have been dropped; -1 until nobody has to be told any more."""
         self._reader.set_sink(self._on_data)
         scope.own(self, reader=self._reader.guid)
 
@@ -106,6 +127,7 @@ class Subscription(Owned, Generic[T]):
         while not self._closed:
             found = self._take()
             if found is not None:
+                self._latest = found[0]
                 return found[0]
             await self._arrival()
         raise StopAsyncIteration
@@ -132,6 +154,7 @@ class Subscription(Owned, Generic[T]):
         while not self._closed:
             found = self._take()
             if found is not None:
+                self._latest = found[0]
                 return found
             if not await self._arrival(deadline.left_s()):
                 raise WaitTimeoutError(f"no message on {self.topic} in {timeout_s} s")
@@ -141,6 +164,8 @@ class Subscription(Owned, Generic[T]):
         """The oldest message that decodes; None when there is none."""
         while self._items and not self._closed:
             sample = self._items.popleft()
+            if sample[2] not in self._agreeing and not self._check.admits(sample[2]):
+                continue
             try:
                 return self._decode(sample[0]), sample
             except DecodeError as err:
@@ -148,8 +173,9 @@ class Subscription(Owned, Generic[T]):
         return None
 
     def latest(self) -> T | None:
-        """The newest message so far, without waiting; older ones that were waiting are skipped. None before the
-        first.
+        """The newest message so far, without waiting; older ones that were waiting are skipped.
+
+        Also one that `receive` or an iteration has taken already: it is the same object then. None before the first.
 
         Raises:
             ClosedError: the subscription or its node is closed.
@@ -158,9 +184,11 @@ class Subscription(Owned, Generic[T]):
         self._scope.require_open(self._closed, f"the subscription on {self.topic}")
         self._reader.fetch()
         while self._items:
-            data = self._items.pop()[0]
+            sample = self._items.pop()
+            if sample[2] not in self._agreeing and not self._check.admits(sample[2]):
+                continue
             try:
-                self._latest = self._decode(data)
+                self._latest = self._decode(sample[0])
             except DecodeError as err:
                 self._count_undecodable(err)
                 continue
@@ -195,26 +223,44 @@ class Subscription(Owned, Generic[T]):
 
     def _call_back(self) -> None:
         callback = self._callback
-        if callback is None or (self._worker is not None and not self._worker.done()):
+        if len(self._items) == self._full:
+            self._tell_of_drops()
+        if callback is None or self._under_way >= self._concurrency:
             return  # it looks again when it is done
         if callback.is_async:
-            self._worker = self._scope.start(self._await_back(callback))
+            for _ in range(min(len(self._items), self._concurrency - self._under_way)):
+                self._under_way += 1
+                self._scope.start(self._await_back(callback))
             return
         # Only what is here now: a callback that publishes on its own topic must not keep the loop for itself.
         for _ in range(len(self._items)):
             found = self._take()
             if found is None:
                 return
-            self._worker = callback.call(found[0])
-            if self._worker is not None:
-                self._worker.add_done_callback(lambda _: self._call_back())
-                return
+            task = callback.call(found[0])
+            if task is not None:
+                self._under_way += 1
+                task.add_done_callback(self._ended)
+                if self._under_way >= self._concurrency:
+                    return
         if self._items and not self._closed:
             self._scope.bridge.call_soon(self._call_back)
 
     async def _await_back(self, callback: UserFunction) -> None:
-        while (found := self._take()) is not None:
-            await callback.run(found[0])
+        try:
+            while (found := self._take()) is not None:
+                await callback.run(found[0])
+        finally:
+            self._under_way -= 1
+
+    def _ended(self, _: object) -> None:
+        self._under_way -= 1
+        self._call_back()
+
+    def _tell_of_drops(self) -> None:
+        if self.dropped:
+            self._scope.logger.warning(drops_warning(self.topic, self._full, self._concurrency, self._under_way))
+            self._full = -1
 
     def _count_undecodable(self, error: DecodeError) -> None:
         self.undecodable += 1
@@ -227,8 +273,16 @@ class Subscription(Owned, Generic[T]):
 
     @property
     def dropped(self) -> int:
-        """Messages that keep-last dropped because they were not taken in time; undecodable ones are not counted."""
+        """Messages that keep-last dropped because they were not taken in time; undecodable ones are not counted.
+
+        The first ones that a callback is too slow for are logged, once, unless the depth is 1.
+        """
         return self._reader.queue.dropped
+
+    @property
+    def withheld(self) -> int:
+        """Messages that were not handed out because their publisher announces another definition of the type."""
+        return self._check.withheld
 
     @property
     def publisher_count(self) -> int:
@@ -243,6 +297,10 @@ class Subscription(Owned, Generic[T]):
     async def wait_for_publishers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
         """Wait until at least `count` publishers are connected; False when the time passed."""
         return await self._scope.wait_until(lambda: self.publisher_count >= count, timeout_s, lambda: self._closed)
+
+    def __repr__(self) -> str:
+        parts = self.topic, self.message_type, self.qos.short()
+        return shown(self, *parts, peers=lambda: self.publisher_count, peer="publisher")
 
     def close(self) -> None:
         """Stop receiving: iterators end, `receive` raises `ClosedError`. From any thread; may be called twice."""

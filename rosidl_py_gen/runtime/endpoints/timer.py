@@ -13,12 +13,13 @@ import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.endpoints.scope import Owned
+from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.clock import Clock, on_every_jump
 from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
+from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,6 +35,8 @@ class Timer(Owned):
         """Raises `TypeError` for a callback or clock that is none, `TimeRangeError` for a negative period."""
         if callback is not None and not callable(callback):
             raise TypeError(f"callback must be a function without arguments, or None, got {callback!r:.100}")
+        if callback is not None:
+            require_signature(callback, "a timer's callback")
         if not isinstance(clock, Clock):
             raise TypeError(f"clock must be a Clock such as node.clock, got {clock!r:.100}")
         super().__init__(scope)
@@ -201,6 +204,10 @@ class Timer(Owned):
         with self._rule_lock:
             self._rule.reset(now_ns)
         self._scope.bridge.call_soon(self._arm)
+
+    def __repr__(self) -> str:
+        parts = f"{self._rule.period_ns / 1e9:g} s", self._clock.clock_type.name, *["canceled"] * self.is_canceled
+        return shown(self, *parts, peers=lambda: self.call_count, peer="call")
 
     def close(self) -> None:
         """Stop for ever; whoever waits for a tick gets `ClosedError`. May be called twice."""

@@ -1,4 +1,4 @@
-"""When a request may be sent to servers that keep few of them.
+"""A request under way, and when it may be sent to servers that keep few of them.
 
 A ROS server keeps the last 10 requests and overwrites older ones without a word: their calls would never be answered.
 So the clients of a service send them in bursts of what the server keeps. The next burst begins when the last one is
@@ -8,14 +8,59 @@ answered, or after a pause: handlers may take any time, and more than that many 
 from __future__ import annotations
 
 import asyncio
+import itertools
 import weakref
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
+
+ResponseT = TypeVar("ResponseT")
+
+request_numbers = itertools.count(1)
+"""Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
+
+
+class PendingRequest(Generic[ResponseT]):
+    """A request under way.
+
+    Attributes:
+        number: the middleware's, when it was sent with an identity.
+        limits: what watches its time, if that is limited.
+        servers: the endpoints of those that were there when it was sent; before, when it was made.
+    """
+
+    __slots__ = (
+        *("encoded", "has_turn", "is_sent", "limits", "number", "on_error", "on_reply", "sequence", "servers"),
+        "timeout_s",
+    )
+
+    def __init__(
+        self,
+        encoded: bytes,
+        on_reply: Callable[[ResponseT, bytes | None], object],
+        on_error: Callable[[Exception], object],
+        timeout_s: float | None = None,
+    ) -> None:
+        self.encoded = encoded
+        self.timeout_s = timeout_s
+        self.on_reply = on_reply
+        self.on_error = on_error
+        self.sequence = next(request_numbers)
+        self.number = 0
+        self.has_turn = False
+        self.is_sent = False
+        self.limits: TimeLimits | None = None
+        self.servers: frozenset[bytes] = frozenset()
+
+    def is_lost(self, present: frozenset[bytes]) -> bool:
+        """Whether there were servers, and none of these endpoints belongs to one that could answer."""
+        return bool(self.servers) and (self.servers.isdisjoint(present) if self.is_sent else not present)
 
 
 class RequestWindow:

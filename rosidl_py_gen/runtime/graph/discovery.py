@@ -11,14 +11,18 @@ import itertools
 import threading
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.registration import Registrations
+from rosidl_py_gen.runtime.graph.definitions import definitions_differ
 from rosidl_py_gen.runtime.graph.state import Graph
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.names.dds import demangle_service, demangle_topic
+from rosidl_py_gen.runtime.names.dds import demangle_service, demangle_service_type, demangle_topic, demangle_type
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodeEntities
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant
 
@@ -37,6 +41,8 @@ class Discovery:
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
         """Who waits for the graph to change."""
+        self.departures: Registrations[Callable[[], None]] = Registrations()
+        """Called when participants or endpoints have left the graph, on the loop's thread or where no loop runs."""
         self.together_s = 0.0
         """How long changes of our own nodes wait for others before peers are told; 0 is one iteration of the loop."""
         self._dirty = False
@@ -44,7 +50,10 @@ class Discovery:
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
         self._closed = False
         self._warned: set[tuple[bytes, bytes]] = set()
+        self._warned_services: set[tuple[str, bytes, bytes]] = set()
         self._mismatches: list[tuple[EndpointFound, EndpointFound, str]] = []
+        self.type_checks: dict[bytes, str] = {}
+        """Of our endpoints, what becomes of messages of another definition, where that is not "error"."""
         participant.set_discovery_sink(self._on_events)
 
     # ------------------------------------------------------------------------------------------------- own nodes
@@ -82,6 +91,8 @@ class Discovery:
             if node is None:
                 return
             gone = {*remove, b""}
+            for guid in remove:
+                self.type_checks.pop(guid, None)
             readers, writers = (node.reader_gids | {reader}) - gone, (node.writer_gids | {writer}) - gone
             self._nodes[number] = NodeEntities(node.namespace, node.name, readers, writers)
             if self._bridge.in_loop_thread():
@@ -117,12 +128,18 @@ class Discovery:
             self._participant.report_discovery()
 
     def _on_events(self, events: list[DiscoveryEvent]) -> None:
+        someone_left = False
         for event in events:
             if isinstance(event, Lost):
+                someone_left = True
                 self._warned = {pair for pair in self._warned if event.guid not in pair}
+                self._warned_services = {one for one in self._warned_services if event.guid not in one}
             appeared = self.graph.apply(event)
             if appeared is not None:
                 self._compare(appeared)
+        if someone_left:
+            for tell in self.departures:
+                tell()
         self._changed()
 
     # ---------------------------------------------------------------------------------------------------- waiting
@@ -145,13 +162,35 @@ class Discovery:
                 continue
             writer, reader = (new, other) if new.is_writer else (other, new)
             pair = (writer.guid, reader.guid)
-            reason = "" if pair in self._warned else self._participant.mismatch(writer, reader)
+            if pair in self._warned:
+                continue
+            reason = self._participant.mismatch(writer, reader) or self._type_mismatch(writer, reader)
             if reason:
                 self._warned.add(pair)
                 self._mismatches.append((writer, reader, reason))
                 loop = self._bridge.loop
                 if loop is not None:
                     loop.call_later(_NAME_PATIENCE_S, self._warn_mismatches)
+
+    def _type_mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
+        """Why what one writes means something else to the other; empty when it does not."""
+        mine = self._participant.guid
+        modes = {self.type_checks.get(one.guid, "error") for one in (writer, reader) if one.participant_guid == mine}
+        if modes == {"off"} or not definitions_differ(writer, reader.type_hash, reader.service_hash):
+            return ""
+        name = demangle_service(writer.topic)  # both halves of a service may differ
+        if name is not None:
+            one, two = sorted((writer.participant_guid, reader.participant_guid))
+            if (name, one, two) in self._warned_services:
+                return ""
+            self._warned_services.add((name, one, two))
+        shown = demangle_type(writer.type) or demangle_service_type(writer.type) or writer.type
+        hashes = [one.type_hash or one.service_hash for one in (writer, reader)]
+        are_used = "" if reader.participant_guid != mine or "error" in modes else "; they are used, as type_check says"
+        return (
+            f"they have {shown} by different definitions{are_used}: {hashes[0]} and {hashes[1]}. Bring both to one, or "
+            "take that of the other side: `await node.resolve_type(topic)`, or `rosidl-py`, which looks it up"
+        )
 
     def _warn_mismatches(self, *, final: bool = True) -> None:
         waiting, self._mismatches = self._mismatches, []

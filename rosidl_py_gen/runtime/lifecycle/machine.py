@@ -38,6 +38,7 @@ from rosidl_py_gen.runtime.lifecycle.states import (
 )
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
+from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -110,6 +111,8 @@ class LifecycleMachine:
             ("get_available_transitions", GetAvailableTransitions, lambda r: _transitions(available(self.state))),
             ("get_transition_graph", GetAvailableTransitions, lambda r: _transitions(TRANSITIONS)),
         ]
+        for callback in _CALLBACKS.values():
+            require_signature(getattr(node, callback), f"{callback} of a lifecycle node", "the state it comes from")
         for name, cls, handler in table:
             ServiceServer(scope, service_type(cls), names.resolve_service(f"~/{name}"), handler, SERVICES_DEFAULT)
 

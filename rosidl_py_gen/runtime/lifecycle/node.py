@@ -13,7 +13,7 @@ from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import Untyped
-    from rosidl_py_gen.runtime.node.options import NodeOptions
+    from rosidl_py_gen.runtime.node.arguments import NodeOptions
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -36,6 +36,9 @@ class LifecycleNode(Node):
     def _open(self, options: NodeOptions) -> None:
         super()._open(options)
         self._machine = LifecycleMachine(self.scope, self._names, self)
+
+    def _may_declare_more(self) -> bool:
+        return self.state is State.UNCONFIGURED
 
     def on_configure(self, state: State) -> Any:
         """Get ready; the node becomes inactive."""

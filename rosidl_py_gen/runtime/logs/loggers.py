@@ -19,10 +19,12 @@ import traceback
 from typing import TYPE_CHECKING, TypedDict
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.rclpy_names import knows_rclpy, refuse_keywords
+from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.names.validation import validate_node_name
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from types import TracebackType
     from typing import TypeAlias
 
@@ -99,6 +101,7 @@ class CallSiteFilter:
             return True
 
 
+@knows_rclpy
 class RosLogger(logging.Logger):
     """A logger with the ROS options; get one from `get_logger` or `node.logger`.
 
@@ -160,7 +163,11 @@ class RosLogger(logging.Logger):
         stack_info: bool = False,
         stacklevel: int = 1,
         extra: Mapping[str, object] | None = None,
+        **unknown: object,
     ) -> None:
+        if unknown:
+            refuse_keywords("log", list(unknown))
+            raise TypeError(f"log() got an unexpected keyword argument {next(iter(unknown))!r}")
         if not self.isEnabledFor(level):
             return
         if once or skip_first or throttle_s is not None:
@@ -219,9 +226,17 @@ def internal_logger() -> RosLogger:
     return get_logger("rosidl_py_gen")
 
 
-def report_failure(doing: str, logger: RosLogger | None = None) -> None:
+failure_listeners: Registrations[Callable[[str, BaseException], None]] = Registrations()
+"""Called with what failed and its exception, for each failure of any node; the pytest plugin listens."""
+
+
+def report_failure(doing: str, logger: RosLogger | None = None, effect: str = "nothing else is affected") -> None:
     """Log the exception being handled, with its traceback, as a node or as `internal_logger`."""
-    (logger or internal_logger()).exception(f"{doing} failed; nothing else is affected")
+    (logger or internal_logger()).exception(f"{doing} failed; {effect}")
+    error = sys.exc_info()[1]
+    if error is not None:
+        for hear in failure_listeners:
+            hear(doing, error)
 
 
 def node_logger(fully_qualified_node_name: str) -> RosLogger:

@@ -1,9 +1,9 @@
 """Functions that users hand in, and what may come of calling them.
 
 A function may be plain, async, or plain and answer a coroutine, as a lambda around an async function does. Decides that
-the first is called at once and the others run in a task; that an exception is logged, once, and goes nowhere else; and
-which cancellation is which: one of the task itself ends it, one that comes out of something the function awaited is a
-failure like any other.
+the first is called at once and the others run in a task; that an exception is reported to the owner, once, and goes
+nowhere else by itself (`failures.py` decides what becomes of it); and which cancellation is which: one of the task
+itself ends it, one that comes out of something the function awaited is a failure like any other.
 
 Decides in which `contextvars` context a call runs: in a copy, of its own, of the one in which the function was handed
 in, as `loop.add_reader` does. Where the call comes from (a publisher in the same process, a timer that was reset in its
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_ENDS = (KeyboardInterrupt, SystemExit, GeneratorExit)
+"""What a function raises to end the program or itself, and is no failure."""
+
 
 class Owner(Protocol):
     """On whose behalf a function is called: the scope of a node."""
@@ -36,7 +39,7 @@ class Owner(Protocol):
         """Run a coroutine as a task that ends with the owner."""
 
     def report_failure(self, doing: str) -> None:
-        """Log the exception being handled."""
+        """Log the exception being handled; see `failures.py` for what else it may do."""
 
 
 def ignore(answer: object) -> None:
@@ -71,7 +74,9 @@ class UserFunction:
                 if then is not ignore:
                     context.run(then, answer)
                 return None
-        except (Exception, asyncio.CancelledError):  # the latter of a future that was cancelled
+        except _ENDS:
+            raise
+        except BaseException:  # CancelledError of a future that was cancelled; those of pytest.fail and the like
             context.run(self._owner.report_failure, self.what)
             return None
         task = context.run(self._start, lambda: answer, then)
@@ -94,7 +99,9 @@ class UserFunction:
             if self._closed or self._owner.closed or is_own_cancel():
                 raise
             self._owner.report_failure(self.what)
-        except Exception:
+        except _ENDS:
+            raise
+        except BaseException:
             self._owner.report_failure(self.what)
 
     def close(self) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.actions.types import ActionClass, ActionT, FeedbackT, GoalT, ResultT, UntypedAction
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import Untyped
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.time.clock import Clock
@@ -48,6 +49,7 @@ class NodeActions:
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
         arrays: bool = False,
+        type_check: TypeCheck | None = None,
     ) -> ActionServer[ActionT]: ...
     @overload
     def create_action_server(
@@ -61,6 +63,7 @@ class NodeActions:
         on_cancel: Callable[[ServerGoal[UntypedAction]], object] | bool = True,
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
+        type_check: TypeCheck | None = None,
     ) -> ActionServer[UntypedAction]: ...
     def create_action_server(
         self,
@@ -73,14 +76,15 @@ class NodeActions:
         result_timeout_s: float = RESULT_TIMEOUT_S,
         policy: Policy = "parallel",
         arrays: bool = False,
+        type_check: TypeCheck | None = None,
     ) -> ActionServer[Any]:
         """Serve an action; callbacks may be plain or async. Without `execute`, iterate over the goal requests.
 
         Args:
             execute: gets a `ServerGoal` and returns the result (SUCCEEDED), or ends the goal itself with `succeed`,
-                `abort` or `canceled`. An exception, or returning None without having ended it, is ABORTED. A plain
-                function runs in a thread of its own for each goal; it has to look at `goal.cancel_requested`, which is
-                also true when the node closes.
+                `abort` or `canceled`, which get the result or leave it to what it returns. An exception, or returning
+                None without having ended it, is ABORTED. A plain function runs in a thread of its own for each goal;
+                it has to look at `goal.cancel_requested`, which is also true when the node closes.
             accept: gets the goal; answers a `GoalDecision` (DEFER: `goal.execute()` later), or something that is true
                 or None to accept, and anything else that is false to reject.
             on_cancel: True accepts every cancel, False refuses; a function gets the `ServerGoal`, and anything false
@@ -90,6 +94,7 @@ class NodeActions:
                 meanwhile, ``"queue"`` lets them wait their turn, ``"preempt"`` cancels the running one for the newest.
                 Deferred goals take their place in the queue when `execute` is called; `goal.started()` waits for it.
             arrays: sequences of fixed-size messages in goals are structured arrays, as in `decode`.
+            type_check: that of `Node`, for the services and topics of this action.
 
         Goals that have not started (queued, or deferred) end as CANCELED when a cancel is accepted.
 
@@ -111,6 +116,7 @@ class NodeActions:
             on_cancel=on_cancel,
             result_timeout_s=result_timeout_s,
             policy=policy,
+            type_check=type_check,
         )
         self.scope.has_callbacks |= execute is not None
         return server
@@ -124,10 +130,17 @@ class NodeActions:
         feedback_depth: int = 100,
         server_lost_after_s: float = 5.0,
         arrays: bool = False,
+        type_check: TypeCheck | None = None,
     ) -> ActionClient[ActionT]: ...
     @overload
     def create_action_client(
-        self, action: str, name: str, *, feedback_depth: int = 100, server_lost_after_s: float = 5.0
+        self,
+        action: str,
+        name: str,
+        *,
+        feedback_depth: int = 100,
+        server_lost_after_s: float = 5.0,
+        type_check: TypeCheck | None = None,
     ) -> ActionClient[UntypedAction]: ...
     def create_action_client(
         self,
@@ -137,6 +150,7 @@ class NodeActions:
         feedback_depth: int = 100,
         server_lost_after_s: float = 5.0,
         arrays: bool = False,
+        type_check: TypeCheck | None = None,
     ) -> ActionClient[Any]:
         """Send goals to an action. A type given as text makes goals, results and feedback dicts.
 
@@ -146,6 +160,7 @@ class NodeActions:
             server_lost_after_s: how long a server may be away before goals end with `ActionServerLostError`; `math.inf`
                 for ever.
             arrays: sequences of fixed-size messages in results and feedback are structured arrays, as in `decode`.
+            type_check: that of `Node`, for the services and topics of this action.
 
         Raises:
             InvalidNameError, TypeNotFoundError, ClosedError. TypeError, ActionArgumentError: an argument is of no use.
@@ -160,4 +175,5 @@ class NodeActions:
             ActionNames.resolve(self._names, name),
             feedback_depth=feedback_depth,
             server_lost_after_s=server_lost_after_s,
+            type_check=type_check,
         )

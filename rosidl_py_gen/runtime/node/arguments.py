@@ -1,4 +1,4 @@
-"""ROS arguments: everything between ``--ros-args`` and ``--``, and what is left for the program.
+"""ROS arguments: everything between ``--ros-args`` and ``--``, and what is left for the program; and those of `Node`.
 
 Decides the grammar of protocol.md 10.4. Values are kept in the order of the command line, because later parameters
 override earlier ones. Parameter files are read through the `read_text` function given by the caller.
@@ -7,7 +7,7 @@ override earlier ones. Parameter files are read through the `read_text` function
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -82,7 +82,7 @@ class _Parser:
         name = left[found.end() :] if found else left
         if not name or ":" in name or any(character.isspace() for character in name):
             raise RosArgumentError(f"{name!r} is not a parameter name; expected [NODE:]name:=value")
-        self.parameters.append(NodeParameters(pattern, {name: parse_parameter_value(text)}))
+        self.parameters.append(NodeParameters(pattern, {name: parse_parameter_value(text)}, f"-p {value}"))
 
     def params_file(self, value: str) -> None:
         from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
@@ -216,3 +216,16 @@ def _deprecated_remap(parser: _Parser, argument: str) -> bool:
     parser.remap_rules.append(rule)
     parser.warnings.append(f"remap rule {argument!r} outside of --ros-args is deprecated; use --ros-args -r {argument}")
     return True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NodeOptions:
+    """The keyword arguments of `Node`, without the context."""
+
+    enable_rosout: bool
+    overrides: Mapping[str, object] | None
+    allow_undeclared: bool
+    declare_overrides: bool
+    start_services: bool
+    parameter_events: bool
+    logger_services: bool

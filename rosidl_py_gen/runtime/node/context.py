@@ -15,14 +15,17 @@ import warnings
 from typing import TYPE_CHECKING, ClassVar, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.endpoints.scope import Scope
 from rosidl_py_gen.runtime.endpoints.window import RequestWindows
 from rosidl_py_gen.runtime.graph.discovery import Discovery
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.logs.outputs import outputs
 from rosidl_py_gen.runtime.loop.bridge import Bridge
+from rosidl_py_gen.runtime.loop.failures import Guard, require_on_error
 from rosidl_py_gen.runtime.node.arguments import parse_arguments
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
+from rosidl_py_gen.runtime.parameters.initial import InitialValues
 
 if TYPE_CHECKING:
     import asyncio
@@ -30,6 +33,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.arguments import RosArguments
     from rosidl_py_gen.runtime.transport.interface import DomainSettings, Transport
@@ -51,6 +55,7 @@ class OpenNode(Protocol):
         """May be called twice."""
 
 
+@knows_rclpy
 class Context:
     """One participant of a domain.
 
@@ -61,6 +66,7 @@ class Context:
         domain_id: None means ``ROS_DOMAIN_ID``, else 0.
         discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None means the environment (protocol.md 10.6).
         args: a command line that may contain ``--ros-args``; None means `sys.argv`.
+        on_error: what nodes do that are not told otherwise, when a callback raises; see `Node`.
         transport: ``"dds"`` or ``"zenoh"``; None means what ``RMW_IMPLEMENTATION`` says, else DDS where cyclonedds is
             installed. A `MemoryTransport` stays inside this process.
 
@@ -80,7 +86,9 @@ class Context:
         discovery: str | None = None,
         args: Sequence[str] | None = None,
         transport: Transport | str | None = None,
+        on_error: OnError = "log",
     ) -> None:
+        self.on_error = require_on_error(on_error)
         chosen = chosen_transport(transport)
         settings = read_environment(os.environ, domain_id=domain_id, discovery=discovery)
         self.ros_arguments: RosArguments = parse_arguments(sys.argv if args is None else args)
@@ -102,11 +110,14 @@ class Context:
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
         self.request_windows = RequestWindows()
+        self.initial_values = InitialValues(self.ros_arguments.parameters, self.bridge)
+        """Of parameters, for all nodes."""
         self._closed = ""
         """Why it is closed, for errors; empty while it is open."""
         self._had_loop = threading.Event()
         self.bridge.on_start(self._had_loop.set)
         self._nodes: dict[int, OpenNode] = {}
+        self._guards: list[Guard] = []
         _open_contexts.add(self)
 
     # ----------------------------------------------------------------------------------------------------- sharing
@@ -127,9 +138,10 @@ class Context:
         if context is not None:
             context.close()
 
-    def open_scope(self, names: NodeNames) -> Scope:
+    def open_scope(self, names: NodeNames, on_error: OnError | None = None) -> Scope:
         """Announce a node and make what its endpoints share; raises `ClosedError`."""
         self.require_open()
+        chosen = self.on_error if on_error is None else require_on_error(on_error)
         number = self.discovery.add_node(names.name, names.namespace)
         return Scope(
             self.participant,
@@ -138,6 +150,7 @@ class Context:
             self.request_windows,
             number,
             names.fully_qualified_name,
+            chosen,
         )
 
     def adopt(self, node: OpenNode) -> None:
@@ -194,10 +207,15 @@ class Context:
 
     async def __aenter__(self) -> Self:
         self.bridge.running_loop()
+        self._guards.append(guard := Guard(lambda failures: failures.bridge is self.bridge))
+        guard.__enter__()
         return self
 
-    async def __aexit__(self, *_: object) -> None:
-        self.close()
+    async def __aexit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            self.close()
+        finally:
+            self._guards.pop().__exit__(kind, error, trace)
 
     def close(self) -> None:
         """Close all nodes and leave the domain; may be called twice."""
@@ -207,6 +225,7 @@ class Context:
         _open_contexts.discard(self)
         for node in list(self._nodes.values()):
             node.close()
+        self.initial_values.close()
         self.discovery.close()
         self.bridge.close()
         self.participant.close()

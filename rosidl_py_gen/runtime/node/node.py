@@ -9,22 +9,25 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
-from rosidl_py_gen.cdr import Message, Service
+from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.endpoints.client import Client
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.endpoints.server import ServiceServer
+from rosidl_py_gen.runtime.endpoints.scope import counted
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
-from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type, service_type
+from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type
+from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
+from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
+from rosidl_py_gen.runtime.node.arguments import NodeOptions
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph import NodeGraph
-from rosidl_py_gen.runtime.node.options import NodeOptions
 from rosidl_py_gen.runtime.node.parameters import NodeParameters
 from rosidl_py_gen.runtime.node.rosout import start_rosout
+from rosidl_py_gen.runtime.node.services import NodeServices
 from rosidl_py_gen.runtime.node.time import NodeTime
 from rosidl_py_gen.runtime.node.types import NodeTypes
 from rosidl_py_gen.runtime.time.clock import Clock
@@ -32,21 +35,22 @@ from rosidl_py_gen.runtime.time.values import ClockType
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping
+    from collections.abc import Callable, Mapping
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
+    from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
 MessageT = TypeVar("MessageT", bound=Message)
-RequestT = TypeVar("RequestT", bound=Message)
-ResponseT = TypeVar("ResponseT", bound=Message)
 
 _DEFAULT_DEPTH = 10
 
 
-class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
+@knows_rclpy
+class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParameters):
     """A ROS 2 node.
 
     Callbacks run on the asyncio event loop. The loop is attached by the first use of the node inside it: ``async with
@@ -67,6 +71,12 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         start_services: serve the six parameter services.
         parameter_events: publish changes of parameters on ``/parameter_events``.
         logger_services: serve ``~/get_logger_levels`` and ``~/set_logger_levels``.
+        type_check: what becomes of messages whose sender announces another definition of their type: ``"error"``
+            withholds them, ``"warn"`` hands them out; both say so once for each topic and peer, ``"off"`` does not. It
+            can be given for each endpoint, too.
+        on_error: what an exception in a callback does. ``"log"``: it is logged, and all goes on. ``"raise"``: it also
+            ends `run`, `spin`, ``async with node``, ``with node`` or the blocking call under way, which raises it.
+            None: what the context says, else ``"log"``.
 
     Raises:
         InvalidNameError: for name or namespace.
@@ -87,11 +97,14 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         start_services: bool = True,
         parameter_events: bool = True,
         logger_services: bool = False,
+        type_check: TypeCheck = "error",
+        on_error: OnError | None = None,
     ) -> None:
         if not (context is None or isinstance(context, Context)):
             raise TypeError(f"context must be a Context, such as Context(transport=...), got {context!r:.100}")
         validate_node_name(name)  # before a context is opened for it
         normalize_namespace(namespace)
+        mode = checked_mode(type_check)
         options = NodeOptions(
             enable_rosout=enable_rosout,
             overrides=overrides,
@@ -104,12 +117,14 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         self.context = shared = Context.default() if context is None else context
         try:
             self._names = NodeNames.create(name, namespace, shared.ros_arguments.remap_rules)
-            self.scope = shared.open_scope(self._names)
+            self.scope = shared.open_scope(self._names, on_error)
             """What endpoint modules outside this file build on."""
+            self.scope.type_check = mode
         except BaseException:
             shared.close_if_unused()
             raise
         self._made_on = id(current_loop())
+        self._guards: list[Guard] = []
         self.clock = Clock(ClockType.ROS_TIME, on_failure=self.scope.report_failure)
         """ROS time; system time until simulated time is switched on."""
         shared.adopt(self)
@@ -160,20 +175,35 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
 
     @overload
     def create_publisher(
-        self, msg_type: type[MessageT], topic: str, qos: QoSLike = _DEFAULT_DEPTH
+        self,
+        msg_type: type[MessageT],
+        topic: str,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        type_check: TypeCheck | None = None,
     ) -> Publisher[MessageT]: ...
     @overload
-    def create_publisher(self, msg_type: str, topic: str, qos: QoSLike = _DEFAULT_DEPTH) -> Publisher[Untyped]: ...
     def create_publisher(
-        self, msg_type: type[Message] | str, topic: str, qos: QoSLike = _DEFAULT_DEPTH
+        self, msg_type: str, topic: str, qos: QoSLike = _DEFAULT_DEPTH, *, type_check: TypeCheck | None = None
+    ) -> Publisher[Untyped]: ...
+    def create_publisher(
+        self,
+        msg_type: type[Message] | str,
+        topic: str,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        type_check: TypeCheck | None = None,
     ) -> Publisher[Any]:
         """Publish on `topic`. A type given as text makes the messages dicts.
+
+        `type_check` is that of `Node`, for this publisher: whether it warns of subscriptions with another definition.
 
         Raises:
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
         """
         self._require_open()
-        return Publisher(self.scope, message_type(msg_type), self._names.resolve_topic(topic), as_profile(qos))
+        name = self._names.resolve_topic(topic)
+        return Publisher(self.scope, message_type(msg_type), name, as_profile(qos), type_check=type_check)
 
     @overload
     def create_subscription(
@@ -186,6 +216,8 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         raw: Literal[False] = False,
         arrays: bool = False,
         ignore_local: bool = False,
+        type_check: TypeCheck | None = None,
+        concurrency: int = 1,
     ) -> Subscription[MessageT]: ...
     @overload
     def create_subscription(
@@ -197,6 +229,8 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         *,
         raw: Literal[True],
         ignore_local: bool = False,
+        type_check: TypeCheck | None = None,
+        concurrency: int = 1,
     ) -> Subscription[bytes]: ...
     @overload
     def create_subscription(
@@ -208,6 +242,8 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         *,
         raw: Literal[False] = False,
         ignore_local: bool = False,
+        type_check: TypeCheck | None = None,
+        concurrency: int = 1,
     ) -> Subscription[Untyped]: ...
     def create_subscription(
         self,
@@ -219,6 +255,8 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         raw: bool = False,
         arrays: bool = False,
         ignore_local: bool = False,
+        type_check: TypeCheck | None = None,
+        concurrency: int = 1,
     ) -> Subscription[Any]:
         """Receive from `topic`: iterate over the result, or give a callback (plain or async function).
 
@@ -226,6 +264,8 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
             raw: messages stay bytes, 4-byte encapsulation header included.
             arrays: sequences of fixed-size messages are structured arrays, as in `decode`; not with `raw` or text.
             ignore_local: nothing from publishers of this context.
+            type_check: that of `Node`, for this subscription.
+            concurrency: how many calls of an async callback may be under way at once. They begin in order.
 
         Raises:
             InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
@@ -241,81 +281,11 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
             callback,
             as_profile(qos),
             ignore_local=ignore_local,
+            type_check=type_check,
+            concurrency=concurrency,
         )
         self.scope.has_callbacks |= callback is not None
         return subscription
-
-    # ----------------------------------------------------------------------------------------------------- services
-
-    @overload
-    def create_service(
-        self,
-        srv_type: type[Service[RequestT, ResponseT]],
-        name: str,
-        handler: Callable[[RequestT], ResponseT | Awaitable[ResponseT]] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
-        *,
-        arrays: bool = False,
-    ) -> ServiceServer[RequestT, ResponseT]: ...
-    @overload
-    def create_service(
-        self,
-        srv_type: str,
-        name: str,
-        handler: Callable[[Untyped], Untyped | Awaitable[Untyped]] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
-    ) -> ServiceServer[Untyped, Untyped]: ...
-    def create_service(
-        self,
-        srv_type: type[Service[Any, Any]] | str,
-        name: str,
-        handler: Callable[[Any], Any] | None = None,
-        qos: QoSLike = _DEFAULT_DEPTH,
-        *,
-        arrays: bool = False,
-    ) -> ServiceServer[Any, Any]:
-        """Serve `name`: with a handler ``(request) -> response``, plain or async; without, iterate over the requests.
-
-        `arrays`: sequences of fixed-size messages in requests are structured arrays, as in `decode`; not with text.
-
-        Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
-        """
-        self._require_open()
-        known = service_type(srv_type, arrays=arrays)
-        server = ServiceServer(self.scope, known, self._names.resolve_service(name), handler, as_profile(qos))
-        self.scope.has_callbacks |= handler is not None
-        return server
-
-    @overload
-    def create_client(
-        self,
-        srv_type: type[Service[RequestT, ResponseT]],
-        name: str,
-        qos: QoSLike = _DEFAULT_DEPTH,
-        *,
-        arrays: bool = False,
-    ) -> Client[RequestT, ResponseT]: ...
-    @overload
-    def create_client(self, srv_type: str, name: str, qos: QoSLike = _DEFAULT_DEPTH) -> Client[Untyped, Untyped]: ...
-    def create_client(
-        self,
-        srv_type: type[Service[Any, Any]] | str,
-        name: str,
-        qos: QoSLike = _DEFAULT_DEPTH,
-        *,
-        arrays: bool = False,
-    ) -> Client[Any, Any]:
-        """Call the service `name`.
-
-        `arrays`: sequences of fixed-size messages in responses are structured arrays, as in `decode`; not with text.
-
-        Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
-        """
-        self._require_open()
-        known = service_type(srv_type, arrays=arrays)
-        return Client(self.scope, known, self._names.resolve_service(name), as_profile(qos))
 
     # ----------------------------------------------------------------------------------------------------- lifetime
 
@@ -332,8 +302,10 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         self._require_open()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self.close()
+        if error is None:
+            self.scope.failures.raise_kept()
 
     async def __aenter__(self) -> Self:
         """Raises `ClosedError`, and `LoopMismatchError`: then a node that was made in here is closed."""
@@ -344,10 +316,15 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
             if self._made_on == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
                 self.close()
             raise
+        self._guards.append(guard := Guard(lambda failures: failures is self.scope.failures))
+        guard.__enter__()
         return self
 
-    async def __aexit__(self, *_: object) -> None:
-        self.close()
+    async def __aexit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        try:
+            self.close()
+        finally:
+            self._guards.pop().__exit__(kind, error, trace)
 
     def close(self) -> None:
         """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""
@@ -362,4 +339,6 @@ class Node(NodeGraph, NodeTypes, NodeTime, NodeActions, NodeParameters):
         self.context.release(self)
 
     def __repr__(self) -> str:
-        return f"Node({self.fully_qualified_name!r}{', closed' if self.is_closed else ''})"
+        others = counted(max(0, len(self.scope.graph.nodes()) - 1), "other node")
+        state = "closed" if self.is_closed else f"domain {self.context.domain_id}, {others}"
+        return f"{type(self).__name__}({self.fully_qualified_name}, {state})"

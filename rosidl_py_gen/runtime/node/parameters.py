@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.registration import Registration
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.node.arguments import NodeOptions
     from rosidl_py_gen.runtime.node.context import Context
-    from rosidl_py_gen.runtime.node.options import NodeOptions
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
     from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent
@@ -66,8 +66,7 @@ class NodeParameters:
 
     def _open_parameters(self, options: NodeOptions) -> None:
         """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
-        merged = self.context.ros_arguments.overrides_for(self._names.fully_qualified_name)
-        merged.update({item.name: item.value for item in as_parameters(options.overrides or {})})
+        own = {item.name: item.value for item in as_parameters(options.overrides or {})}
         self._changes = changes = list[Stream[ParameterChange]]()
         events: ParameterEventPublisher | None = None
         if options.parameter_events:
@@ -86,7 +85,10 @@ class NodeParameters:
                 events.tell(event)
 
         self._store = ParameterStore(
-            merged, allow_undeclared=options.allow_undeclared, on_event=tell, on_failure=self.scope.report_failure
+            self.context.ros_arguments.overrides_for(self._names.fully_qualified_name) | own,
+            allow_undeclared=options.allow_undeclared,
+            on_event=tell,
+            on_failure=self.scope.report_failure,
         )
         TimeSource(self.scope, self._names, self._store, self.clock)
         if options.declare_overrides:
@@ -100,6 +102,11 @@ class NodeParameters:
 
             start_logger_services(self.scope, self._names)
         start_type_descriptions(self.scope, self._names, self._store)
+        self.context.initial_values.opened(self.scope, self._store, own, self._may_declare_more)
+
+    def _may_declare_more(self) -> bool:
+        """Whether this is too early to wonder about initial values that no parameter takes."""
+        return False
 
     # --------------------------------------------------------------------------------------------------- declaring
 
@@ -134,8 +141,9 @@ class NodeParameters:
         """Declare one parameter and return its value, which is the override's if there is one.
 
         Raises:
-            ParameterAlreadyDeclaredError, InvalidParameterNameError, InvalidParameterValueError,
-            WrongParameterTypeError.
+            ParameterAlreadyDeclaredError, InvalidParameterNameError: the name is taken, or cannot be one.
+            InvalidParameterValueError: a range, a callback or a missing type refuses it.
+            WrongParameterTypeError: default or override have another type.
             TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
         self.scope.require_open(False, "the node")
@@ -169,7 +177,7 @@ class NodeParameters:
             type: ``bool``, ``int``, ``float``, ``str``, ``bytes``, or a list of one of the first four. None: any.
 
         Raises:
-            ParameterNotDeclaredError, WrongParameterTypeError (names both types).
+            ParameterNotDeclaredError: nobody declared it. WrongParameterTypeError: names both types.
         """
         value = self._store.peek(require_name(name))
         kind = None if type is None else _kind_of(type)

@@ -242,7 +242,7 @@ async def ask_type_description(
     """Call ``get_type_description`` of a node; the answer is left encoded, as it may be large.
 
     Raises:
-        CallTimeoutError, ForeignServiceError, InvalidNameError.
+        CallTimeoutError, ForeignServiceError, InvalidNameError: as their names say.
     """
     known = late_service_type(SERVICE)
     client: Client[srv.GetTypeDescription_Request, bytes] = Client(

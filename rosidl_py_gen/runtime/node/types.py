@@ -122,7 +122,7 @@ class NodeTypes:
 
         Raises:
             TypeDescriptionError: the node's own reason; or it announces no hash for that type, or several.
-            CallTimeoutError. InvalidNameError.
+            CallTimeoutError, InvalidNameError: as their names say.
         """
         node = resolve_node_name(remote_node, self._names.namespace)
         service = self._names.resolve_service(f"{node}/get_type_description")

@@ -22,6 +22,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     SetResult,
     checked_parameter,
 )
+from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -45,8 +46,8 @@ class RefusedError(ParameterError):
         self.failed = failed
 
 
-def require_plain(function: object, what: str) -> None:
-    """Raises `TypeError` for what cannot be called, and for async functions: a set waits for nobody."""
+def require_plain(function: object, what: str, gets: str) -> None:
+    """Raises `TypeError` for what cannot be called with `gets`, and for async functions: a set waits for nobody."""
     if not callable(function):
         raise TypeError(f"{what} must be a function, got {function!r}")
     if is_async(function):
@@ -54,6 +55,7 @@ def require_plain(function: object, what: str) -> None:
             f"{what} {_name_of(function)!r} is async, but a set cannot wait for it; give a plain function, which may "
             "start a task"
         )
+    require_signature(function, f"{what} {_name_of(function)!r}", gets)
 
 
 def validate(what: str, validator: Callable[[Any], str | None], value: Any) -> None:
@@ -101,7 +103,7 @@ class SetCallbacks:
                 which is called when they are stored, before anybody else hears of them.
         """
         if kind != "mirror":
-            require_plain(callback, f"the {kind} callback")
+            require_plain(callback, f"the {kind} callback", "the list of parameters")
         return self._functions[kind].add(callback)
 
     def before(self, parameters: list[Parameter]) -> list[Parameter]:

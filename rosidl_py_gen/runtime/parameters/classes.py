@@ -163,7 +163,7 @@ def bind_class(
     require_name(prefix, "the prefix")
     binding = _Binding(store, cls, f"{prefix}." if prefix else "", validator)
     if validator is not None:
-        require_plain(validator, "the validator")
+        require_plain(validator, "the validator", "the new instance")
     source = _start(cls, initial)
     with store.together() as declared:
         values = {}

@@ -3,7 +3,8 @@
 Decides how answers become values and errors. Every call waits for the remote node, as part of `timeout_s`.
 
 One name gives one value, several give a list. An empty list says nothing about its type, in Python as in YAML, so
-before one is set the remote node is asked which array type the parameter has.
+before one is set the remote node is asked which array type the parameter has. Nodes of rclcpp and rclpy refuse whole
+numbers for doubles, so when one was refused, it is asked, too, and the number set again as a double.
 """
 
 from __future__ import annotations
@@ -48,11 +49,14 @@ from rosidl_py_gen.runtime.parameters.values import (
     ParameterDescriptor,
     ParameterNotDeclaredError,
     ParameterType,
+    ParameterValue,
     PythonValue,
+    SetResult,
     as_parameters,
     as_prefixes,
     parameter_value,
     require_names,
+    widened,
 )
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.time.values import Time
@@ -64,7 +68,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
-    from rosidl_py_gen.runtime.parameters.store import ParameterEvent, SetResult
+    from rosidl_py_gen.runtime.parameters.store import ParameterEvent
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
 
 
@@ -130,7 +134,10 @@ class _Asked:
 
 
 class ParameterClient(Composite):
-    """Made by `create_parameter_client`. Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds."""
+    """Made by `create_parameter_client`.
+
+    Calls raise `CallTimeoutError` when no answer comes in `timeout_s` seconds, `ServerLostError` when the node leaves.
+    """
 
     def __init__(self, scope: Scope, names: NodeNames, node: str) -> None:
         self.node = names.resolve_topic(node)
@@ -205,38 +212,58 @@ class ParameterClient(Composite):
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
         """Set one by one; the result of each says whether and why not.
 
-        An empty list takes the type the remote parameter has, which costs one or two more questions for each.
+        An empty list takes the type the remote parameter has, which costs one or two more questions for each. A whole
+        number that is refused is set again as a double where the parameter is one.
 
         Raises:
             InvalidParameterValueError: one is no parameter value. TypeError: a name is no text.
         """
-        wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
+        deadline = Deadline(timeout_s)
+        wanted = await self._fitted(as_parameters(values), deadline)
+        results = await self._set_once(wanted, deadline)
+        refused = [index for index, result in enumerate(results[: len(wanted)]) if not result.successful]
+        tried = {index: await self._as_double(wanted[index], deadline) for index in refused}
+        again = {index: parameter for index, parameter in tried.items() if parameter is not wanted[index]}
+        if again:
+            second = await self._set_once(list(again.values()), deadline)
+            for index, result in zip(again, second, strict=False):
+                results[index] = result
+        return results
+
+    async def _set_once(self, wanted: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
         request = SetParameters_Request(parameters=[to_message(item) for item in wanted])
-        return [result_from_message(item) for item in (await self._set.call(request, left_s)).results]
+        return [result_from_message(item) for item in (await self._set.call(request, deadline.left_s())).results]
 
     async def set_atomically(self, values: ParametersToSet, timeout_s: float | None = None) -> SetResult:
         """Set all or nothing; otherwise as `set`."""
-        wanted, left_s = await self._fitted(as_parameters(values), timeout_s)
-        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in wanted])
-        return result_from_message((await self._set_atomically.call(request, left_s)).result)
-
-    async def _fitted(
-        self, parameters: list[Parameter], timeout_s: float | None
-    ) -> tuple[list[Parameter], float | None]:
-        """Empty lists, which came here as empty byte arrays, get the array type of the remote parameter.
-
-        Returns:
-            The parameters, and what is left of the time.
-        """
-        if all(parameter.value.value != b"" for parameter in parameters):
-            return parameters, timeout_s
         deadline = Deadline(timeout_s)
+        wanted = await self._fitted(as_parameters(values), deadline)
+        result = await self._set_all(wanted, deadline)
+        if result.successful:
+            return result
+        again = [await self._as_double(one, deadline) for one in wanted]
+        return result if again == wanted else await self._set_all(again, deadline)
+
+    async def _set_all(self, wanted: Sequence[Parameter], deadline: Deadline) -> SetResult:
+        request = SetParametersAtomically_Request(parameters=[to_message(item) for item in wanted])
+        return result_from_message((await self._set_atomically.call(request, deadline.left_s())).result)
+
+    async def _as_double(self, parameter: Parameter, deadline: Deadline) -> Parameter:
+        """The same object, unless it is of whole numbers and the remote parameter of doubles."""
+        name, value = parameter
+        if value.type not in (ParameterType.INTEGER, ParameterType.INTEGER_ARRAY):
+            return parameter
+        double = widened(value, await self._declared_type(name, deadline))
+        return parameter if double is value else Parameter(name, double)
+
+    async def _fitted(self, parameters: list[Parameter], deadline: Deadline) -> list[Parameter]:
+        """Empty lists, which came here as empty byte arrays, get the array type of the remote parameter."""
         for index, parameter in enumerate(parameters):
             if parameter.value.value == b"":
                 kind = await self._declared_type(parameter.name, deadline)
                 if kind.is_array:
                     parameters[index] = Parameter(parameter.name, parameter_value((), kind))
-        return parameters, deadline.left_s()
+        return parameters
 
     async def _declared_type(self, name: str, deadline: Deadline) -> ParameterType:
         """NOT_SET when the parameter is not declared."""
@@ -255,7 +282,10 @@ class ParameterClient(Composite):
         return Listing(tuple(result.names), tuple(result.prefixes))
 
     async def load_yaml(self, path: str | os.PathLike[str], timeout_s: float | None = None) -> dict[str, SetResult]:
-        """Set what a parameter file says for the remote node, empty lists with the type they have there.
+        """Set what a parameter file says for the remote node, with the types of `set`.
+
+        What is read-only there is set, too, as far as its result says, where it has that value already: so what
+        `dump_yaml` wrote can be loaded.
 
         Raises:
             ParameterFileError: it is not a parameter file, or has nothing for the remote node.
@@ -266,8 +296,27 @@ class ParameterClient(Composite):
             named = ", ".join(dict.fromkeys(entry.pattern for entry in entries)) or "no node at all"
             raise ParameterFileError(f"{path}: nothing for {self.node}; the file has parameters of {named}")
         found = overrides_for(entries, self.node)
-        results = await self.set([Parameter(name, value) for name, value in found.items()], timeout_s)
-        return dict(zip(found, results, strict=False))
+        deadline = Deadline(timeout_s)
+        results = await self.set([Parameter(name, value) for name, value in found.items()], deadline.left_s())
+        return {
+            name: result if result.successful else await self._unless_read_only(name, found[name], result, deadline)
+            for name, result in zip(found, results, strict=False)
+        }
+
+    async def _unless_read_only(
+        self, name: str, wanted: ParameterValue, refused: SetResult, deadline: Deadline
+    ) -> SetResult:
+        """What a file wants of a parameter that nobody may set is fine if that is its value."""
+        described = await self._describe.call(DescribeParameters_Request(names=[name]), deadline.left_s())
+        if len(described.descriptors) != 1 or not described.descriptors[0].read_only:
+            return refused
+        response = await self._get.call(GetParameters_Request(names=[name]), deadline.left_s())
+        if len(response.values) != 1:
+            return refused
+        has = value_from_message(response.values[0])
+        if repr(has.value) == repr(_like(wanted, has.type).value):  # NaN is itself, True is not 1
+            return SetResult(True, "it is read-only and has this value")
+        return SetResult(False, f"it is read-only and stays {has.value!r:.100}, the file says {wanted.value!r:.100}")
 
     async def dump_yaml(self, timeout_s: float | None = None) -> str:
         """The text of a parameter file with everything the remote node has, one question a parameter at most."""
@@ -283,3 +332,8 @@ class ParameterClient(Composite):
         """What happens to the remote node's parameters from now on."""
         self._scope.require_open(self._closed, f"the parameter client of {self.node}")
         return ParameterEvents(self._parts, self._names, self.node)
+
+
+def _like(value: ParameterValue, kind: ParameterType) -> ParameterValue:
+    """What a file means where a parameter of this type is: see `ParameterClient.set`."""
+    return parameter_value((), kind) if value.value == b"" and kind.is_array else widened(value, kind)

@@ -259,7 +259,7 @@ def _validators(where: str, shape: _Shape) -> tuple[Validator, ...]:
     found = tuple(item for item in shape.metadata if callable(item) and not isinstance(item, type))
     for validator in found:
         try:
-            require_plain(validator, "the validator")
+            require_plain(validator, "the validator", "the value")
         except TypeError as error:
             raise ParameterClassError(f"{where}: {error}") from error
     return found

@@ -16,8 +16,7 @@ import re
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-import yaml
-
+from rosidl_py_gen.resources import extra_missing
 from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
@@ -27,6 +26,11 @@ from rosidl_py_gen.runtime.parameters.values import (
     ParameterValue,
     parameter_value,
 )
+
+try:
+    import yaml
+except ModuleNotFoundError as missing:
+    raise extra_missing(missing) or missing from None
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -161,7 +165,7 @@ def _nodes(name: str, mapping: yaml.MappingNode, prefix: str) -> Iterator[NodePa
                 _fail(name, node, f"{PARAMETERS_KEY} must be below the name of a node")
             if not isinstance(node, yaml.MappingNode):
                 _fail(name, node, f"expected parameter names with values below {key}")
-            yield NodeParameters(prefix, dict(_parameters(name, node, "")))
+            yield NodeParameters(prefix, dict(_parameters(name, node, "")), name)
         elif isinstance(node, yaml.MappingNode):
             yield from _nodes(name, node, f"{prefix}/{key.strip('/')}")
         else:

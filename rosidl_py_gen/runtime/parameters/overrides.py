@@ -28,6 +28,8 @@ class NodeParameters:
 
     pattern: str
     values: Mapping[str, ParameterValue]
+    source: str = ""
+    """What gave them, for warnings: a file's name, or an argument."""
 
     def matches(self, fully_qualified_name: str) -> bool:
         """``/*`` stands for one part of a name, ``/**`` for any number of them."""

@@ -5,6 +5,8 @@ checks and what each failure says (protocol.md 9.3, 9.4); the checks themselves 
 users' functions is `callbacks.py`'s. Nothing is stored before every check and callback has agreed, so a
 refused set leaves no trace.
 
+Decides, too, that a whole number is a double where one is declared, in overrides and in sets; rclpy refuses it.
+
 Any thread may use it. Sets and declarations exclude each other; the checks, callbacks before the values are stored, and
 the event belong to that, post-set callbacks do not. Readers never wait: values that are set together are replaced
 together.
@@ -43,6 +45,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     SetResult,
     WrongParameterTypeError,
     parameter_value,
+    widened,
 )
 
 if TYPE_CHECKING:
@@ -75,6 +78,8 @@ class ParameterStore:
         on_failure: Callable[[str], None] = report_failure,
     ) -> None:
         self.overrides = dict(overrides or {})
+        self.taken: set[str] = set()
+        """Names of the overrides that a declaration took."""
         self.allow_undeclared = allow_undeclared
         self.lock = threading.RLock()
         """Held while something is set or declared; may be taken to do several such things as one."""
@@ -101,16 +106,19 @@ class ParameterStore:
 
         The type is the descriptor's when it has one, else the default's; without either the descriptor must say
         `dynamic_typing`. An `optional` parameter keeps its type but may be unset again, and stays declared then. An
-        empty list in an override takes the type of the declaration.
+        empty list in an override takes the type of the declaration, a whole number that of a double.
 
         Raises:
-            ParameterAlreadyDeclaredError, InvalidParameterNameError.
+            ParameterAlreadyDeclaredError, InvalidParameterNameError: as their names say.
             WrongParameterTypeError: default or override have another type.
             InvalidParameterValueError: a range or a callback refused it.
         """
         with self.lock:
             described = self._declaration(name, default, descriptor)
-            value = _fitted(default if ignore_override else self.overrides.get(name, default), described)
+            is_overridden = name in self.overrides and not ignore_override
+            value = _fitted(self.overrides[name] if is_overridden else default, described)
+            if is_overridden and not described.dynamic_typing:
+                value = widened(value, described.type)
             if value.is_set and not described.dynamic_typing and value.type is not described.type:
                 raise WrongParameterTypeError(name, described.type.name, value.type.name)
             parameter = Parameter(name, value)
@@ -122,6 +130,8 @@ class ParameterStore:
             self._descriptors[name] = replace(described, type=value.type) if described.dynamic_typing else described
             if optional:
                 self._optional.add(name)
+            if is_overridden:
+                self.taken.add(name)
             self._values = {**self._values, name: value}
             for commit in commits:
                 commit()
@@ -273,18 +283,34 @@ class ParameterStore:
         """
         try:
             with self.lock:
-                wanted = self.callbacks.before(list(parameters))
+                wanted = [self._widened(one) for one in self.callbacks.before(list(parameters))]
                 result, commits = self._agreed(wanted, self._reason(wanted))
                 event = self._apply(wanted)
                 for commit in commits:
                     commit()
                 self._notifier.event(event)
-        except RefusedError as refusal:
-            if refusal.failed:
-                self._on_failure(refusal.failed)
-            return SetResult(False, str(refusal))
-        self._notifier.after_set(wanted)
-        return result
+        except RefusedError as refused:
+            refusal = refused
+        else:
+            self._notifier.after_set(wanted)
+            return result
+        if refusal.failed:
+            self._report(refusal)
+        return SetResult(False, str(refusal))
+
+    def _report(self, refusal: RefusedError) -> None:
+        """Of what the function of the user raised, not of what became of it."""
+        try:
+            raise refusal.__cause__ or refusal
+        except Exception:
+            self._on_failure(refusal.failed)
+
+    def _widened(self, parameter: Parameter) -> Parameter:
+        name, value = parameter
+        described = self._descriptors.get(name)
+        if described is None or described.type is value.type or described.dynamic_typing:
+            return parameter
+        return Parameter(name, widened(value, described.type))
 
     def _reason(self, wanted: Sequence[Parameter]) -> str:
         """Why the list cannot be set, before callbacks are asked; an empty text when it can."""

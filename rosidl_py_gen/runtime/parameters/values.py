@@ -210,6 +210,21 @@ def parameter_value(value: object, kind: ParameterType | None = None) -> Paramet
     return made
 
 
+def widened(value: ParameterValue, kind: ParameterType) -> ParameterValue:
+    """Whole numbers as doubles, where doubles are declared and hold them exactly; everything else as it is.
+
+    ``speed: 2`` in a file, ``-p speed:=2`` and most programs mean 2.0. The other way is never gone.
+    """
+    plain = value.value
+    if kind is ParameterType.DOUBLE and value.type is ParameterType.INTEGER:
+        number = float(plain)  # type: ignore[arg-type]
+        return ParameterValue(kind, number) if int(number) == plain else value
+    if kind is ParameterType.DOUBLE_ARRAY and value.type is ParameterType.INTEGER_ARRAY:
+        numbers = tuple(float(item) for item in plain)  # type: ignore[union-attr]
+        return ParameterValue(kind, numbers) if tuple(map(int, numbers)) == plain else value
+    return value
+
+
 def as_parameters(values: ParametersToSet) -> list[Parameter]:
     """Raises `TypeError` for what is neither, `InvalidParameterValueError` for a value that is no parameter value."""
     if isinstance(values, Mapping):

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.time.schedule import Schedule
@@ -31,13 +32,13 @@ from rosidl_py_gen.runtime.time.values import (
     TimeRangeError,
     seconds_to_ns,
 )
+from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.registration import Registration
 
-_ANY_JUMP = Duration(nanoseconds=1)
 _LONGEST_PAUSE_S = 1.0
 
 
@@ -72,6 +73,7 @@ class _JumpCallbacks:
     post: Callable[[TimeJump], None] | None
 
 
+@knows_rclpy
 class Clock:
     """One clock. `system_ns` and `steady_ns` replace the machine's clocks, for tests.
 
@@ -150,6 +152,9 @@ class Clock:
         for name, threshold in (("min_forward", min_forward), ("min_backward", min_backward)):
             if threshold is not None and not isinstance(threshold, Duration):
                 raise TypeError(f"{name} must be a Duration or None, got {threshold!r:.100}")
+        for name, callback in (("pre", pre), ("post", post)):
+            if callback is not None:
+                _require_jump_callback(name, callback)
         if min_forward is not None and min_forward.nanoseconds <= 0:
             raise TimeRangeError(f"min_forward must be a positive duration, got {min_forward!r}")
         if min_backward is not None and min_backward.nanoseconds >= 0:
@@ -240,11 +245,16 @@ class Clock:
             self._on_failure("a time jump callback")
 
 
+def _require_jump_callback(name: str, callback: object) -> None:
+    if not callable(callback):
+        raise TypeError(f"{name} must be a function or None, got {callback!r:.100}")
+    require_signature(callback, f"the {name} callback of a time jump", "the TimeJump")
+
+
 def on_every_jump(clock: Clock, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration:
     """`create_jump_callback` for all jumps."""
-    return clock.create_jump_callback(
-        pre=pre, post=post, on_clock_change=True, min_forward=_ANY_JUMP, min_backward=-_ANY_JUMP
-    )
+    chosen = _JumpCallbacks(lambda jump: jump.source_changed or jump.delta.nanoseconds != 0, pre, post)
+    return clock._jump_callbacks.add(chosen)
 
 
 class DueWait:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.time.clock import DueWait
 from rosidl_py_gen.runtime.time.values import NS_PER_S, TimeRangeError, finite_number, seconds_to_ns
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.schedule import Schedule
 
 
+@knows_rclpy
 class Rate:
     """Keeps a loop at a frequency: ``while True: work(); await rate.sleep()``. Late rounds are not made up for.
 

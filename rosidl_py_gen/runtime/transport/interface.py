@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.errors import ExtraMissingError, RosidlError
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class TransportError(RosidlError):
     """The middleware refused something; the message carries its own words."""
 
 
-class BackendMissingError(RosidlError, ImportError):
+class BackendMissingError(ExtraMissingError):
     """The user has to install the extra that brings the middleware."""
 
 

@@ -135,6 +135,12 @@ class QoSProfile:
             found = self.avoid_ros_namespace_conventions
             raise InvalidQoSError(f"avoid_ros_namespace_conventions must be True or False, got {found!r}")
 
+    def short(self) -> str:
+        """The policies that differ most often, in words: ``reliable, volatile, keep last 10``."""
+        history = f"keep last {self.depth}" if self.history is History.KEEP_LAST else self.history.name
+        words = (self.reliability.name, self.durability.name, history)
+        return ", ".join(word.lower().replace("_", " ") for word in words)
+
     def keep_last(self, depth: int) -> QoSProfile:
         """Keep the newest `depth` samples; 0 counts as 1 on the wire."""
         return replace(self, history=History.KEEP_LAST, depth=depth)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.resources import install_command
 from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
 from rosidl_py_gen.runtime.transport.cyclone.sockets import ENOUGH_BYTES
 from rosidl_py_gen.spec.find import search_path
@@ -54,7 +55,7 @@ def libraries() -> Iterator[Finding]:
             if _ONLY_FOR.get(name, chosen) != chosen:
                 continue
             wheels = "; its wheels are for CPython 3.10 to 3.13" if name == "cyclonedds" else ""
-            yield Finding(BROKEN, f"{name} is not installed", f"pip install 'rosidl-py-gen[{extra}]'{wheels}")
+            yield Finding(BROKEN, f"{name} is not installed", install_command(extra) + wheels)
 
 
 def interfaces(paths: tuple[str, ...]) -> Iterator[Finding]:

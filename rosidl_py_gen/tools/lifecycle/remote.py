@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
-from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.node.list import find_node, nodes_that_serve
 from rosidl_py_gen.tools.session import Network, Session
@@ -30,7 +30,7 @@ def lifecycle_nodes(node: Node, *, hidden: bool) -> list[str]:
 
 
 class RemoteLifecycle:
-    """One lifecycle node. Everything that asks raises `CallTimeoutError`."""
+    """One lifecycle node. Everything that asks raises `CallTimeoutError` or `ServerLostError`."""
 
     def __init__(self, node: Node, name: str, timeout_s: float) -> None:
         self.name = name
@@ -73,5 +73,5 @@ async def lifecycle_of(network: Network, node: str, timeout_s: float) -> AsyncIt
             raise ToolError(f"{name} is no lifecycle node: it serves no {name}{_MARK}")
         try:
             yield RemoteLifecycle(session.node, name, timeout_s)
-        except CallTimeoutError as error:
+        except (CallTimeoutError, ServerLostError) as error:
             raise ToolError(f"node {name} does not answer: {error}") from None

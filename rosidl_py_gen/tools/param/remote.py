@@ -9,7 +9,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.names import did_you_mean
-from rosidl_py_gen.runtime import CallTimeoutError, ParameterNotDeclaredError, ParameterType
+from rosidl_py_gen.runtime import CallTimeoutError, ParameterNotDeclaredError, ParameterType, ServerLostError
 from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.node.list import find_node
 from rosidl_py_gen.tools.session import Network, Session
@@ -37,7 +37,7 @@ async def parameters_of(network: Network, node: str, timeout_s: float) -> AsyncI
             raise ToolError(f"node {client.node} is there, but offered no parameter services in {timeout_s:g} s")
         try:
             yield client
-        except CallTimeoutError as error:
+        except (CallTimeoutError, ServerLostError) as error:
             raise ToolError(f"node {client.node} does not answer: {error}") from None
         except ParameterNotDeclaredError as error:
             raise ToolError(await _missing(client, error.names, timeout_s)) from None

@@ -30,7 +30,7 @@ def given(qos: dict[str, Any], default: QoSProfile) -> QoSProfile | None:
         default: what is not said.
 
     Raises:
-        InvalidQoSError.
+        InvalidQoSError: what is said cannot be.
     """
     said = {name: value for name, value in qos.items() if value is not None}
     if not said:

@@ -21,6 +21,7 @@ from std_msgs.msg import Int32
 from std_srvs.srv import SetBool
 from worlds import ROOT, rests
 
+from rosidl_py_gen.resources import install_command
 from rosidl_py_gen.runtime import CallTimeoutError, Context
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.portal import end_tasks
@@ -288,7 +289,8 @@ asyncio.run(main())
 """
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     run = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, timeout=60)
-    assert (run.returncode, run.stderr) == (0, "")
+    others = [line for line in run.stderr.splitlines() if "messages on /flood are dropped" not in line]
+    assert (run.returncode, others) == (0, [])
 
 
 # ------------------------------------------------------------------------------------------------ ordinary callbacks
@@ -561,7 +563,8 @@ def test_importing_the_package_needs_no_cyclonedds_and_using_dds_without_it_says
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout
     assert output.startswith("BackendMissingError")
-    assert "rosidl-py-gen[node]" in output and "MemoryTransport works without it" in output
+    assert output.endswith(f"To install it: {install_command('node')}\n")
+    assert "MemoryTransport works without it" in output
     # The wheels of 11.0.1 on the package index; others, ARM Linux and musl for example, have to build from source.
     assert "CPython 3.10 to 3.13 on Linux (x86-64, glibc), macOS and Windows (x86-64);" in output
 

@@ -95,7 +95,7 @@ forked(lambda: Node("child", context=Context(transport=MemoryTransport())))
     done = python(FORK + text)
     refused, end, again, _, made, _ = done.stdout.splitlines()
     assert refused.startswith("this process was forked from one that uses DDS") and "spawn" in refused
-    assert (end, again, made, done.returncode) == ("7", refused, "Node('/child')", 0)
+    assert (end, again, made.partition(",")[0], done.returncode) == ("7", refused, "Node(/child", 0)
 
 
 @needs_fork

@@ -166,7 +166,8 @@ def test_attributes_set_parameters_and_publish() -> None:
     ("values", "reason"),
     [
         ({"max_speed": 3.0}, "Parameter max_speed out of range Min: 0.0, Max: 2.5, value: 3.0"),
-        ({"max_speed": 3}, "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.INTEGER'"),
+        ({"max_speed": 3}, "Parameter max_speed out of range Min: 0.0, Max: 2.5, value: 3.0"),
+        ({"max_speed": "3"}, "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.STRING'"),
         ({"left__pwm": 256}, "Parameter left.pwm out of range. Min: 0, Max: 255, value: 256"),
         ({"mode": "fast"}, "Parameter mode must be one of 'auto', 'manual', got 'fast'"),
         ({"gear": 3}, "Parameter gear must be one of 1, 2, got 3"),
@@ -246,7 +247,7 @@ def test_post_init_may_refuse_too() -> None:
 @pytest.mark.parametrize(
     ("overrides", "error"),
     [
-        ({"max_speed": 1}, WrongParameterTypeError),
+        ({"max_speed": "1"}, WrongParameterTypeError),
         ({"max_speed": 9.0}, InvalidParameterValueError),
         ({"mode": "x"}, InvalidParameterValueError),
         ({"teeth": 3}, InvalidParameterValueError),

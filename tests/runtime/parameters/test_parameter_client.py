@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 from worlds import World
 
 from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime.parameters import store
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError
 from rosidl_py_gen.runtime.parameters.store import SetResult
 from rosidl_py_gen.runtime.parameters.values import (
@@ -81,8 +83,51 @@ async def test_what_is_dumped_is_loaded_back_with_empty_lists(
     await asyncio.to_thread(path.write_text, await remote.dump_yaml(timeout_s=5), encoding="utf-8")
     lists.flags, lists.numbers, lists.reals, lists.tags, lists.blob = [True], [1], [1.0], ["a"], b"x"
     results = await remote.load_yaml(path, timeout_s=5)
-    del results["start_type_description_service"]  # read-only
+    assert results.pop("start_type_description_service") == SetResult(True, "it is read-only and has this value")
     assert set(results.values()) == {OK} and lists == Lists([], [], [], [], [], b"")
+
+
+READ_ONLY = {"real": math.nan, "tags": (), "whole": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("line", "successful", "reason"),
+    [
+        ("real: .nan", True, "it is read-only and has this value"),
+        ("tags: []", True, "it is read-only and has this value"),
+        ("whole: 2", True, "it is read-only and has this value"),
+        ("whole: 3.0", False, "it is read-only and stays 2.0, the file says 3.0"),
+        ("whole: true", False, "it is read-only and stays 2.0, the file says True"),
+        ("nope: 1", False, "Invalid access to undeclared parameter(s): ['nope']"),
+    ],
+)
+async def test_a_file_may_repeat_what_is_read_only_but_not_change_it(
+    memory: World, tmp_path: Path, line: str, successful: bool, reason: str
+) -> None:
+    node, path = memory.node("n"), tmp_path / "p.yaml"
+    for name, value in READ_ONLY.items():
+        kind = ParameterType.STRING_ARRAY if name == "tags" else ParameterType.DOUBLE
+        node.declare_parameter(name, value, ParameterDescriptor(read_only=True, type=kind))
+    path.write_text(f"/n:\n  ros__parameters: {{{line}}}\n", encoding="utf-8")
+    results = await memory.node("other").create_parameter_client("/n").load_yaml(path, timeout_s=5)
+    assert list(results.values()) == [SetResult(successful, reason)]
+
+
+async def test_a_node_that_refuses_whole_numbers_for_doubles_is_given_doubles(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store, "widened", lambda value, kind: value)  # as rclcpp and rclpy do
+    node = memory.node("n")
+    node.declare_parameters(Lists)
+    node.declare_parameter("speed", 1.5)
+    assert not node.set_parameters({"speed": 2})[0].successful
+    remote = memory.node("other").create_parameter_client("/n")
+    results = await remote.set({"speed": 2, "numbers": [3], "reals": [4, 5], "left.pwm": 6, "tags": [1]}, timeout_s=5)
+    assert [one.successful for one in results] == [True] * 4 + [False]
+    assert repr(node.get_parameters(["speed", "numbers", "reals", "left.pwm"])) == "[2.0, (3,), (4.0, 5.0), 6]"
+    assert await remote.set_atomically({"speed": 3, "numbers": [4]}, timeout_s=5) == OK
+    assert (await remote.set_atomically({"speed": 2**53 + 1}, timeout_s=5)).successful is False
+    assert repr(node.get_parameters(["speed", "numbers"])) == "[3.0, (4,)]"
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def test_a_parameter_without_default_needs_a_type_or_dynamic_typing() -> None:
     with pytest.raises(ParameterUninitializedError):
         world.get("a")
     assert world.events == [ParameterEvent()]
-    assert world.set(p("a", 1)).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.INTEGER'"
+    assert world.set(p("a", "1")).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.STRING'"
     assert world.set(p("a", 1.0)) == OK
     assert world.events[-1] == ParameterEvent(new=(p("a", 1.0),))
     world.declare("b", None, DYNAMIC)
@@ -300,7 +300,7 @@ def test_an_optional_parameter_may_be_unset_and_stays_declared_with_its_type() -
     assert world.events[-1] == ParameterEvent(deleted=(p("a"),))
     assert world.store.has("a") and world.store.types(["a"]) == [ParameterType.NOT_SET]
     assert world.set(p("a")) == OK and world.events[-1] == ParameterEvent()
-    assert world.set(p("a", 1)).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.INTEGER'"
+    assert world.set(p("a", True)).reason == "Wrong parameter type, expected 'Type.DOUBLE' got 'Type.BOOL'"
     assert world.set(p("a", 2.0)) == OK and world.events[-1] == ParameterEvent(new=(p("a", 2.0),))
 
 
@@ -309,6 +309,24 @@ def test_an_empty_list_in_an_override_takes_the_declared_type() -> None:
     assert world.store.declare("a", parameter_value(["x"])) == parameter_value([], ParameterType.STRING_ARRAY)
     with pytest.raises(WrongParameterTypeError):
         world.declare("b", 1)
+
+
+def test_whole_numbers_are_doubles_where_doubles_are_declared_and_hold_them() -> None:
+    world = World({"a": 2, "as": [1, 2], "any": 3, "big": 2**53 + 1})
+    assert repr([world.declare("a", 1.5), world.declare("as", [0.5]), world.declare("any", 1.5, DYNAMIC)]) == (
+        "[2.0, (1.0, 2.0), 3]"
+    )
+    with pytest.raises(WrongParameterTypeError, match="'big' is of type INTEGER, expected DOUBLE"):
+        world.declare("big", 1.5)
+    asked: list[object] = []
+    world.store.callbacks.add("on-set", lambda ps: asked.extend(one.value.value for one in ps) or OK)
+    assert world.set(p("a", 5), p("as", [7, -(2**60)])) == OK
+    assert repr([world.get("a"), world.get("as"), asked]) == f"[5.0, (7.0, {-(2.0**60)}), [5.0, (7.0, {-(2.0**60)})]]"
+    for wrong in (2**53 + 1, True, "1", [1]):
+        assert world.set(p("a", wrong)).reason.startswith("Wrong parameter type, expected 'Type.DOUBLE'")
+    assert not world.set(p("as", [1, 2**63 - 1])).successful
+    world.declare("whole", 1)
+    assert world.set(p("whole", 2.0)).reason == "Wrong parameter type, expected 'Type.INTEGER' got 'Type.DOUBLE'"
 
 
 def test_mirrors_are_asked_last_and_commit_before_the_event() -> None:

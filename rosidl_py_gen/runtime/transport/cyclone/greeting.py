@@ -48,7 +48,8 @@ def question(own: bytes, peer: bytes, endpoints: Sequence[tuple[bytes, bytes]] =
     """The packet that participant `own` asks `peer` with.
 
     Args:
-        own, peer: GUIDs or their prefixes.
+        own: who asks, a GUID or its prefix.
+        peer: who is asked, likewise.
         endpoints: a reader of ours and the writer it asks, each by the last four bytes of its GUID.
     """
     asked = b"".join(_ACKNACK(_ACKNACK_KIND, _LITTLE, 24, reader, writer, 0, 0, 0, 0) for reader, writer in endpoints)

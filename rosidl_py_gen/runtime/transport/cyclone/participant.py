@@ -28,6 +28,7 @@ from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.resources import install_command
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, participant_user_data
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.catchup import EarlySamples
@@ -72,7 +73,7 @@ def _load() -> tuple[ModuleType, ct.CDLL]:
     if "cyclonedds" not in sys.modules:
         spec = find_spec("cyclonedds")
         if spec is None:
-            raise ModuleNotFoundError("No module named 'cyclonedds'")
+            raise ModuleNotFoundError("No module named 'cyclonedds'", name="cyclonedds")
         sys.modules["cyclonedds"] = module_from_spec(spec)
         try:
             return import_module("cyclonedds._clayer"), import_module("cyclonedds.internal").load_cyclonedds()
@@ -85,9 +86,10 @@ try:
     _clayer, _library = _load()
 except ImportError as err:
     raise BackendMissingError(
-        "the node runtime needs Cyclone DDS: pip install 'rosidl-py-gen[node]'. Wheels of cyclonedds exist for CPython "
-        "3.10 to 3.13 on Linux (x86-64, glibc), macOS and Windows (x86-64); MemoryTransport works without it. "
-        f"The import failed with: {err}"
+        "the node runtime needs Cyclone DDS. Wheels of cyclonedds exist for CPython 3.10 to 3.13 on Linux (x86-64, "
+        "glibc), macOS and Windows (x86-64); MemoryTransport works without it. "
+        f"The import failed with: {err}. To install it: {install_command('node')}",
+        name="cyclonedds",
     ) from err
 _api = abi.Api(_library)
 _fast_dds = FastDds(_library)

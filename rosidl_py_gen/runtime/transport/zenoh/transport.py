@@ -10,6 +10,7 @@ import os
 import time
 from typing import TYPE_CHECKING, ClassVar
 
+from rosidl_py_gen.resources import install_command
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.interface import BackendMissingError, TransportError
 
@@ -26,9 +27,10 @@ try:
     from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant
 except ImportError as err:
     raise BackendMissingError(
-        "nodes on Zenoh need two more packages: pip install 'rosidl-py-gen[zenoh]'. Wheels of eclipse-zenoh exist for "
+        "nodes on Zenoh need two more packages. Wheels of eclipse-zenoh exist for "
         "CPython 3.9 and later on Linux (x86-64, ARM; glibc), macOS and Windows (x86-64). "
-        f"The import failed with: {err}"
+        f"The import failed with: {err}. To install them: {install_command('zenoh')}",
+        name=err.name,
     ) from err
 
 if TYPE_CHECKING:

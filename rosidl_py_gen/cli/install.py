@@ -1,0 +1,25 @@
+"""Install message packages into this environment, and take them back."""
+
+from __future__ import annotations
+
+import click
+
+from rosidl_py_gen.cli import reports
+from rosidl_py_gen.distribution.environment import install, uninstall
+from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.spec.resolve import split_filter
+
+
+def run(action: str, paths: tuple[str, ...], selection: str, force: bool, as_json: bool) -> int:
+    """Returns the exit code."""
+    wanted = sorted({name.partition("/")[0] for name in split_filter(selection)})
+    if action == "uninstall":
+        changed = uninstall(wanted, force=force)
+    else:
+        search = search_path(paths)
+        changed = install(search, wanted or [*search.packages], force=force)
+    if as_json:
+        reports.print_json({action: changed})
+    else:
+        click.echo(f"{action}ed {', '.join(changed) or 'nothing'}")
+    return 0

@@ -1,0 +1,25 @@
+"""Make wheels of message packages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rosidl_py_gen.cli import reports
+from rosidl_py_gen.distribution.build import build, packages_asked_for
+from rosidl_py_gen.spec.find import search_path
+
+
+def run(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependencies: bool, as_json: bool) -> int:
+    """Returns the exit code."""
+    search = search_path(paths)
+    built = build(search, packages_asked_for(search, [*names]), Path(out), dependencies=not no_dependencies)
+    if as_json:
+        reports.print_json(
+            [{"package": one.package, "path": str(one.path), "requires": list(one.requires)} for one in built]
+        )
+        return 0
+    for one in built:
+        click.echo(str(one.path))
+    return 0

@@ -1,0 +1,80 @@
+"""Whether what a writer sends was made with the definition that we read it with.
+
+Two definitions under one name have the same name on the wire, and values of one come out of the other as different
+values. Decides that nothing of a writer is handed out whose announced RIHS01 hash is known and is not ours; a hash that
+is not announced, as by Humble, is taken for ours. A writer is judged once, with its first sample.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.graph.definitions import definitions_differ
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.graph.definitions import TypeCheck
+    from rosidl_py_gen.runtime.transport.interface import EndpointFound, Reader
+
+_MOST_KNOWN = 1000
+_MOST_LOOKS = 100
+
+
+class WriterCheck:
+    """The check of one reader.
+
+    Attributes:
+        agreeing: handles of writers whose samples may be handed out; looked up for every message.
+        withheld: how many samples were not.
+    """
+
+    __slots__ = ("_mode", "_reader", "_scope", "_service_hash", "_type_hash", "_unknown", "agreeing", "withheld")
+
+    def __init__(self, scope: Scope, mode: TypeCheck, reader: Reader, type_hash: str, service_hash: str = "") -> None:
+        self._scope = scope
+        self._mode = mode
+        self._reader = reader
+        self._type_hash = type_hash
+        self._service_hash = service_hash
+        self.agreeing: set[int] = set()
+        self.withheld = 0
+        self._unknown = 0
+
+    def admits(self, handle: int) -> bool:
+        """Whether samples of a writer that is not in `agreeing` may be handed out; counts those that may not."""
+        if self._mode == "error":
+            guid = self._reader.writer_guid(handle)
+            endpoint = self._endpoint(guid)
+            if endpoint is None:
+                self._unknown += 1  # it is gone, or nobody tells of it; looked for again, but not for ever
+                if self._unknown < _MOST_LOOKS:
+                    return True
+            elif not self.agrees(endpoint):
+                self.withheld += 1
+                return False
+        if len(self.agreeing) >= _MOST_KNOWN:
+            self.agreeing.clear()
+        self.agreeing.add(handle)
+        return True
+
+    def _endpoint(self, guid: bytes | None) -> EndpointFound | None:
+        if guid is None:
+            return None
+        endpoints = self._scope.graph.endpoints
+        if guid not in endpoints:  # its data may overtake what is told of it
+            self._scope.discovery.refresh()
+        return endpoints.get(guid)
+
+    def agrees(self, endpoint: EndpointFound, type_hash: str | None = None) -> bool:
+        """Whether an endpoint may be talked to; `type_hash` is ours for its direction, if not that of the reader."""
+        ours = self._type_hash if type_hash is None else type_hash
+        return self._mode != "error" or not definitions_differ(endpoint, ours, self._service_hash)
+
+    def others(self, topic: str, type_hash: str) -> str:
+        """What servers there are with another definition, for people who miss one; empty when there are none."""
+        graph = self._scope.graph
+        found = (one for one in graph.on_topic(topic, writers=False) if not self.agrees(one, type_hash))
+        if (other := next(found, None)) is None:
+            return ""
+        told = other.type_hash or other.service_hash
+        return f"; that of {graph.describe_node(other)} has another definition of its type, {told}"

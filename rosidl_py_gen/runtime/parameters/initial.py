@@ -1,0 +1,163 @@
+"""The initial values that one context has for its nodes, and what is said of those that nobody takes.
+
+A mistyped name in ``-p``, in a file or in `overrides` would otherwise do nothing, as in ROS, and nobody would know.
+Decides when that is said: once no node has come for a while, so that programs have had the time to declare, and at the
+latest when the last node closes that a value was for. What is given to several nodes needs one that takes it, and
+lifecycle nodes have time until they are configured. Each value is warned about once; without such values there is no
+timer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.parameters.overrides import NodeParameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.parameters.store import ParameterStore
+    from rosidl_py_gen.runtime.parameters.values import ParameterValue
+
+QUIET_S = 3.0
+"""How long no node has come before what is not taken is named."""
+
+
+@dataclass(slots=True, eq=False)
+class _Given:
+    """One `-p`, the part of a file for one pattern, or what one node was constructed with."""
+
+    parameters: NodeParameters
+    only: ParameterStore | None = None
+    left: dict[str, ParameterValue] = field(default_factory=dict)
+    """What was neither taken nor warned about."""
+    is_for_somebody: bool = False
+
+    def concerns(self, holder: _Holder) -> bool:
+        if self.only is not None:
+            return self.only is holder.store
+        return self.parameters.matches(holder.scope.node_name)
+
+
+@dataclass(slots=True, eq=False)
+class _Holder:
+    """A node that is open, as something that its scope closes."""
+
+    scope: Scope
+    store: ParameterStore
+    may_declare_more: Callable[[], bool]
+    leave: Callable[[_Holder], None]
+
+    def close(self) -> None:
+        self.leave(self)
+
+
+class InitialValues:
+    """Those of one context."""
+
+    def __init__(self, parameters: Sequence[NodeParameters], bridge: Bridge) -> None:
+        self._bridge = bridge
+        self._given = [_Given(one, left=dict(one.values)) for one in parameters]
+        self._holders: list[_Holder] = []
+        self._seen: list[str] = []
+        """Names of all nodes that ever were."""
+        self._timer: asyncio.TimerHandle | None = None
+        if self._given:
+            bridge.on_start(self._wait)
+
+    def opened(
+        self,
+        scope: Scope,
+        store: ParameterStore,
+        own: Mapping[str, ParameterValue],
+        may_declare_more: Callable[[], bool],
+    ) -> None:
+        """A node begins to declare; `own` is what its constructor got."""
+        if not self._given and not own:
+            return
+        holder = _Holder(scope, store, may_declare_more, self._closed)
+        if own:
+            constructor = NodeParameters(scope.node_name, own, "overrides=")
+            self._given.append(_Given(constructor, store, dict(own)))
+        self._holders.append(holder)
+        self._seen.append(scope.node_name)
+        self._bridge.call_soon(self._wait)
+        scope.own(holder)
+
+    def close(self) -> None:
+        """The context ends; all its nodes have closed."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._seen:
+            self._warn_of_strangers()
+
+    # ----------------------------------------------------------------------------------------------------- the moment
+
+    def _wait(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        loop = self._bridge.loop
+        self._timer = loop.call_later(QUIET_S, self._look) if loop is not None and self._holders else None
+
+    def _look(self) -> None:
+        self._timer = None
+        self._warn_of_strangers()
+        for given in list(self._given):
+            holders = [one for one in self._holders if given.concerns(one)]
+            self._forget_what_was_taken(given, holders)
+            if given.left and any(one.may_declare_more() for one in holders):
+                self._wait()
+            elif holders:
+                self._warn(given, holders)
+
+    def _closed(self, holder: _Holder) -> None:
+        for given in list(self._given):
+            holders = [one for one in self._holders if given.concerns(one)]
+            self._forget_what_was_taken(given, holders)
+            if holders == [holder]:
+                self._warn(given, holders)
+        self._holders.remove(holder)
+
+    def _forget_what_was_taken(self, given: _Given, holders: list[_Holder]) -> None:
+        given.is_for_somebody |= bool(holders)
+        for holder in holders:
+            for name in holder.store.taken & given.left.keys():
+                del given.left[name]
+
+    # ------------------------------------------------------------------------------------------------------ the words
+
+    def _warn(self, given: _Given, holders: list[_Holder]) -> None:
+        nodes = ", ".join(one.scope.node_name for one in holders)
+        declared = [name for one in holders for name in one.store.values()]
+        for name, value in given.left.items():
+            why = "which declares none of that name" if len(holders) == 1 else "which declare none of that name"
+            if name in declared:
+                why = "which ignores initial values for it"
+            holders[0].scope.logger.warning(
+                f"{given.parameters.source} gives the parameter {name} = {value.value!r:.100} to {nodes}, {why}"
+                f"{did_you_mean(name, [one for one in declared if one != name])}"
+            )
+        given.left.clear()
+
+    def _warn_of_strangers(self) -> None:
+        """Of files and arguments that are for nodes which never were here."""
+        by_source: dict[str, list[_Given]] = {}
+        for given in self._given:
+            given.is_for_somebody = given.is_for_somebody or any(given.concerns(one) for one in self._holders)
+            by_source.setdefault(given.parameters.source, []).append(given)
+        for source, parts in by_source.items():
+            if any(one.is_for_somebody or not one.left for one in parts):
+                continue
+            wanted = ", ".join(dict.fromkeys(one.parameters.pattern for one in parts))
+            get_root_logger().warning(
+                f"{source} has parameters for {wanted}, and no node of that name is here"
+                f"{did_you_mean(wanted, self._seen)}"
+            )
+            for one in parts:
+                one.left.clear()

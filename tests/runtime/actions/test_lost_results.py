@@ -1,0 +1,170 @@
+"""Results that do not come: the server lost the request, does not know the goal, or was killed and started again."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from action_worlds import Fibonacci, fibonacci, goal, pair, until_canceled
+from peer_process import open_context
+from worlds import ROOT, domain_id, until
+
+from rosidl_py_gen.runtime import GoalStatus, Node, UnknownGoalError
+from rosidl_py_gen.runtime.actions.server import ActionServer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from worlds import World
+
+S = GoalStatus
+
+
+def lose(monkeypatch: pytest.MonkeyPatch, count: int, *, deny: bool = False) -> list[bytes]:
+    """Let servers lose the first requests for results, as those with a full queue do, or know nothing of the goals."""
+    original, lost = ActionServer._on_get_result, list[bytes]()
+
+    def on_get_result(self: ActionServer[Any], request: Any) -> Any:
+        if len(lost) == count:
+            return original(self, request)
+        lost.append(bytes(request.goal_id.uuid))
+        return self._unknown if deny else asyncio.sleep(3600)
+
+    monkeypatch.setattr(ActionServer, "_on_get_result", on_get_result)
+    return lost
+
+
+async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = lose(monkeypatch, 3)
+    _, client = await pair(world)
+    handles = [await client.send_goal(goal(2), timeout_s=5) for _ in range(3)]
+    for handle in handles:
+        assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED
+    assert len(lost) == 3
+    assert client._result.pending_count == client._result.client.pending_count == 0
+
+
+async def test_it_is_asked_for_until_it_comes(memory: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._AGAIN_S", 0.01)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._LOOK_S", 0.005)
+    lost = lose(monkeypatch, 6)
+    _, client = await pair(memory)
+    handle = await client.send_goal(goal(2), timeout_s=5)
+    assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED
+    assert lost == [handle.goal_id] * 6
+
+
+async def test_the_result_of_a_goal_that_goes_on_is_asked_for_once(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._AGAIN_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._LOOK_S", 0.001)
+    lost = lose(monkeypatch, 100)
+    _, client = await pair(memory, until_canceled)
+    handle = await client.send_goal(goal(), timeout_s=5)
+    await until(lambda: len(lost) == 1)
+    looks, look = 0, client._result._look
+
+    def counted() -> None:
+        nonlocal looks
+        looks += 1
+        look()
+
+    monkeypatch.setattr(client._result, "_look", counted)
+    await until(lambda: looks > 20)
+    assert lost == [handle.goal_id]
+
+
+async def test_a_server_that_forgot_an_ended_goal_is_asked_again(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first answer comes when the end of the goal is known already."""
+    original = ActionServer._on_get_result
+    denied = 0
+
+    def on_get_result(self: ActionServer[Any], request: Any) -> Any:
+        nonlocal denied
+        if not self._goals.active and denied == 1:
+            return original(self, request)
+        denied += 1
+
+        async def later() -> Any:
+            await until(lambda: handle.status.is_terminal)
+            return self._unknown
+
+        return later()
+
+    monkeypatch.setattr(ActionServer, "_on_get_result", on_get_result)
+    _, client = await pair(world)
+    handle = await client.send_goal(goal(1), timeout_s=5)
+    assert (await handle.result(timeout_s=10))[0] is S.SUCCEEDED and denied == 1
+
+
+async def test_a_server_that_always_denies_an_ended_goal_ends_it(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._AGAIN_S", 0.001)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._LOOK_S", 0.001)
+    lose(monkeypatch, 1000, deny=True)
+    _, client = await pair(memory)
+    handle = await client.send_goal(goal(0), timeout_s=5)
+    with pytest.raises(UnknownGoalError, match="does not know goal"):
+        await handle.result(timeout_s=10)
+    assert client._result.pending_count == client._result.client.pending_count == 0
+
+
+# --------------------------------------------------------------------------------------------------- started again
+
+
+@contextmanager
+def server_process(environment: dict[str, str]) -> Iterator[subprocess.Popen[bytes]]:
+    """A process with the node ``/peer`` and its action server."""
+    script = Path(__file__).with_name("peer_process.py")
+    env = {**os.environ, **environment, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    command = [sys.executable, str(script), str(domain_id())]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env)
+    try:
+        assert process.stdout is not None and process.stdout.readline() == b"ready\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+async def test_a_goal_ends_when_its_killed_server_was_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not when the old one's lease is over, which takes 10 s."""
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    with open_context(domain_id()) as context:
+        node = Node("here", context=context)
+        client = node.create_action_client(Fibonacci, "fib")
+        with server_process({}) as process:
+            handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
+            old = client._result.client.servers()
+            await until(lambda: client._result._node_of(next(iter(old))) == ("/", "peer"))  # comes behind the endpoints
+            process.kill()
+            process.wait()
+            with server_process({}):
+                with pytest.raises(UnknownGoalError, match="does not know goal"):
+                    await handle.result(timeout_s=8)
+                assert old < client._result.client.servers(), "the old lease is not over"
+
+
+async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._SILENT_S", 0.05)
+    monkeypatch.setattr("rosidl_py_gen.runtime.actions.results._LOOK_S", 0.02)
+    _, client = await pair(dds, until_canceled)
+    handle = await client.send_goal(goal(), timeout_s=5)
+    dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)
+    (wanted,) = client._result._wanted
+    await until(lambda: wanted.answer is not None)
+    seen = client._result._seen_s
+    await until(lambda: client._result._seen_s > seen + 0.5)
+    assert not handle.is_done
+    await client.cancel_all(timeout_s=5)
+    assert (await handle.result(timeout_s=5))[0] is S.CANCELED

@@ -1,0 +1,140 @@
+"""Handlers written as for rclpy: they end the goal first, and return its result then."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from action_worlds import Fibonacci, goal, pair, result
+from worlds import World, until
+
+from rosidl_py_gen.runtime import GoalStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime import ServerGoal
+
+S = GoalStatus
+
+
+def succeed(handle: ServerGoal[Fibonacci]) -> Any:
+    handle.succeed()
+    return result(1, 2, 3)
+
+
+def abort(handle: ServerGoal[Fibonacci]) -> Any:
+    handle.abort()
+    return result(4, 5)
+
+
+async def succeed_async(handle: ServerGoal[Fibonacci]) -> Any:
+    handle.succeed()
+    await asyncio.sleep(0)
+    return result(6)
+
+
+def succeed_later(handle: ServerGoal[Fibonacci]) -> Any:
+    return succeed_async(handle)
+
+
+def say_nothing(handle: ServerGoal[Fibonacci]) -> Any:
+    handle.succeed()
+
+
+def as_ours(handle: ServerGoal[Fibonacci]) -> Any:
+    return handle.succeed()
+
+
+def twice_the_same(handle: ServerGoal[Fibonacci]) -> Any:
+    handle.succeed(result(7))
+    return result(7)
+
+
+@pytest.mark.parametrize(
+    ("handler", "status", "sequence"),
+    [
+        (succeed, S.SUCCEEDED, [1, 2, 3]),
+        (abort, S.ABORTED, [4, 5]),
+        (succeed_async, S.SUCCEEDED, [6]),
+        (succeed_later, S.SUCCEEDED, [6]),
+        (say_nothing, S.SUCCEEDED, []),
+        (as_ours, S.SUCCEEDED, []),
+        (twice_the_same, S.SUCCEEDED, [7]),
+    ],
+)
+async def test_the_returned_result_of_an_ended_goal_is_sent(
+    world: World,
+    caplog: pytest.LogCaptureFixture,
+    handler: Callable[[ServerGoal[Fibonacci]], Any],
+    status: GoalStatus,
+    sequence: list[int],
+) -> None:
+    _, client = await pair(world, handler)
+    handle = await client.send_goal(goal(), timeout_s=5)
+    got, answer = await handle.result(timeout_s=5)
+    assert (got, list(answer.sequence)) == (status, sequence)
+    assert [record for record in caplog.records if record.levelno >= logging.WARNING] == []
+
+
+async def test_a_canceled_goal_takes_its_result_from_the_handler_too(world: World) -> None:
+    def execute(handle: ServerGoal[Fibonacci]) -> Any:
+        while not handle.cancel_requested:
+            threading.Event().wait(0.001)
+        handle.canceled()
+        return result(8)
+
+    _, client = await pair(world, execute)
+    handle = await client.send_goal(goal(), timeout_s=5)
+    await handle.cancel(timeout_s=5)
+    got, answer = await handle.result(timeout_s=5)
+    assert (got, list(answer.sequence)) == (S.CANCELED, [8])
+
+
+async def test_the_status_changes_at_once_and_the_result_comes_when_the_handler_returns(world: World) -> None:
+    go_on = asyncio.Event()
+    seen: list[GoalStatus] = []
+
+    async def execute(handle: ServerGoal[Fibonacci]) -> Any:
+        handle.succeed()
+        seen.append(handle.status)
+        await go_on.wait()
+        return result(9)
+
+    server, client = await pair(world, execute)
+    handle = await client.send_goal(goal(), timeout_s=5)
+    await until(lambda: handle.status is S.SUCCEEDED)
+    assert seen == [S.SUCCEEDED] and server.goals == [] and not handle.is_done
+    go_on.set()
+    assert list((await handle.result(timeout_s=5))[1].sequence) == [9]
+    assert list((await handle.result(timeout_s=5))[1].sequence) == [9]
+
+
+async def test_a_handler_that_fails_behind_the_end_leaves_a_default_result(world: World) -> None:
+    async def execute(handle: ServerGoal[Fibonacci]) -> Any:
+        handle.succeed()
+        raise ValueError("too late")
+
+    _, client = await pair(world, execute)
+    got, answer = await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
+    assert (got, list(answer.sequence)) == (S.SUCCEEDED, [])
+
+
+async def test_whoever_else_ends_a_goal_sends_its_result_and_what_is_returned_is_warned_about(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    go_on = asyncio.Event()
+
+    async def execute(handle: ServerGoal[Fibonacci]) -> Any:
+        await go_on.wait()
+        return result(1)
+
+    server, client = await pair(world, execute)
+    handle = await client.send_goal(goal(), timeout_s=5)
+    server.goals[0].abort()
+    assert await handle.result(timeout_s=5) == (S.ABORTED, result())
+    go_on.set()
+    await until(lambda: "what it returned is not sent" in caplog.text)

@@ -1,0 +1,135 @@
+"""Async callbacks of one subscription: one at a time or several, and a word about what is dropped meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from std_msgs.msg import Int64
+from std_srvs.srv import SetBool
+from worlds import World, until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class Slow:
+    """Async callbacks that end when they are told to."""
+
+    def __init__(self) -> None:
+        self.go_on = asyncio.Event()
+        self.begun: list[int] = []
+        self.most = self.now = 0
+
+    async def callback(self, message: Int64) -> None:
+        self.begun.append(message.data)
+        self.now += 1
+        self.most = max(self.most, self.now)
+        await self.go_on.wait()
+        await asyncio.sleep(0)
+        self.now -= 1
+
+
+def forms(slow: Slow) -> dict[str, Callable[[Int64], Any]]:
+    return {"async": slow.callback, "lambda": lambda message: slow.callback(message)}
+
+
+@pytest.mark.parametrize("form", ["async", "lambda"])
+@pytest.mark.parametrize("concurrency", [1, 3])
+async def test_so_many_calls_run_at_once_and_begin_in_order(world: World, form: str, concurrency: int) -> None:
+    slow = Slow()
+    node = world.node()
+    publisher = node.create_publisher(Int64, "t", 20)
+    subscription = node.create_subscription(Int64, "t", forms(slow)[form], 20, concurrency=concurrency)
+    await publisher.wait_for_subscribers(5)
+    for number in range(8):
+        publisher.publish(Int64(data=number))
+    await until(lambda: len(slow.begun) == concurrency)
+    slow.go_on.set()
+    await until(lambda: len(slow.begun) == 8 and slow.now == 0)
+    assert slow.begun == list(range(8)) and slow.most == concurrency and subscription.dropped == 0
+
+
+@pytest.mark.parametrize("form", ["async", "lambda"])
+async def test_the_first_messages_that_are_dropped_are_warned_about_once_and_all_are_counted(
+    world: World, caplog: pytest.LogCaptureFixture, form: str
+) -> None:
+    slow = Slow()
+    node = world.node()
+    publisher = node.create_publisher(Int64, "t", 100)
+    subscription = node.create_subscription(Int64, "t", forms(slow)[form], 2)
+    await publisher.wait_for_subscribers(5)
+    publisher.publish(Int64(data=0))
+    await until(lambda: slow.begun == [0])
+    for number in range(1, 9):
+        publisher.publish(Int64(data=number))
+        await publisher.wait_for_acknowledged(5)
+        await asyncio.sleep(0.001)
+    await until(lambda: subscription.dropped == 6)
+    slow.go_on.set()
+    await until(lambda: slow.begun == [0, 7, 8])
+    [warning] = [record.getMessage() for record in caplog.records if "dropped" in record.getMessage()]
+    assert "/t" in warning and "one call at a time" in warning and "concurrency=" in warning and "2 can wait" in warning
+
+
+async def test_a_depth_of_one_wants_only_the_newest_and_what_keeps_up_says_nothing(
+    world: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    slow, quick = Slow(), list[Int64]()
+    node = world.node()
+    publisher = node.create_publisher(Int64, "t", 100)
+    one = node.create_subscription(Int64, "t", slow.callback, 1)
+    node.create_subscription(Int64, "t", quick.append, 5)
+    await publisher.wait_for_subscribers(5, count=2)
+    for number in range(5):
+        publisher.publish(Int64(data=number))
+        await until(lambda: len(quick) == number + 1)  # noqa: B023
+    await until(lambda: one.dropped > 0)
+    assert "dropped" not in caplog.text
+
+
+async def test_handlers_of_a_service_run_all_at_once_and_no_request_is_dropped(world: World) -> None:
+    go_on, under_way = asyncio.Event(), []
+
+    async def handler(request: SetBool.Request) -> SetBool.Response:
+        under_way.append(request)
+        await go_on.wait()
+        return SetBool.Response(success=True)
+
+    node = world.node()
+    node.create_service(SetBool, "s", handler)
+    client = node.create_client(SetBool, "s")
+    calls = [asyncio.create_task(client.call(SetBool.Request(), timeout_s=10)) for _ in range(30)]
+    await until(lambda: len(under_way) >= 10)
+    go_on.set()
+    assert all(response.success for response in await asyncio.gather(*calls))
+
+
+@pytest.mark.parametrize(("value", "error"), [(0, ValueError), (-1, ValueError), (2.0, TypeError), (True, TypeError)])
+async def test_what_is_no_number_of_calls_is_refused(memory: World, value: Any, error: type[Exception]) -> None:
+    with pytest.raises(error, match="concurrency must be"):
+        memory.node().create_subscription(Int64, "t", print, concurrency=value)
+
+
+async def test_latest_is_the_newest_message_whoever_took_it(world: World) -> None:
+    node = world.node()
+    publisher, subscription = node.create_publisher(Int64, "t"), node.create_subscription(Int64, "t")
+    await publisher.wait_for_subscribers(5)
+    assert subscription.latest() is None
+    publisher.publish(Int64(data=1))
+    taken = await subscription.receive(5)
+    assert subscription.latest() is taken and subscription.latest() is taken
+    publisher.publish(Int64(data=2))
+    assert (await subscription.receive_with_info(5))[0] is subscription.latest()
+    publisher.publish(Int64(data=3))
+    async for message in subscription:
+        assert subscription.latest() is message and message.data == 3
+        break
+    for number in (4, 5):
+        publisher.publish(Int64(data=number))
+    assert (await subscription.receive(5)).data == 4
+    await until(lambda: getattr(subscription.latest(), "data", 0) == 5)
+    publisher.publish(Int64(data=6))
+    assert (await subscription.receive(5)).data == 6
+    assert getattr(subscription.latest(), "data", 0) == 6

@@ -1,0 +1,172 @@
+"""Calls whose servers go away before they answer: closed or killed, with others in their place or without."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import subprocess
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from example_interfaces.action import Fibonacci
+from example_interfaces.srv import AddTwoInts
+from worlds import GENERATED, ROOT, until
+
+from rosidl_py_gen.runtime import ActionServerLostError, CallTimeoutError, ServerLostError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from worlds import World
+
+Request, Response = AddTwoInts.Request, AddTwoInts.Response
+_LOST = "the server of /add went away before it answered"
+_SHORT_LEASE = (
+    '<CycloneDDS><Domain Id="any"><Discovery><LeaseDuration>1s</LeaseDuration></Discovery></Domain></CycloneDDS>'
+)
+_SILENT_SERVER = """
+import asyncio
+from example_interfaces.srv import AddTwoInts
+from rosidl_py_gen.runtime import Node
+
+async def main():
+    async with Node("server") as node:
+        async for request in node.create_service(AddTwoInts, "add"):
+            print("asked", flush=True)
+
+asyncio.run(main())
+"""
+
+
+@pytest.fixture
+def mortal() -> Iterator[subprocess.Popen[str]]:
+    """A process with a server that never answers; it is missed a second after it was killed."""
+    path = os.pathsep.join([str(ROOT), GENERATED.name])
+    env = {**os.environ, "PYTHONPATH": path, "CYCLONEDDS_URI": _SHORT_LEASE}
+    process = subprocess.Popen([sys.executable, "-c", _SILENT_SERVER], env=env, stdout=subprocess.PIPE, text=True)
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def add(request: AddTwoInts.Request) -> AddTwoInts.Response:
+    """The classic."""
+    return Response(sum=request.a + request.b)
+
+
+async def asked(world: World, count: int = 1, timeout_s: float | None = None) -> tuple[Any, Any, list[Any]]:
+    """A server that has got so many calls of a client and answers none of them."""
+    server = world.node("server").create_service(AddTwoInts, "add")
+    client = world.node("caller").create_client(AddTwoInts, "add")
+    calls = [asyncio.ensure_future(client.call(Request(a=1, b=2), timeout_s)) for _ in range(count)]
+    for _ in calls:
+        await asyncio.wait_for(anext(server), 5)
+    return server, client, calls
+
+
+@pytest.mark.parametrize("timeout_s", [None, 60], ids=["without limit", "with limit"])
+async def test_calls_end_at_once_when_their_server_closes(world: World, timeout_s: float | None) -> None:
+    server, client, calls = await asked(world, 3, timeout_s)
+    server.close()
+    for call in calls:
+        with pytest.raises(ServerLostError, match=_LOST):
+            await asyncio.wait_for(call, 5)
+    assert client.pending_count == 0
+
+
+async def test_a_server_in_place_of_the_lost_one_never_got_the_request(world: World) -> None:
+    server, client, (call,) = await asked(world)
+    world.node("next").create_service(AddTwoInts, "add", add)
+    await until(lambda: len(client.servers()) == 2)
+    assert not call.done()
+    server.close()
+    with pytest.raises(ServerLostError, match=_LOST):
+        await asyncio.wait_for(call, 5)
+    assert (await client.call(Request(a=1, b=2), timeout_s=5)).sum == 3
+
+
+async def test_a_call_goes_on_while_one_of_its_servers_is_left(world: World) -> None:
+    first, second = (world.node(name).create_service(AddTwoInts, "add") for name in ("first", "second"))
+    client = world.node("caller").create_client(AddTwoInts, "add")
+    await until(lambda: len(client.servers()) == 2)
+    call = asyncio.ensure_future(client.call(Request(a=1, b=2)))
+    request = await asyncio.wait_for(anext(second), 5)
+    first.close()
+    await until(lambda: len(client.servers()) == 1)
+    assert not call.done()
+    request.respond(Response(sum=3))
+    assert (await asyncio.wait_for(call, 5)).sum == 3
+
+
+async def test_what_a_server_answered_before_it_closed_counts(world: World) -> None:
+    server = world.node("server").create_service(AddTwoInts, "add")
+    client = world.node("caller").create_client(AddTwoInts, "add")
+    for number in range(10):
+        call = asyncio.ensure_future(client.call(Request(a=number), timeout_s=5))
+        (await asyncio.wait_for(anext(server), 5)).respond(Response(sum=number))
+        await until(server._writer.all_acknowledged)
+        if number == 9:
+            server.close()
+        assert (await call).sum == number
+
+
+async def test_a_call_that_was_made_before_any_server_waits_for_one(world: World) -> None:
+    passer_by, client = world.node("passer_by"), world.node("caller").create_client(AddTwoInts, "add")
+    call = asyncio.ensure_future(client.call(Request(a=1, b=2)))
+    other = passer_by.create_service(AddTwoInts, "other", add)
+    await asyncio.sleep(0)
+    other.close()
+    passer_by.close()
+    world.node("server").create_service(AddTwoInts, "add", add)
+    assert (await asyncio.wait_for(call, 5)).sum == 3
+
+
+async def test_requests_that_wait_for_their_turn_go_to_the_server_that_comes_next(
+    memory: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, client, (call,) = await asked(memory)
+    monkeypatch.setattr(client, "_kept_by_servers", lambda: 1)
+    client._kept, client._window._pause_s = 1, 60
+    second = asyncio.ensure_future(client.call(Request(a=1, b=2), timeout_s=5))
+    third = asyncio.ensure_future(client.call(Request(a=2, b=2), timeout_s=5))
+    await until(lambda: client.pending_count == 3)
+    memory.node("next").create_service(AddTwoInts, "add", add)
+    await until(lambda: len(client._presence.now()) == 4)
+    server.close()
+    for lost in (call, second):
+        with pytest.raises(ServerLostError, match=_LOST):
+            await lost
+    assert (await third).sum == 4
+
+
+async def test_a_killed_server_is_missed_after_its_lease(network: World, mortal: subprocess.Popen[str]) -> None:
+    client = network.node("caller").create_client(AddTwoInts, "add")
+    call = asyncio.ensure_future(client.call(Request(a=1, b=2)))
+    assert mortal.stdout is not None and await asyncio.to_thread(mortal.stdout.readline) == "asked\n"
+    mortal.kill()
+    with pytest.raises(ServerLostError, match=_LOST):
+        await asyncio.wait_for(call, 10)
+    with pytest.raises(CallTimeoutError, match="no server of /add"):
+        await client.call(Request(), timeout_s=0.1)
+
+
+async def test_a_goal_whose_server_leaves_before_it_accepts_ends_at_once(world: World) -> None:
+    async def on_goal(goal: Any) -> bool:
+        entered.set()
+        await asyncio.sleep(60)
+        return True
+
+    async def execute(goal: Any) -> Any:
+        return Fibonacci.Result()
+
+    entered = asyncio.Event()
+    node = world.node("server")
+    server = node.create_action_server(Fibonacci, "fib", execute, accept=on_goal)
+    client = world.node("caller").create_action_client(Fibonacci, "fib")
+    sending = asyncio.ensure_future(client.send_goal(Fibonacci.Goal(order=1)))
+    await asyncio.wait_for(entered.wait(), 5)
+    server.close()
+    with pytest.raises(ActionServerLostError, match="goal not answered by action /fib: the server of /fib/_action"):
+        await asyncio.wait_for(sending, 5)
+    assert client._goals == {}

@@ -1,0 +1,119 @@
+"""Initial values that no parameter takes are named, once, with where they come from."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import pytest
+from worlds import World, until
+
+from rosidl_py_gen.runtime import LifecycleNode
+from rosidl_py_gen.runtime.parameters import initial
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(initial, "QUIET_S", 0.02)
+
+
+async def test_a_mistyped_name_is_named_while_the_node_runs(
+    memory: World, quick: None, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = memory.node("drive", args="--ros-args -p sped:=2 -p mode:=fast -p use_sim_time:=false")
+    node.declare_parameter("speed", 1.5)
+    node.declare_parameter("mode", "slow")
+    await until(lambda: bool(caplog.messages))
+    node.close()
+    assert caplog.messages == [
+        '-p sped:=2 gives the parameter sped = 2 to /drive, which declares none of that name; did you mean "speed"?'
+    ]
+
+
+def test_without_a_loop_it_is_named_when_the_node_closes(memory: World, caplog: pytest.LogCaptureFixture) -> None:
+    node = memory.node("drive", overrides={"sped": 2, "late": 1})
+    node.declare_parameter("speed", 1.5)
+    node.declare_parameter("late", 5)
+    node.undeclare_parameter("late")
+    node.close()
+    assert caplog.messages == [
+        'overrides= gives the parameter sped = 2 to /drive, which declares none of that name; did you mean "speed"?'
+    ]
+
+
+async def test_a_node_that_is_made_before_its_loop_is_looked_at_too(
+    memory: World, quick: None, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = await asyncio.to_thread(lambda: memory.node("drive", args="--ros-args -p nope:=1"))
+    assert not caplog.messages
+    async with node:
+        await until(lambda: bool(caplog.messages))
+    assert len(caplog.messages) == 1
+
+
+async def test_of_several_nodes_one_has_to_take_it(
+    memory: World, quick: None, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    file = tmp_path / "all.yaml"
+    file.write_text("/**:\n  ros__parameters: {speed: 1.0, turn: 2}\n/b:\n  ros__parameters: {own: 1}\n", "utf-8")
+    context = memory.context(f"--ros-args --params-file {file}")
+    one, other = memory.node("a", context=context), memory.node("b", context=context)
+    one.declare_parameter("speed", 0.5)
+    other.declare_parameter("turns", 1)
+    await until(lambda: len(caplog.messages) == 2)
+    context.close()
+    assert caplog.messages == [
+        f'{file} gives the parameter turn = 2 to /a, /b, which declare none of that name; did you mean "turns"?',
+        f"{file} gives the parameter own = 1 to /b, which declares none of that name",
+    ]
+
+
+async def test_what_is_for_a_node_that_never_comes_is_named_by_file_or_argument(
+    memory: World, quick: None, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    shared, wrong = tmp_path / "shared.yaml", tmp_path / "wrong.yaml"
+    shared.write_text("/drive:\n  ros__parameters: {speed: 1.0}\n/elsewhere:\n  ros__parameters: {x: 1}\n", "utf-8")
+    wrong.write_text("/drvie:\n  ros__parameters: {speed: 1.0}\n", "utf-8")
+    arguments = f"--ros-args --params-file {shared} --params-file {wrong} -p arm:speed:=1"
+    memory.node("drive", args=arguments).declare_parameter("speed", 0.5)
+    await until(lambda: len(caplog.messages) == 2)
+    assert caplog.messages == [
+        f'{wrong} has parameters for /drvie, and no node of that name is here; did you mean "/drive"?',
+        "-p arm:speed:=1 has parameters for /arm, and no node of that name is here",
+    ]
+    memory.close()
+    assert len(caplog.messages) == 2
+
+
+async def test_a_lifecycle_node_has_until_it_is_configured(
+    memory: World, quick: None, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Managed(LifecycleNode):
+        def on_configure(self, state: object) -> None:
+            self.declare_parameter("speed", 1.0)
+
+    managed = Managed("drive", context=memory.context("--ros-args -p speed:=2.0 -p nope:=1"))
+    memory.node("other", context=managed.context, overrides={"first": 1})
+    await until(lambda: bool(caplog.messages))  # whoever is looked at now, it is not the managed node
+    await managed.configure()
+    await until(lambda: len(caplog.messages) == 2)
+    assert "nope = 1 to /drive, /other" in caplog.messages[1] and managed.get_parameter("speed") == 2.0
+
+
+async def test_a_declaration_that_ignores_initial_values_is_said(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = memory.node("drive", args="--ros-args -p speed:=2.0")
+    node.declare_parameter("speed", 1.0, ignore_override=True)
+    node.close()
+    assert caplog.messages == [
+        "-p speed:=2.0 gives the parameter speed = 2.0 to /drive, which ignores initial values for it"
+    ]
+
+
+def test_nothing_is_kept_or_timed_without_initial_values(memory: World) -> None:
+    context = memory.node("drive").context
+    assert context.initial_values._holders == [] and context.initial_values._timer is None

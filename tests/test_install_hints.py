@@ -1,0 +1,130 @@
+"""What is said where an extra is missing: a command that works, because it installs as this package was installed."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import subprocess
+import sys
+from importlib.metadata import PackageNotFoundError, PathDistribution
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from rosidl_py_gen.resources import extra_missing, install_command
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+ROOT = Path(__file__).resolve().parent.parent
+METADATA = """\
+Metadata-Version: 2.4
+Name: rosidl-py-gen
+Version: 0.1.0
+Requires-Dist: click>=8.1
+Requires-Dist: cyclonedds<12,>=11.0.1; extra == 'node'
+Requires-Dist: pyyaml>=6.0; extra == 'node'
+Requires-Dist: mcap<2,>=1.6; extra == 'mcap'
+Requires-Dist: rosidl-py-gen[node]; extra == 'mcap'
+"""
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Any], None]:
+    """Let the package have come as this `direct_url.json` says; None: from an index."""
+
+    def install(told: Any) -> None:
+        folder = tmp_path / "rosidl_py_gen-0.1.0.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(METADATA)
+        if told is not None:
+            (folder / "direct_url.json").write_text(told if isinstance(told, str) else json.dumps(told))
+        monkeypatch.setattr("importlib.metadata.distribution", lambda name: PathDistribution(folder))
+
+    return install
+
+
+def test_from_an_index_it_is_the_name(installed: Callable[[Any], None]) -> None:
+    installed(None)
+    assert install_command("mcap") == "pip install 'rosidl-py-gen[mcap]'"
+
+
+@pytest.mark.parametrize(("editable", "words"), [(True, ["-e"]), (False, [])])
+def test_from_a_folder_it_is_the_folder(
+    installed: Callable[[Any], None], tmp_path: Path, editable: bool, words: list[str]
+) -> None:
+    folder = tmp_path / "a folder's name"
+    folder.mkdir()
+    installed({"url": folder.as_uri(), "dir_info": {"editable": True} if editable else {}})
+    assert shlex.split(install_command("mcap")) == ["pip", "install", *words, f"{folder}[mcap]"]
+
+
+def test_from_a_wheel_it_is_the_wheel(installed: Callable[[Any], None], tmp_path: Path) -> None:
+    wheel = tmp_path / "rosidl_py_gen-0.1.0-py3-none-any.whl"
+    wheel.touch()
+    installed({"url": wheel.as_uri(), "archive_info": {}})
+    assert shlex.split(install_command("mcap")) == ["pip", "install", f"{wheel}[mcap]"]
+
+
+def test_from_a_repository_it_is_that_commit(installed: Callable[[Any], None]) -> None:
+    installed({"url": "https://example.org/r.git", "vcs_info": {"vcs": "git", "commit_id": "abc"}})
+    assert install_command("mcap") == "pip install 'rosidl-py-gen[mcap] @ git+https://example.org/r.git@abc'"
+
+
+def test_where_that_is_gone_it_is_what_the_extra_consists_of(installed: Callable[[Any], None], tmp_path: Path) -> None:
+    installed({"url": (tmp_path / "gone").as_uri(), "dir_info": {}})
+    assert install_command("mcap") == "pip install 'mcap<2,>=1.6' 'cyclonedds<12,>=11.0.1' 'pyyaml>=6.0'"
+
+
+@pytest.mark.parametrize("broken", ["", "[", "[]", "5", '{"url": 5}'])
+def test_broken_metadata_are_no_traceback(installed: Callable[[Any], None], broken: str) -> None:
+    installed(broken)
+    assert install_command("mcap").startswith("pip install ")
+
+
+def test_a_checkout_names_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = ["pip", "install", "-e", f"{ROOT}[mcap]"]
+    assert shlex.split(install_command("mcap")) == expected  # tests run in an editable install
+
+    def missing(name: str) -> object:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("importlib.metadata.distribution", missing)
+    assert shlex.split(install_command("mcap")) == expected
+
+
+@pytest.mark.parametrize(
+    ("missing", "program", "extra"),
+    [
+        ("mcap", "import rosidl_py_gen.mcap", "mcap"),
+        ("zstandard", "from rosidl_py_gen.mcap import BagReader", "mcap"),
+        ("yaml", "import rosidl_py_gen.runtime.parameters.files", "node"),
+        ("cyclonedds", "import rosidl_py_gen.runtime as r; r.Context(transport='dds')", "node"),
+        ("zenoh", "import rosidl_py_gen.runtime as r; r.Context(transport='zenoh')", "zenoh"),
+        ("xxhash", "import rosidl_py_gen.runtime as r; r.Context(transport='zenoh')", "zenoh"),
+    ],
+)
+def test_programs_are_told_the_command(missing: str, program: str, extra: str) -> None:
+    lines = [
+        f"import sys; sys.modules[{missing!r}] = None",
+        "from rosidl_py_gen import ExtraMissingError",
+        f"try: {program}",
+        "except ExtraMissingError as error: print(error.name, error)",
+    ]
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout.startswith(f"{missing} ") and install_command(extra) in done.stdout, done.stderr
+
+
+def test_other_modules_are_no_business_of_extras() -> None:
+    assert extra_missing(ModuleNotFoundError("No module named 'nope'", name="nope")) is None
+
+
+def test_no_hint_is_written_by_hand() -> None:
+    by_hand = [
+        str(path.relative_to(ROOT))
+        for folder, pattern in (("rosidl_py_gen", "*.py"), ("docs", "*.md"), ("examples", "*.py"))
+        for path in sorted((ROOT / folder).rglob(pattern))
+        if path.name != "resources.py" and "rosidl-py-gen[" in path.read_text(encoding="utf-8")
+    ]
+    assert by_hand == []
