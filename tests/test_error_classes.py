@@ -8,6 +8,8 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parent.parent / "rosidl_py_gen"
 BUILTIN = {name for name, kind in vars(builtins).items() if isinstance(kind, type) and issubclass(kind, BaseException)}
+WARNINGS = {name for name in BUILTIN if name.endswith("Warning")}
+"""What is warned of is not raised, and is called so."""
 # What readers of definitions raise and the compiler makes a `Problem` of, with its place; users never see them.
 BECOME_PROBLEMS = {"LiteralProblem", "SyntaxProblem", "UnreadableError"}
 
@@ -25,7 +27,8 @@ def error_classes() -> dict[str, set[str]]:
         direct = bases.get(name, set()) - {name}
         return direct.union(*map(above, direct))
 
-    return {name: found for name in bases if (found := above(name)) & BUILTIN}
+    raised = {name: found for name in bases if (found := above(name)) & BUILTIN}
+    return {name: found for name, found in raised.items() if not (found & WARNINGS and name.endswith("Warning"))}
 
 
 def test_every_error_class_ends_in_error_and_derives_from_ours() -> None:

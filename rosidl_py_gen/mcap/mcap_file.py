@@ -76,10 +76,21 @@ class McapFile:
             for start, end in index.gaps:
                 if start < end:
                     self._walk(loose, start, end)
+            if not any(part.is_chunk for part in index.parts):
+                self._require_counts(index, loose)
             index.gaps = []
             spans = [one for one in (index.span, loose.span) if one is not None]
             index.span = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
         return sorted(index.parts, key=attrgetter("first"))
+
+    def _require_counts(self, index: Index, loose: Index) -> None:
+        """Raises `BagError` when no message is in a chunk, and there are not as many as the statistics say."""
+        told = {number: count for number, count in (index.counts or {}).items() if count}
+        if index.counts is not None and told != loose.counts:
+            raise BagError(
+                f"{self._path}: damaged: it says it has {sum(told.values())} messages, and "
+                f"{sum((loose.counts or {}).values())} were found"
+            )
 
     def _walk(self, index: Index, start: int, end: int) -> None:
         with damage_told(self._path), self._reading:

@@ -37,6 +37,9 @@ _FOOTER_CRC = 12
 _PIECE = 1 << 20
 """Bytes of messages outside of chunks that are read together."""
 _CRC = Struct("<I")
+_SUMMARY = "SCHEMA CHANNEL CHUNK_INDEX ATTACHMENT_INDEX STATISTICS METADATA_INDEX SUMMARY_OFFSET FOOTER"
+_AFTER_DATA = [b"", *(bytes([Opcode[name]]) for name in _SUMMARY.split())]
+"""How what follows the data begins: nothing, where the file breaks off just there."""
 
 
 class Part(NamedTuple):
@@ -192,7 +195,9 @@ def walk(stream: IO[bytes], size: int, unpacker: Unpacker, index: Index, start: 
                 raise BagError(f"damaged: a message of {length} bytes at offset {at}")
             loose.add(at, after, *MESSAGE.unpack(head)[2:5:2])
         elif opcode == Opcode.DATA_END:
-            _require_checksum(stream, unpacker, at, length, bool(loose.count))
+            is_all = end == size or not index.parts  # with an index of chunks, only what is beside them was read
+            _require_end(stream, after, end, size)
+            _require_checksum(stream, unpacker, at, length, is_all or loose.count > 0)
             at = end
             break
         else:
@@ -204,6 +209,8 @@ def walk(stream: IO[bytes], size: int, unpacker: Unpacker, index: Index, start: 
                 index.take(opcode, stream.read(length))
         at = after
     loose.end()
+    if at > max(start, end):
+        raise BagError(f"damaged: a record goes beyond byte {end}, where the next one begins")
     return at >= end
 
 
@@ -214,9 +221,20 @@ def _require_no_end(stream: IO[bytes], at: int) -> None:
         raise BagError(f"damaged: no record at byte {at}, though the file has an end")
 
 
-def _require_checksum(stream: IO[bytes], unpacker: Unpacker, at: int, length: int, has_loose: bool) -> None:
-    """Messages outside of chunks have no other checksum than that of all."""
-    if not (has_loose and unpacker.validate_crcs and length == _CRC.size):
+def _require_end(stream: IO[bytes], at: int, end: int, size: int) -> None:
+    """Raises `BagError` when what follows the last record of data is neither the summary nor the footer."""
+    if end < size:
+        is_right = at == end
+    else:
+        stream.seek(at)
+        is_right = stream.read(1) in _AFTER_DATA
+    if not is_right:
+        raise BagError(f"damaged: the data ends at byte {at}, where neither the summary nor the footer begins")
+
+
+def _require_checksum(stream: IO[bytes], unpacker: Unpacker, at: int, length: int, is_needed: bool) -> None:
+    """Of all data: records, their kinds and messages outside of chunks have no other."""
+    if not (is_needed and unpacker.validate_crcs and length == _CRC.size):
         return
     stream.seek(at + RECORD.size)
     (expected,) = _CRC.unpack(stream.read(_CRC.size))
