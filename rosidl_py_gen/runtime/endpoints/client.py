@@ -16,6 +16,8 @@ requests say nothing, which takes less time: Fast DDS takes them for those of th
 from __future__ import annotations
 
 import asyncio
+import sys
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -32,11 +34,10 @@ from rosidl_py_gen.runtime.endpoints.header import (
 )
 from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
-from rosidl_py_gen.runtime.endpoints.window import PendingRequest
+from rosidl_py_gen.runtime.endpoints.window import PendingRequest, kept_by
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.runtime.transport.qos import History
 from rosidl_py_gen.runtime.transport.unanswered import why_unanswered
 
 if TYPE_CHECKING:
@@ -47,8 +48,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
-_PAUSE_S = 0.1
-"""See `RequestWindow`."""
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
@@ -67,7 +66,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         name: str,
         qos: QoSProfile,
         *,
-        pause_s: float = _PAUSE_S,
+        pause_s: float | None = None,
     ) -> None:
         """`pause_s` is that of the `RequestWindow`."""
         super().__init__(scope, service_type, name, qos, is_client=True)
@@ -87,7 +86,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._kept = 0
         self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
         """By which replies may call us."""
-        self._window = scope.request_window(self._request_topic, pause_s)
+        self._window = scope.request_window(self._request_topic, name, pause_s)
         self._reader.set_sink(self._on_replies)
         self._departures = scope.discovery.departures.add(self._on_departure)
         scope.own(self, reader=self._reader.guid, writer=self._writer.guid)
@@ -150,14 +149,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         reached = {server.guid for server in graph.on_topic(self._request_topic, writers=False)}
         reached.update(self._writer.matched_readers())
         self._answering.reach(reached)
-        self._kept = self._kept_by_servers()
+        servers = [graph.endpoints[guid] for guid in self._writer.matched_readers() if guid in graph.endpoints]
+        clients = graph.on_topic(self._request_topic, writers=True)
+        self._kept = kept_by(self._scope.participant, servers, clients)
         return is_served or is_identified
-
-    def _kept_by_servers(self) -> int:
-        """How many requests the server that keeps fewest keeps; 0 when all keep all."""
-        endpoints = self._scope.graph.endpoints
-        servers = (endpoints[guid].qos for guid in self._writer.matched_readers() if guid in endpoints)
-        return min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
 
     # ------------------------------------------------------------------------------------------------------- calls
 
@@ -243,8 +238,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
                 self._writer.forget(pending.number)
             if pending.limits is not None:
                 pending.limits.remove(sequence)
-            if pending.has_turn:
-                self._window.leave()
+            if pending.turn:
+                self._window.leave(pending.turn)
 
     def _put(self, pending: PendingRequest[ResponseT]) -> None:
         pending.servers = self._presence.now()
@@ -270,10 +265,13 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         if self._outbox.waiting or not self._send(pending):
             self._outbox.send(partial(self._send, pending))
 
-    def _send_in_turn(self, pending: PendingRequest[ResponseT]) -> bool:
+    def _send_in_turn(self, pending: PendingRequest[ResponseT], turn: int) -> bool:
         if pending.sequence not in self._pending:
             return False
-        pending.has_turn = True
+        with suppress(ForeignServiceError):
+            self._is_available()  # others may have come who share what the server keeps
+        self._window.kept = self._kept or sys.maxsize
+        pending.turn = turn
         self._send_soon(pending)
         return True
 
@@ -370,6 +368,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             self._fail(pending, ServerLostError(f"the server of {self.name} {reason}"))
 
     def _take_reply(self, pending: PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
+        if pending.turn:
+            self._window.taken(pending.turn)
         try:
             response = self._type.response.decode(message)
         except DecodeError as error:
