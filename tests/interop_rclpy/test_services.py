@@ -122,6 +122,22 @@ async def test_many_calls_of_ours_at_once_get_their_own_answers(dds: Any, shared
     assert [response.int64_value for response in await asyncio.gather(*calls)] == list(range(300))
 
 
+async def test_more_calls_at_once_than_a_slow_server_of_theirs_keeps_are_all_answered(
+    dds: Any, shared_peer: Peer
+) -> None:
+    """Four handlers at a time, ten requests in the queue: the others wait with us, for answers and not for a time."""
+    cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("slow")
+    await shared_peer.ask("serve_slowly", name=name, type="test_msgs/srv/BasicTypes", threads=4, seconds=0.1)
+    node = dds.node("tester")
+    clients = [node.create_client(cls, name) for _ in range(2)]
+    for client in clients:
+        assert await client.wait_for_service(timeout_s=10)
+    calls = [clients[number % 2].call(cls.Request(int64_value=number), CALL_S) for number in range(40)]
+    answers = await asyncio.gather(*calls, return_exceptions=True)
+    assert [getattr(answer, "int64_value", answer) for answer in answers] == list(range(40))
+    await shared_peer.ask("unserve_slowly", name=name)
+
+
 async def test_clients_of_several_of_our_nodes_get_their_own_answers(dds: Any, shared_peer: Peer) -> None:
     cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("several")
     nodes = [dds.node(f"tester{number}") for number in range(3)]

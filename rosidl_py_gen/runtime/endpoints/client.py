@@ -16,6 +16,8 @@ requests say nothing, which takes less time: Fast DDS takes them for those of th
 from __future__ import annotations
 
 import asyncio
+import sys
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -30,9 +32,9 @@ from rosidl_py_gen.runtime.endpoints.header import (
     message_of,
     send,
 )
-from rosidl_py_gen.runtime.endpoints.matching import Matching, kept_by
+from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
-from rosidl_py_gen.runtime.endpoints.window import PendingRequest
+from rosidl_py_gen.runtime.endpoints.window import PendingRequest, kept_by
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -47,8 +49,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
-_PAUSE_S = 0.1
-"""See `RequestWindow`."""
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
@@ -67,7 +67,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         name: str,
         qos: QoSProfile,
         *,
-        pause_s: float = _PAUSE_S,
+        pause_s: float | None = None,
         type_check: TypeCheck | None = None,
     ) -> None:
         """`pause_s` is that of the `RequestWindow`."""
@@ -88,7 +88,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._kept = 0
         self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
         """By which replies may call us."""
-        self._window = scope.request_window(self._request_topic, pause_s)
+        self._window = scope.request_window(self._request_topic, name, pause_s)
         self._reader.set_sink(self._on_replies)
         self._departures = scope.discovery.departures.add(self._on_departure)
         scope.own(self, reader=self._reader.guid, writer=self._writer.guid)
@@ -153,7 +153,9 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         reached = {server.guid for server in graph.on_topic(self._request_topic, writers=False)}
         reached.update(self._writer.matched_readers())
         self._answering.reach(reached)
-        self._kept = kept_by(graph, self._writer)
+        servers = [graph.endpoints[guid] for guid in self._writer.matched_readers() if guid in graph.endpoints]
+        clients = graph.on_topic(self._request_topic, writers=True)
+        self._kept = kept_by(self._scope.participant, servers, clients)
         return is_served or is_identified
 
     # ------------------------------------------------------------------------------------------------------- calls
@@ -241,8 +243,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
                 self._writer.forget(pending.number)
             if pending.limits is not None:
                 pending.limits.remove(sequence)
-            if pending.has_turn:
-                self._window.leave()
+            if pending.turn:
+                self._window.leave(pending.turn)
 
     def _put(self, pending: PendingRequest[ResponseT]) -> None:
         pending.servers = self._presence.now()
@@ -268,10 +270,13 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         if self._outbox.waiting or not self._send(pending):
             self._outbox.send(partial(self._send, pending))
 
-    def _send_in_turn(self, pending: PendingRequest[ResponseT]) -> bool:
+    def _send_in_turn(self, pending: PendingRequest[ResponseT], turn: int) -> bool:
         if pending.sequence not in self._pending:
             return False
-        pending.has_turn = True
+        with suppress(ForeignServiceError):
+            self._is_available()  # others may have come who share what the server keeps
+        self._window.kept = self._kept or sys.maxsize
+        pending.turn = turn
         self._send_soon(pending)
         return True
 
@@ -370,6 +375,8 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             self._fail(pending, ServerLostError(f"the server of {self.name} {reason}"))
 
     def _take_reply(self, pending: PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
+        if pending.turn:
+            self._window.taken(pending.turn)
         try:
             response = self._type.response.decode(message)
         except DecodeError as error:

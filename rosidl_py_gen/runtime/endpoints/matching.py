@@ -8,25 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from rosidl_py_gen.runtime.transport.qos import History
-
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.graph.state import Graph
-    from rosidl_py_gen.runtime.transport.interface import Writer
 
 P = TypeVar("P")
 
 _POLL_S = 0.01
-
-
-def kept_by(graph: Graph, requests: Writer) -> int:
-    """How many requests the server that keeps fewest keeps, of those that `requests` reaches; 0 when all keep all."""
-    endpoints = graph.endpoints
-    servers = (endpoints[guid].qos for guid in requests.matched_readers() if guid in endpoints)
-    return min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
 
 
 class Matching(Generic[P]):

@@ -1,8 +1,13 @@
 """A request under way, and when it may be sent to servers that keep few of them.
 
 A ROS server keeps the last 10 requests and overwrites older ones without a word: their calls would never be answered.
-So the clients of a service send them in bursts of what the server keeps. The next burst begins when the last one is
-answered, or after a pause: handlers may take any time, and more than that many calls may be under way.
+So the clients of a service never have more under way that may still lie in the server's queue than fit in there, and
+the others wait for their turn. A server takes requests in the order in which they come: the answer to one says that all
+before it were taken, too, also those that will never be answered. What is given up stands in nobody's way either.
+
+Where nothing at all is answered for long, which cannot be told from a server that is slow, one more request goes out,
+after a warning, and each further one takes twice as long: it may overwrite the oldest one. Servers that answer much
+later by their nature, as those of results do, are given a pause to take what was sent instead.
 """
 
 from __future__ import annotations
@@ -13,14 +18,23 @@ import weakref
 from collections import deque
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT, History
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
+    from rosidl_py_gen.runtime.transport.interface import EndpointFound, Participant
 
 ResponseT = TypeVar("ResponseT")
+
+_FIRST_ROOM = 3
+"""So many requests are sent before one was answered, if the server keeps as many; each answer makes room for one more.
+Others who call the same server, and share what it keeps, may not be known yet."""
+_PATIENCE_S = 10.0
+"""So long nothing is answered before one more request is sent than the server keeps."""
 
 request_numbers = itertools.count(1)
 """Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
@@ -31,13 +45,14 @@ class PendingRequest(Generic[ResponseT]):
 
     Attributes:
         number: the middleware's, when it was sent with an identity.
+        turn: its number in the `RequestWindow`; 0 when it did not have to wait for one.
         limits: what watches its time, if that is limited.
         servers: the endpoints of those that were there when it was sent; before, when it was made.
     """
 
     __slots__ = (
-        *("encoded", "has_turn", "is_sent", "limits", "number", "on_error", "on_reply", "sequence", "servers"),
-        "timeout_s",
+        *("encoded", "is_sent", "limits", "number", "on_error", "on_reply", "sequence", "servers"),
+        *("timeout_s", "turn"),
     )
 
     def __init__(
@@ -53,7 +68,7 @@ class PendingRequest(Generic[ResponseT]):
         self.on_error = on_error
         self.sequence = next(request_numbers)
         self.number = 0
-        self.has_turn = False
+        self.turn = 0
         self.is_sent = False
         self.limits: TimeLimits | None = None
         self.servers: frozenset[bytes] = frozenset()
@@ -63,56 +78,111 @@ class PendingRequest(Generic[ResponseT]):
         return bool(self.servers) and (self.servers.isdisjoint(present) if self.is_sent else not present)
 
 
+def kept_by(participant: Participant, servers: Iterable[EndpointFound], clients: Iterable[EndpointFound]) -> int:
+    """How many requests of ours the server that keeps fewest keeps; 0 when all keep all.
+
+    Servers on Fast DDS, which are those that count requests, do not tell: they are taken for what ROS has by default.
+    All clients share what a server keeps, whatever process they are in; each participant takes its part, and at least
+    one.
+
+    Args:
+        servers: what the servers read.
+        clients: what clients write, ours included.
+    """
+    told = (SERVICES_DEFAULT if participant.counts_requests(one.guid) else one.qos for one in servers)
+    kept = min((qos.depth for qos in told if qos.history is History.KEEP_LAST), default=0)
+    return kept and max(1, kept // max(1, len({one.participant_guid for one in clients})))
+
+
 class RequestWindow:
     """Shared by all clients of one service in one context; first come, first served."""
 
-    def __init__(self, pause_s: float) -> None:
+    def __init__(self, name: str, pause_s: float | None = None) -> None:
+        """`pause_s`: after so long without another one all that was sent counts as taken; None: only answers tell."""
+        self._name = name
         self._pause_s = pause_s
+        self._patience_s = _PATIENCE_S
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._waiting: deque[Callable[[], bool]] = deque()
-        self._begun_s = 0.0
-        self._sent = 0
-        self._unanswered = 0
-        self._kept = 1
+        self._waiting: deque[Callable[[int], bool]] = deque()
+        self._numbers = itertools.count(1)
+        self._held: dict[int, None] = {}
+        """What was sent and may not have been taken, oldest first."""
+        self._moved_s = 0.0
+        self.kept = 1
+        """How many requests of ours the server keeps, as far as is known now."""
+        self._room = _FIRST_ROOM
         self._timer: asyncio.TimerHandle | None = None
 
-    def enter(self, send: Callable[[], bool], kept: int) -> None:
+    def enter(self, send: Callable[[int], bool], kept: int) -> None:
         """Call `send` as soon as one more request may be sent, perhaps at once; on the loop's thread.
 
         Args:
-            send: answers False when nobody wants its request any more, which then takes nobody's place. After True
-                `leave` has to be called, once the request is answered or given up.
+            send: gets the number for `taken` and `leave`, one of which has to be called once the request is answered or
+                given up. It answers False when nobody wants its request any more, which then takes nobody's place.
             kept: how many requests the server keeps.
         """
         loop = asyncio.get_running_loop()
         if loop is not self._loop:  # what waited on another loop waits no more
-            self._loop, self._waiting, self._unanswered, self._timer = loop, deque(), 0, None
-        self._kept = kept
+            self._loop, self._waiting, self._held, self._timer = loop, deque(), {}, None
+        self.kept = kept
         self._waiting.append(send)
         if len(self._waiting) == 1:
-            self._send(may_begin=self._unanswered <= 0 or loop.time() >= self._begun_s + self._pause_s)
+            self._send()
 
-    def leave(self) -> None:
-        """A request that was sent is answered or given up."""
-        self._unanswered -= 1
-        if self._unanswered <= 0 and self._waiting and self._loop is current_loop():
-            self._send(may_begin=True)
+    def taken(self, number: int) -> None:
+        """A request is answered, so that those sent before it are no longer in the server's queue."""
+        held = self._held
+        self._room = min(self._room + 1, self.kept)
+        while held and (oldest := next(iter(held))) <= number:
+            del held[oldest]
+        if self._pause_s is None and self._waiting and self._loop is not None:
+            self._patience_s, self._moved_s = _PATIENCE_S, self._loop.time()
+        self._go_on()
 
-    def _send(self, *, may_begin: bool) -> None:
-        """Send what fits into this burst, or into a new one; come back when another one may begin."""
+    def leave(self, number: int) -> None:
+        """A request that was sent is given up; also when it is answered."""
+        self._held.pop(number, None)
+        self._go_on()
+
+    def _go_on(self) -> None:
+        if self._waiting and self._loop is current_loop():
+            self._send()
+
+    def _send(self) -> None:
+        """Send what fits into the server's queue; look again later when there is more."""
         assert self._loop is not None
-        if may_begin:
-            self._begun_s, self._sent = self._loop.time(), 0
-        while self._waiting and self._sent < self._kept:
-            self._sent += 1
-            self._unanswered += 1
-            if not self._waiting.popleft()():
-                self._sent -= 1
-                self._unanswered -= 1
-        if self._timer is not None:
-            self._timer.cancel()
-        due_s = self._begun_s + self._pause_s
-        self._timer = self._loop.call_at(due_s, lambda: self._send(may_begin=True)) if self._waiting else None
+        held, waiting = self._held, self._waiting
+        while waiting and len(held) < (self.kept if self._pause_s is not None else min(self.kept, self._room)):
+            number = next(self._numbers)
+            held[number] = None
+            self._moved_s = self._loop.time()
+            if not waiting.popleft()(number):
+                held.pop(number, None)
+        if waiting and self._timer is None:
+            self._timer = self._loop.call_at(self._due_s(), self._look)
+
+    def _due_s(self) -> float:
+        return self._moved_s + (self._patience_s if self._pause_s is None else self._pause_s)
+
+    def _look(self) -> None:
+        """Go on where no answer came for long."""
+        assert self._loop is not None
+        self._timer = None
+        if self._waiting and self._loop.time() >= self._due_s():
+            if self._pause_s is not None:
+                self._held.clear()
+            elif self._held:
+                self._warn()
+                self._patience_s *= 2
+                del self._held[next(iter(self._held))]
+        self._send()
+
+    def _warn(self) -> None:
+        internal_logger().warning(
+            f"no server of {self._name} answered for {self._patience_s:g} s; {len(self._waiting)} calls wait until one "
+            f"does, because more than {self.kept} requests at once would overwrite each other. One more is sent; "
+            "look why the server is silent, and give calls a timeout_s"
+        )
 
 
 class RequestWindows:
@@ -121,6 +191,6 @@ class RequestWindows:
     def __init__(self) -> None:
         self._windows: weakref.WeakValueDictionary[str, RequestWindow] = weakref.WeakValueDictionary()
 
-    def of(self, request_topic: str, pause_s: float) -> RequestWindow:
+    def of(self, request_topic: str, name: str, pause_s: float | None) -> RequestWindow:
         """The one window of a service; `pause_s` counts for the first client."""
-        return self._windows.setdefault(request_topic, RequestWindow(pause_s))
+        return self._windows.setdefault(request_topic, RequestWindow(name, pause_s))

@@ -1,6 +1,12 @@
 """Commands about services."""
 
+import threading
+import time
+
 import messages
+import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.qos import QoSProfile
 
 
@@ -37,6 +43,29 @@ def serve(peer, name, type, how, values=None, node="", note=""):
 
     node = peer.nodes.get(node, peer.node)
     peer.things["service", name] = node.create_service(messages.load(type), name, handler)
+
+
+def serve_slowly(peer, name, type, threads, seconds):
+    """A node of its own whose handlers sleep in so many threads, and echo."""
+
+    def handler(request, response):
+        time.sleep(seconds)
+        return _echo(request, response)
+
+    node = rclpy.create_node(name.strip("/"))
+    executor = MultiThreadedExecutor(threads)
+    executor.add_node(node)
+    node.create_service(messages.load(type), name, handler, callback_group=ReentrantCallbackGroup())
+    thread = threading.Thread(target=executor.spin, daemon=True)
+    thread.start()
+    peer.things["slow", name] = executor, node, thread
+
+
+def unserve_slowly(peer, name):
+    executor, node, thread = peer.things.pop(("slow", name))
+    executor.shutdown()
+    thread.join()
+    node.destroy_node()
 
 
 def unserve(peer, name):

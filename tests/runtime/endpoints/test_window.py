@@ -3,70 +3,206 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import threading
 import time
+from contextlib import contextmanager
 from functools import partial
+from typing import TYPE_CHECKING
 
+import pytest
+from example_interfaces.srv import AddTwoInts
+from worlds import until
+
+from rosidl_py_gen.runtime.endpoints import service
+from rosidl_py_gen.runtime.endpoints import window as windows
 from rosidl_py_gen.runtime.endpoints.window import RequestWindow
+from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from worlds import World
 
 
-def send(sent: list[int], number: int) -> bool:
-    """A request that is wanted."""
-    sent.append(number)
-    return True
+def enter(window: RequestWindow, numbers: Iterable[int], kept: int, sent: list[int]) -> None:
+    """Let requests enter; `sent` gets the numbers of those that are sent."""
+
+    def send(number: int, turn: int) -> bool:
+        sent.append(number)
+        assert turn == len(sent)
+        return True
+
+    for number in numbers:
+        window.enter(partial(send, number), kept)
 
 
-def test_the_next_burst_begins_when_the_last_one_is_answered() -> None:
-    async def main() -> None:
-        window, sent = RequestWindow(5), []
-        for number in range(7):
-            window.enter(partial(send, sent, number), 3)
-        assert sent == [0, 1, 2]
-        window.leave()
-        window.leave()
-        await asyncio.sleep(0.01)
-        assert sent == [0, 1, 2]
-        window.leave()
-        assert sent == [0, 1, 2, 3, 4, 5]
-        for _ in range(3):
-            window.leave()
-        assert sent == list(range(7))
-
-    asyncio.run(main())
+async def test_an_answer_makes_room_for_as_many_as_were_sent_before_it() -> None:
+    window, sent = RequestWindow("/add"), list[int]()
+    enter(window, range(10), 3, sent)
+    assert sent == [0, 1, 2]
+    window.taken(1)
+    assert sent == [0, 1, 2, 3]
+    window.taken(3)  # so the one between them has been taken, too
+    assert sent == [0, 1, 2, 3, 4, 5]
+    window.taken(2)
+    assert sent == [0, 1, 2, 3, 4, 5]
+    window.taken(6)
+    assert sent == list(range(9))
 
 
-def test_without_answers_it_begins_after_a_pause() -> None:
-    async def main() -> None:
-        window, sent = RequestWindow(0.1), []
-        started = time.monotonic()
-        for number in range(5):
-            window.enter(partial(send, sent, number), 2)
-        while len(sent) < 5:
-            await asyncio.sleep(0.001)
-        assert sent == list(range(5)) and time.monotonic() - started >= 0.195
-
-    asyncio.run(main())
+async def test_what_is_given_up_makes_room_for_one() -> None:
+    window, sent = RequestWindow("/add"), list[int]()
+    enter(window, range(6), 3, sent)
+    window.leave(2)
+    assert sent == [0, 1, 2, 3]
+    window.leave(2)
+    window.taken(2)
+    assert sent == [0, 1, 2, 3, 4]
 
 
-def test_a_request_that_nobody_wants_any_more_takes_nobodys_place() -> None:
-    async def main() -> None:
-        window, sent = RequestWindow(5), []
-        for number in range(4):
-            window.enter(partial(send, sent, number) if number != 1 else lambda: False, 1)
-        window.leave()
-        assert sent == [0, 2]
-        window.leave()
-        assert sent == [0, 2, 3]
+async def test_requests_are_sent_in_the_order_in_which_they_came() -> None:
+    window, sent = RequestWindow("/add"), list[int]()
+    enter(window, range(4), 2, sent)
+    window.leave(1)
+    enter(window, range(4, 6), 2, sent)
+    for number in (2, 3, 4):
+        window.taken(number)
+    assert sent == list(range(6))
 
-    asyncio.run(main())
+
+async def test_without_any_answer_one_more_is_sent_after_long_and_a_warning(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(windows, "_PATIENCE_S", 0.02)
+    window, sent = RequestWindow("/add"), list[int]()
+    enter(window, range(6), 3, sent)
+    loop = asyncio.get_running_loop()
+    began_s = loop.time()
+    with caplog.at_level(logging.WARNING):
+        await until(lambda: len(sent) == 5)
+    assert loop.time() - began_s >= 0.06 and sent == list(range(5)), "each takes twice as long as the last"
+    assert "no server of /add answered for 0.02 s; 3 calls wait until one does" in caplog.text
+    window.taken(5)
+    assert sent == list(range(6)) and window._patience_s == 0.02
+
+
+async def test_answers_make_a_slow_server_one_that_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    window, sent = RequestWindow("/add"), list[int]()
+    enter(window, range(9), 3, sent)
+    loop, passed_s = asyncio.get_running_loop(), 0.0
+    now = loop.time
+    monkeypatch.setattr(loop, "time", lambda: now() + passed_s)
+    for number in (1, 2, 3):
+        passed_s += 9
+        window.taken(number)
+        await asyncio.sleep(0)
+        assert len(sent) == 3 + number
+
+
+async def test_servers_that_only_note_requests_get_them_after_a_pause() -> None:
+    window, sent = RequestWindow("/result", 0.02), list[int]()
+    enter(window, range(5), 2, sent)
+    loop = asyncio.get_running_loop()
+    began_s = loop.time()
+    assert sent == [0, 1]
+    await until(lambda: len(sent) == 5)
+    assert loop.time() - began_s >= 0.039
+
+
+async def test_a_request_that_nobody_wants_any_more_takes_nobodys_place() -> None:
+    window, sent = RequestWindow("/add"), list[int]()
+
+    def send(number: int, turn: int) -> bool:
+        sent.append(turn)
+        return number != 1
+
+    for number in range(4):
+        window.enter(partial(send, number), 1)
+    window.taken(sent[-1])
+    assert sent == [1, 2, 3]
+    window.taken(sent[-1])
+    assert sent == [1, 2, 3, 4]
 
 
 def test_what_waited_on_a_loop_that_ended_stands_in_nobodys_way() -> None:
-    window, sent = RequestWindow(5), []
+    window, sent = RequestWindow("/add"), list[int]()
 
-    async def enter(number: int) -> None:
-        for _ in range(2):
-            window.enter(partial(send, sent, number), 1)
+    async def two(number: int) -> None:
+        enter(window, [number] * 2, 1, sent)
 
-    asyncio.run(enter(0))
-    asyncio.run(enter(1))
+    asyncio.run(two(0))
+    asyncio.run(two(1))
     assert sent == [0, 1]
+
+
+async def test_what_a_server_keeps_is_shared_by_all_who_have_clients(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+        server = world.node("server").create_service(AddTwoInts, "add")
+    nodes = [world.node() for _ in range(3)]
+    clients = [node.create_client(AddTwoInts, "add") for node in (*nodes, nodes[0])]
+    for client in clients:
+        assert await client.wait_for_service(timeout_s=5)
+    await until(lambda: [client.service_is_available() and client._kept for client in clients] == [3] * 4)
+    nodes[2].close()
+    await until(lambda: [client.service_is_available() and client._kept for client in clients[:2]] == [5] * 2)
+    server.close()
+
+
+async def test_room_grows_with_answers_because_others_may_not_be_known_yet() -> None:
+    window, sent = RequestWindow("/add"), list[int]()
+    enter(window, range(40), 10, sent)
+    assert len(sent) == 3
+    for number in range(1, 5):
+        window.taken(number)
+    assert len(sent) - 4 == 7
+    for number in range(5, 20):
+        window.taken(number)
+    assert len(sent) - 19 == 10
+    window.kept = 4
+    window.taken(22)
+    assert len(sent) == 29
+    window.taken(26)
+    assert len(sent) == 30
+
+
+async def test_a_server_whose_handlers_take_long_loses_none_of_many_calls_at_once(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with slow_server(world, monkeypatch):
+        client = world.node("caller").create_client(AddTwoInts, "add")
+        assert await client.wait_for_service(timeout_s=5)
+        calls = (client.call(AddTwoInts.Request(a=number), timeout_s=10) for number in range(40))
+        answers = await asyncio.gather(*calls, return_exceptions=True)
+        assert [getattr(answer, "sum", answer) for answer in answers] == list(range(40))
+
+
+@contextmanager
+def slow_server(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """On a loop of its own, which its handlers hold up; keeps ten requests, as those on rmw."""
+    ready, stop = threading.Event(), threading.Event()
+
+    def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:
+        time.sleep(0.03)
+        return AddTwoInts.Response(sum=request.a)
+
+    async def serve() -> None:
+        node = world.node("server")
+        with monkeypatch.context() as patched:
+            patched.setattr(service, "carrier_qos", lambda qos: SERVICES_DEFAULT.keep_last(10))
+            node.create_service(AddTwoInts, "add", handler)
+        ready.set()
+        await asyncio.to_thread(stop.wait)
+        node.close()
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    try:
+        assert ready.wait(5)
+        yield
+    finally:
+        stop.set()
+        thread.join()
