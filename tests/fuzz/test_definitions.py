@@ -11,13 +11,14 @@ import tracemalloc
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 
 from rosidl_py_gen import compile_text, decode, encode, from_dict, to_dict
 from rosidl_py_gen.described import compile_described, definition_text
-from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.errors import DefinitionError, RosidlError
 from rosidl_py_gen.mcap.decoder import DecoderFactory
 from rosidl_py_gen.typesupport import type_description
 
@@ -305,3 +306,18 @@ TestDefinitions.settings = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],
 )
+
+
+@pytest.mark.parametrize(("name", "text"), [("fuzz/srv/S", "int8 a\n---\n"), ("fuzz/action/C", "---\n---\nint8 a\n")])
+def test_a_schema_of_a_service_or_action_is_no_schema_of_messages(name: str, text: str) -> None:
+    schema: Any = SimpleNamespace(name=name, data=text.encode(), encoding="ros2msg")
+    with pytest.raises(DefinitionError, match="the schema is that of a service or action, expected that of a message"):
+        DecoderFactory().decoder_for("cdr", schema)
+
+
+@pytest.mark.parametrize("arrays", [False, True])
+def test_a_message_with_a_field_called_decode_is_decoded(arrays: bool) -> None:
+    schema: Any = SimpleNamespace(name="fuzz/msg/Taken", data=b"int8 decode\nint8 encode\n", encoding="ros2msg")
+    decoder = DecoderFactory(arrays=arrays).decoder_for("cdr", schema)
+    assert decoder is not None
+    assert decoder(b"\0\1\0\0\5\6").decode == 5
