@@ -247,7 +247,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
 
         Raises:
             CancelRejectedError: there were goals, and the server refused for all of them.
-            ActionTimeoutError, ActionServerLostError, ClosedError.
+            ActionTimeoutError, ActionServerLostError, ClosedError: as their names say.
         """
         return await self._ask_cancel(ZERO_ID, None, "any goal", timeout_s)
 

@@ -34,7 +34,7 @@ from rosidl_py_gen.runtime.endpoints.header import (
 )
 from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
-from rosidl_py_gen.runtime.endpoints.window import PendingRequest, kept_by
+from rosidl_py_gen.runtime.endpoints.window import OutOfTimeError, PendingRequest, kept_by
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -51,10 +51,6 @@ if TYPE_CHECKING:
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
-
-
-class _OutOfTimeError(RosidlError):
-    """No answer came in time; how long that was only the call knows."""
 
 
 class Client(ServiceEnd[RequestT, ResponseT]):
@@ -133,8 +129,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         """Source: protocol.md 5.2; servers with identities have no ids, but both endpoints in one participant."""
         graph = self._scope.graph
         refusal, identifies = self._scope.participant.identity_refusal, self._scope.participant.identifies
-        # Matched but not reported yet: what the server keeps, and its id, are known a moment later.
-        # One with another definition would read requests as something else.
+        # Matched but not reported yet: what the server keeps is known a moment later. Other definitions do not count.
         agrees, sent, endpoints = self._check.agrees, self._written_hash, graph.endpoints
         readers = [one for guid in self._writer.matched_readers() if (one := endpoints.get(guid)) and agrees(one, sent)]
         writers = [one for guid in self._reader.matched_writers() if (one := endpoints.get(guid)) and agrees(one)]
@@ -150,12 +145,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
                 raise ForeignServiceError(foreign_reason(graph, servers[0], self.name, "the server", refusal))
         is_identified = bool(foreign) and refusal is None
         self._identified = is_identified or self._always_identified
-        reached = {server.guid for server in graph.on_topic(self._request_topic, writers=False)}
-        reached.update(self._writer.matched_readers())
-        self._answering.reach(reached)
-        servers = [graph.endpoints[guid] for guid in self._writer.matched_readers() if guid in graph.endpoints]
-        clients = graph.on_topic(self._request_topic, writers=True)
-        self._kept = kept_by(self._scope.participant, servers, clients)
+        matched = self._writer.matched_readers()
+        self._answering.reach({*matched, *(one.guid for one in graph.on_topic(self._request_topic, writers=False))})
+        servers = [endpoints[guid] for guid in matched if guid in endpoints]
+        self._kept = kept_by(self._scope.participant, servers, graph.on_topic(self._request_topic, writers=True))
         return is_served or is_identified
 
     # ------------------------------------------------------------------------------------------------------- calls
@@ -191,7 +184,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             self._limit(pending, loop, left_s)
         try:
             return await future
-        except _OutOfTimeError:
+        except OutOfTimeError:
             message = f"no response from {self.name} ({self.service_type}) in {timeout_s} s"
             raise CallTimeoutError(message) from None
         finally:
@@ -264,7 +257,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
     def _expire(self, sequence: int) -> None:
         pending = self._pending.get(sequence)
         if pending is not None:
-            self._fail(pending, _OutOfTimeError())
+            self._fail(pending, OutOfTimeError())
 
     def _send_soon(self, pending: PendingRequest[ResponseT]) -> None:
         if self._outbox.waiting or not self._send(pending):
