@@ -203,7 +203,6 @@ KEYWORDS = {
     "qos_profile": "qos",
     "timeout_sec": "timeout_s",
     "callback_group": "no callback groups: plain functions run one at a time, async ones overlap",
-    "event_callbacks": "no such argument here; see the guide on topics",
     "qos_overriding_options": "no overrides of QoS by parameters; declare a parameter and make the profile of it",
     "node_name": "name",
     "parameter_overrides": "overrides, a dict of names and values",

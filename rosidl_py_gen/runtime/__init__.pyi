@@ -39,6 +39,13 @@ from rosidl_py_gen.runtime.endpoints.subscription import MessageInfo as MessageI
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription as Subscription
 from rosidl_py_gen.runtime.endpoints.timer import Timer as Timer
 from rosidl_py_gen.runtime.graph.definitions import TypeCheck as TypeCheck
+from rosidl_py_gen.runtime.graph.events import CountStatus as CountStatus
+from rosidl_py_gen.runtime.graph.events import IncompatibleStatus as IncompatibleStatus
+from rosidl_py_gen.runtime.graph.events import LivelinessStatus as LivelinessStatus
+from rosidl_py_gen.runtime.graph.events import MatchedStatus as MatchedStatus
+from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks as PublisherEventCallbacks
+from rosidl_py_gen.runtime.graph.events import SubscriptionEventCallbacks as SubscriptionEventCallbacks
+from rosidl_py_gen.runtime.graph.events import UnsupportedEventError as UnsupportedEventError
 from rosidl_py_gen.runtime.graph.state import EndpointType as EndpointType
 from rosidl_py_gen.runtime.graph.state import NodeInfo as NodeInfo
 from rosidl_py_gen.runtime.graph.state import TopicEndpointInfo as TopicEndpointInfo

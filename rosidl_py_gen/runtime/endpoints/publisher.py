@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
+from rosidl_py_gen.runtime.graph.events import EndpointEvents
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
 from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import MessageType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
+    from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks
     from rosidl_py_gen.runtime.transport.interface import Writer
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -42,6 +44,7 @@ class Publisher(Owned, Generic[T]):
         qos: QoSProfile,
         *,
         type_check: TypeCheck | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
     ) -> None:
         mode = checked_mode(type_check, scope.type_check)
         super().__init__(scope)
@@ -63,7 +66,17 @@ class Publisher(Owned, Generic[T]):
         scope.set_type_check(mode, self._writer.guid)
         keep_all = self.qos.history is History.KEEP_ALL
         self._outbox = Outbox(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
+        self._events = None if event_callbacks is None else self._watched(event_callbacks)
         scope.own(self, writer=self._writer.guid)
+
+    def _watched(self, callbacks: PublisherEventCallbacks) -> EndpointEvents:
+        scope, writer = self._scope, self._writer
+        what = f"the publisher on {self.topic}"
+        try:
+            return EndpointEvents(scope, scope.bridge, scope.discovery, writer, writer.matched_readers, callbacks, what)
+        except BaseException:
+            writer.close()
+            raise
 
     def publish(self, message: T) -> None:
         """Send a message; from any thread. On the event loop's thread it returns at once.
@@ -174,5 +187,7 @@ class Publisher(Owned, Generic[T]):
     def close(self) -> None:
         """Stop publishing; may be called twice. What waits to be sent is dropped."""
         if self._ends(self._writer.guid):
+            if self._events is not None:
+                self._events.close()
             self._outbox.close()
             self._writer.close()

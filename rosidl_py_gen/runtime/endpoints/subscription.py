@@ -17,6 +17,7 @@ from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
 from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.endpoints.types import has_buffer
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
+from rosidl_py_gen.runtime.graph.events import EndpointEvents
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.concurrency import drops_warning, require_concurrency
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import MessageType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
+    from rosidl_py_gen.runtime.graph.events import SubscriptionEventCallbacks
     from rosidl_py_gen.runtime.transport.interface import Payload, Reader, Sample
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -71,6 +73,7 @@ class Subscription(Owned, Generic[T]):
         *,
         ignore_local: bool = False,
         type_check: TypeCheck | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
     ) -> None:
         mode = checked_mode(type_check, scope.type_check)
@@ -114,8 +117,18 @@ class Subscription(Owned, Generic[T]):
         depth = self._items.maxlen or 0
         self._full = depth if depth > 1 else -1
         """How many items there are when some may have been dropped; -1 until nobody has to be told any more."""
+        self._events = None if event_callbacks is None else self._watched(event_callbacks)
         self._reader.set_sink(self._on_data)
         scope.own(self, reader=self._reader.guid)
+
+    def _watched(self, callbacks: SubscriptionEventCallbacks) -> EndpointEvents:
+        scope, reader = self._scope, self._reader
+        what = f"the subscription on {self.topic}"
+        try:
+            return EndpointEvents(scope, scope.bridge, scope.discovery, reader, reader.matched_writers, callbacks, what)
+        except BaseException:
+            reader.close()
+            raise
 
     # --------------------------------------------------------------------------------------------------- receiving
 
@@ -310,6 +323,8 @@ class Subscription(Owned, Generic[T]):
     def close(self) -> None:
         """Stop receiving: iterators end, `receive` raises `ClosedError`. From any thread; may be called twice."""
         if self._ends(self._reader.guid):
+            if self._events is not None:
+                self._events.close()
             self._reader.close()
             self._waiters.wake()
             if self._callback is not None:

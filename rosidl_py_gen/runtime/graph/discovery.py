@@ -156,16 +156,21 @@ class Discovery:
 
     # ------------------------------------------------------------------------------------------------ mismatches
 
-    def why_apart(self, writer: EndpointFound, reader: EndpointFound) -> str:
-        """Why a writer and a reader of one topic do not understand each other; empty when they do."""
+    def apart(self, writer: EndpointFound, reader: EndpointFound) -> tuple[str, str]:
+        """In what a writer and a reader of one topic differ: ``type``, ``definition`` or ``qos``, and the reason."""
         if writer.type != reader.type:
-            return f"types differ, {_shown_type(writer)} and {_shown_type(reader)}"
+            return "type", f"types differ, {_shown_type(writer)} and {_shown_type(reader)}"
+        differ = definitions_differ(writer, reader.type_hash, reader.service_hash)
         if reason := self._participant.mismatch(writer, reader):
-            return reason
-        if definitions_differ(writer, reader.type_hash, reader.service_hash):
-            hashes = [one.type_hash or one.service_hash for one in (writer, reader)]
-            return f"they have {_shown_type(writer)} by different definitions, {hashes[0]} and {hashes[1]}"
-        return ""
+            return "definition" if differ else "qos", reason
+        if differ:
+            one, two = (end.type_hash or end.service_hash for end in (writer, reader))
+            return "definition", f"they have {_shown_type(writer)} by different definitions, {one} and {two}"
+        return "", ""
+
+    def why_apart(self, writer: EndpointFound, reader: EndpointFound) -> str:
+        """Why they do not understand each other; empty when they do."""
+        return self.apart(writer, reader)[1]
 
     def _compare(self, new: EndpointFound) -> None:
         """Look for endpoints that `new` should talk to but cannot; one side must be ours."""

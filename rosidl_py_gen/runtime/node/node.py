@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
+    from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks, SubscriptionEventCallbacks
     from rosidl_py_gen.runtime.logs.loggers import RosLogger
     from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.qos import QoSLike
@@ -181,10 +182,17 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         qos: QoSLike = _DEFAULT_DEPTH,
         *,
         type_check: TypeCheck | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
     ) -> Publisher[MessageT]: ...
     @overload
     def create_publisher(
-        self, msg_type: str, topic: str, qos: QoSLike = _DEFAULT_DEPTH, *, type_check: TypeCheck | None = None
+        self,
+        msg_type: str,
+        topic: str,
+        qos: QoSLike = _DEFAULT_DEPTH,
+        *,
+        type_check: TypeCheck | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
     ) -> Publisher[Untyped]: ...
     def create_publisher(
         self,
@@ -193,17 +201,21 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         qos: QoSLike = _DEFAULT_DEPTH,
         *,
         type_check: TypeCheck | None = None,
+        event_callbacks: PublisherEventCallbacks | None = None,
     ) -> Publisher[Any]:
         """Publish on `topic`. A type given as text makes the messages dicts.
 
-        `type_check` is that of `Node`, for this publisher: whether it warns of subscriptions with another definition.
+        Args:
+            type_check: that of `Node`, for this publisher: whether it warns of subscriptions with another definition.
+            event_callbacks: are told when subscriptions come and go, do not fit, and so on.
 
         Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, UnsupportedEventError, ClosedError: as they say.
         """
         self._require_open()
         name = self._names.resolve_topic(topic)
-        return Publisher(self.scope, message_type(msg_type), name, as_profile(qos), type_check=type_check)
+        known, profile = message_type(msg_type), as_profile(qos)
+        return Publisher(self.scope, known, name, profile, type_check=type_check, event_callbacks=event_callbacks)
 
     @overload
     def create_subscription(
@@ -217,6 +229,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         arrays: bool = False,
         ignore_local: bool = False,
         type_check: TypeCheck | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
     ) -> Subscription[MessageT]: ...
     @overload
@@ -230,6 +243,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         raw: Literal[True],
         ignore_local: bool = False,
         type_check: TypeCheck | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
     ) -> Subscription[bytes]: ...
     @overload
@@ -243,6 +257,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         raw: Literal[False] = False,
         ignore_local: bool = False,
         type_check: TypeCheck | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
     ) -> Subscription[Untyped]: ...
     def create_subscription(
@@ -256,6 +271,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         arrays: bool = False,
         ignore_local: bool = False,
         type_check: TypeCheck | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
         concurrency: int = 1,
     ) -> Subscription[Any]:
         """Receive from `topic`: iterate over the result, or give a callback (plain or async function).
@@ -265,10 +281,11 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
             arrays: sequences of fixed-size messages are structured arrays, as in `decode`; not with `raw` or text.
             ignore_local: nothing from publishers of this context.
             type_check: that of `Node`, for this subscription.
+            event_callbacks: are told when publishers come and go, do not fit, are late, and so on.
             concurrency: how many calls of an async callback may be under way at once. They begin in order.
 
         Raises:
-            InvalidNameError, InvalidQoSError, TypeNotFoundError, ClosedError: as their names say.
+            InvalidNameError, InvalidQoSError, TypeNotFoundError, UnsupportedEventError, ClosedError: as they say.
         """
         self._require_open()
         if arrays and raw:
@@ -282,6 +299,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
             as_profile(qos),
             ignore_local=ignore_local,
             type_check=type_check,
+            event_callbacks=event_callbacks,
             concurrency=concurrency,
         )
         self.scope.has_callbacks |= callback is not None

@@ -232,6 +232,9 @@ class Writer(Protocol):
     def all_acknowledged(self) -> bool:
         """True when every matched reliable reader confirmed everything written so far. Never blocks."""
 
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        """How often ``deadline`` or ``liveliness`` was not kept so far; None where the middleware does not tell."""
+
     def assert_liveliness(self) -> None:
         """Say that the publisher is alive (liveliness MANUAL_BY_TOPIC)."""
 
@@ -258,6 +261,12 @@ class Reader(Protocol):
 
     def matched_writers(self) -> list[bytes]:
         """GUIDs of the writers this reader receives from."""
+
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        """``deadline``: missed ones; ``liveliness``: publishers alive, and not alive; ``message_lost``: lost ones.
+
+        All so far; None where the middleware does not tell.
+        """
 
     def writer_guid(self, handle: int) -> bytes | None:
         """The GUID behind a sample's writer handle; None when it was never matched or is long gone."""

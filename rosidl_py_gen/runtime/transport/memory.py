@@ -294,6 +294,9 @@ class MemoryWriter(_Endpoint):
         """Delivery is immediate."""
         return True
 
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        return None
+
     def assert_liveliness(self) -> None:
         """Nobody can die here."""
 
@@ -326,6 +329,9 @@ class MemoryReader(_Endpoint):
     def matched_writers(self) -> list[bytes]:
         with self.owner.lock:
             return [writer.guid for peer in self.owner.peers for writer in peer.writers if matches(writer, self)]
+
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        return None
 
     def writer_guid(self, handle: int) -> bytes | None:
         """See `transport.Reader`. All GUIDs of one world begin alike, and the rest is the handle."""

@@ -110,6 +110,11 @@ _PROTOTYPES: dict[str, tuple[Any, ...]] = {
     "dds_get_matched_subscription_data": (_ptr, _i32, ct.c_uint64),
     "dds_get_matched_publication_data": (_ptr, _i32, ct.c_uint64),
     "dds_builtintopic_free_endpoint": (None, _ptr),
+    "dds_get_requested_deadline_missed_status": (_int, _i32, _ptr),
+    "dds_get_offered_deadline_missed_status": (_int, _i32, _ptr),
+    "dds_get_liveliness_changed_status": (_int, _i32, _ptr),
+    "dds_get_liveliness_lost_status": (_int, _i32, _ptr),
+    "dds_get_sample_lost_status": (_int, _i32, _ptr),
     "dds_strretcode": (_text, _int),
     "dds_entity_pin": (_int, _i32, _ptr),
     "dds_entity_unpin": (None, _ptr),
@@ -161,6 +166,12 @@ class Api:
     if TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Callable[..., Any]: ...
+
+    def counts(self, entity: int, status: str, number: int) -> tuple[int, ...]:
+        """The first counts of a status, such as ``sample_lost``: all of them begin with 32 bit numbers."""
+        found = (ct.c_uint32 * 8)()
+        self.check(getattr(self, f"get_{status}_status")(entity, found), f"read the status {status}")
+        return tuple(found[:number])
 
     def delete_nothing(self) -> None:
         """In a forked child: deleting an inherited entity would wait for threads that are not there."""

@@ -131,6 +131,10 @@ class CycloneWriter:
         code = self._api.wait_for_acks(self._entity, 0)
         return code == 0 or (code != abi.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
 
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        status = {"deadline": "offered_deadline_missed", "liveliness": "liveliness_lost"}[event]
+        return self._api.counts(self._entity, status, 1)
+
     def assert_liveliness(self) -> None:
         self._api.check(self._api.assert_liveliness(self._entity), "assert liveliness")
 
@@ -256,6 +260,12 @@ class CycloneReader:
 
     def matched_writers(self) -> list[bytes]:
         return self._owner.discovery.matched(self.entity, is_writer=False)
+
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        if event == "liveliness":
+            return self._api.counts(self.entity, "liveliness_changed", 2)
+        status = {"deadline": "requested_deadline_missed", "message_lost": "sample_lost"}[event]
+        return self._api.counts(self.entity, status, 1)
 
     def writer_guid(self, handle: int) -> bytes | None:
         guid = self._guids.get(handle)

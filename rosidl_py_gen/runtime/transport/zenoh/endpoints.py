@@ -169,6 +169,9 @@ class ZenohWriter:
         """Zenoh tells nothing of that; reliable links pass on what they took."""
         return True
 
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        return None
+
     def assert_liveliness(self) -> None:
         """Nobody looks for it."""
 
@@ -246,6 +249,9 @@ class ZenohReader:
         connected = self._owner.graph.connected(self.info)
         own = self.info.participant_guid if self._ignore_local else None
         return [guid for guid, zid in connected.items() if participant_guid(zid) != own]
+
+    def event_counts(self, event: str) -> tuple[int, ...] | None:
+        return None
 
     def writer_guid(self, handle: int) -> bytes | None:
         """The handle is the GUID as a number, 0 where it is not known."""

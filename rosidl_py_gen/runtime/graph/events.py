@@ -1,0 +1,220 @@
+"""What happens to an endpoint beside messages, told to callbacks as in rclpy: matches, mismatches, deadlines.
+
+Decides how it is noticed: an endpoint that has such callbacks looks every 50 ms at what the graph and the middleware
+know of it. Nothing announces some of this, and endpoints without such callbacks cost nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.loop.user_function import UserFunction
+from rosidl_py_gen.signatures import require_signature
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.registration import Registration
+    from rosidl_py_gen.runtime.graph.discovery import Discovery
+    from rosidl_py_gen.runtime.loop.bridge import Bridge
+    from rosidl_py_gen.runtime.loop.user_function import Owner
+    from rosidl_py_gen.runtime.transport.interface import Reader, Writer
+
+_LOOK_S = 0.05
+
+
+class UnsupportedEventError(RosidlError, ValueError):
+    """The caller asks for an event that this middleware does not tell."""
+
+
+@dataclass(frozen=True, slots=True)
+class MatchedStatus:
+    """Endpoints were connected, or not any more."""
+
+    total_count: int
+    total_count_change: int
+    current_count: int
+    current_count_change: int
+
+
+@dataclass(frozen=True, slots=True)
+class IncompatibleStatus:
+    """Others have another type, or a quality of service that cannot match; `reason` is about the last one."""
+
+    total_count: int
+    total_count_change: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class CountStatus:
+    """Deadlines that passed, messages that were lost, or leases of liveliness that ended."""
+
+    total_count: int
+    total_count_change: int
+
+
+@dataclass(frozen=True, slots=True)
+class LivelinessStatus:
+    """Publishers that say they are alive, and those that did not say so in time."""
+
+    alive_count: int
+    not_alive_count: int
+    alive_count_change: int
+    not_alive_count_change: int
+
+
+@dataclass(frozen=True, slots=True)
+class SubscriptionEventCallbacks:
+    """Functions, plain or async, that get what happened to a subscription.
+
+    Attributes:
+        deadline: a publisher was silent for longer than the deadline; DDS only, as the next two.
+        liveliness: a publisher is alive, or did not say so within its lease.
+        message_lost: messages did not arrive; what keep-last dropped here is in `Subscription.dropped`.
+        incompatible_type: a publisher has another type, or another definition of it.
+        incompatible_qos: a publisher offers what is not asked for.
+        matched: publishers were connected, or not any more.
+    """
+
+    deadline: Callable[[CountStatus], object] | None = None
+    liveliness: Callable[[LivelinessStatus], object] | None = None
+    message_lost: Callable[[CountStatus], object] | None = None
+    incompatible_type: Callable[[IncompatibleStatus], object] | None = None
+    incompatible_qos: Callable[[IncompatibleStatus], object] | None = None
+    matched: Callable[[MatchedStatus], object] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PublisherEventCallbacks:
+    """Functions, plain or async, that get what happened to a publisher.
+
+    Attributes:
+        deadline: nothing was published for longer than the deadline; DDS only, as the next one.
+        liveliness: it did not say within its lease that it is alive.
+        incompatible_type: a subscription has another type, or another definition of it.
+        incompatible_qos: a subscription asks for more than is offered.
+        matched: subscriptions were connected, or not any more.
+    """
+
+    deadline: Callable[[CountStatus], object] | None = None
+    liveliness: Callable[[CountStatus], object] | None = None
+    incompatible_type: Callable[[IncompatibleStatus], object] | None = None
+    incompatible_qos: Callable[[IncompatibleStatus], object] | None = None
+    matched: Callable[[MatchedStatus], object] | None = None
+
+
+class EndpointEvents:
+    """Looks after the events of one reader or writer. Close it before these.
+
+    Args:
+        matched: gives the GUIDs of those it is connected with.
+        callbacks: as the user gave them.
+        what: names the endpoint in errors: "the subscription on /chatter".
+
+    Raises:
+        UnsupportedEventError: the middleware does not tell one of them. CallbackSignatureError, TypeError: a callback
+            cannot be called.
+    """
+
+    def __init__(
+        self,
+        owner: Owner,
+        bridge: Bridge,
+        discovery: Discovery,
+        end: Reader | Writer,
+        matched: Callable[[], list[bytes]],
+        callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks,
+        what: str,
+    ) -> None:
+        self._bridge = bridge
+        self._discovery = discovery
+        self._end = end
+        self._matched = matched
+        self._peers: set[bytes] = set()
+        self._apart: set[bytes] = set()
+        self._totals = {"matched": 0, "incompatible_type": 0, "incompatible_qos": 0}
+        self._counts: dict[str, tuple[int, ...]] = {}
+        self._timer: asyncio.TimerHandle | None = None
+        self._closed = False
+        self._functions: dict[str, UserFunction] = {}
+        for one in fields(callbacks):
+            function = getattr(callbacks, one.name)
+            if function is None:
+                continue
+            require_signature(function, f"the {one.name} callback of {what}", "the status")
+            self._functions[one.name] = UserFunction(owner, function, f"the {one.name} callback of {what}")
+            if one.name not in self._totals:
+                counts = end.event_counts(one.name)
+                if counts is None:
+                    raise UnsupportedEventError(f"{what}: this middleware does not tell of {one.name}; DDS does")
+                self._counts[one.name] = counts
+        self._start: Registration = bridge.on_start(self._look_again)
+
+    def _look_again(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+        loop = self._bridge.loop
+        if not self._closed and loop is not None and not loop.is_closed():
+            self._timer = loop.call_later(_LOOK_S, self._look)
+
+    def _look(self) -> None:
+        if self._closed:
+            return
+        if "matched" in self._functions:
+            self._look_at_peers()
+        if {"incompatible_type", "incompatible_qos"} & self._functions.keys():
+            self._look_at_others()
+        for name in self._counts:
+            self._look_at_counts(name)
+        self._look_again()
+
+    def _look_at_peers(self) -> None:
+        peers = set(self._matched())
+        new, change = len(peers - self._peers), len(peers) - len(self._peers)
+        if peers != self._peers:
+            self._totals["matched"] += new
+            self._peers = peers
+            self._tell("matched", MatchedStatus(self._totals["matched"], new, len(peers), change))
+
+    def _look_at_others(self) -> None:
+        graph = self._discovery.graph
+        mine = graph.endpoints.get(self._end.guid)
+        if mine is None:
+            return
+        others = graph.on_topic(mine.topic, writers=not mine.is_writer)
+        self._apart &= {one.guid for one in others}
+        found: dict[str, list[str]] = {}
+        for other in others:
+            if other.guid in self._apart:
+                continue
+            kind, reason = self._discovery.apart(*((mine, other) if mine.is_writer else (other, mine)))
+            if reason:
+                self._apart.add(other.guid)
+                found.setdefault("incompatible_qos" if kind == "qos" else "incompatible_type", []).append(reason)
+        for name, reasons in found.items():
+            self._totals[name] += len(reasons)
+            self._tell(name, IncompatibleStatus(self._totals[name], len(reasons), reasons[-1]))
+
+    def _look_at_counts(self, name: str) -> None:
+        before, now = self._counts[name], self._end.event_counts(name)
+        if now is None or now == before:
+            return
+        self._counts[name] = now
+        changes = [new - old for new, old in zip(now, before, strict=True)]
+        self._tell(name, LivelinessStatus(*now, *changes) if len(now) > 1 else CountStatus(now[0], changes[0]))
+
+    def _tell(self, name: str, status: Any) -> None:
+        function = self._functions.get(name)
+        if function is not None:
+            function.call(status)
+
+    def close(self) -> None:
+        """Look no more; may be called twice, from any thread."""
+        self._closed = True
+        self._start.close()
+        for function in self._functions.values():
+            function.close()
