@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
-from rosidl_py_gen.runtime.graph.events import EndpointEvents
+from rosidl_py_gen.runtime.graph.events import watched
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
 from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
@@ -66,17 +66,9 @@ class Publisher(Owned, Generic[T]):
         scope.set_type_check(mode, self._writer.guid)
         keep_all = self.qos.history is History.KEEP_ALL
         self._outbox = Outbox(scope.bridge, None if keep_all else max(1, self.qos.depth), scope.report_failure)
-        self._events = None if event_callbacks is None else self._watched(event_callbacks)
+        matched, what = self._writer.matched_readers, f"the publisher on {topic}"
+        self._events = watched(scope, self._writer, matched, event_callbacks, what)
         scope.own(self, writer=self._writer.guid)
-
-    def _watched(self, callbacks: PublisherEventCallbacks) -> EndpointEvents:
-        scope, writer = self._scope, self._writer
-        what = f"the publisher on {self.topic}"
-        try:
-            return EndpointEvents(scope, scope.bridge, scope.discovery, writer, writer.matched_readers, callbacks, what)
-        except BaseException:
-            writer.close()
-            raise
 
     def publish(self, message: T) -> None:
         """Send a message; from any thread. On the event loop's thread it returns at once.

@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
 from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.endpoints.types import has_buffer
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
-from rosidl_py_gen.runtime.graph.events import EndpointEvents
+from rosidl_py_gen.runtime.graph.events import watched
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.concurrency import drops_warning, require_concurrency
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
@@ -117,18 +117,10 @@ class Subscription(Owned, Generic[T]):
         depth = self._items.maxlen or 0
         self._full = depth if depth > 1 else -1
         """How many items there are when some may have been dropped; -1 until nobody has to be told any more."""
-        self._events = None if event_callbacks is None else self._watched(event_callbacks)
+        matched, what = self._reader.matched_writers, f"the subscription on {topic}"
+        self._events = watched(scope, self._reader, matched, event_callbacks, what)
         self._reader.set_sink(self._on_data)
         scope.own(self, reader=self._reader.guid)
-
-    def _watched(self, callbacks: SubscriptionEventCallbacks) -> EndpointEvents:
-        scope, reader = self._scope, self._reader
-        what = f"the subscription on {self.topic}"
-        try:
-            return EndpointEvents(scope, scope.bridge, scope.discovery, reader, reader.matched_writers, callbacks, what)
-        except BaseException:
-            reader.close()
-            raise
 
     # --------------------------------------------------------------------------------------------------- receiving
 

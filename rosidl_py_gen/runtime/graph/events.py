@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.loop.user_function import UserFunction
+from rosidl_py_gen.runtime.loop.user_function import Owner, UserFunction
 from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.registration import Registration
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.loop.bridge import Bridge
-    from rosidl_py_gen.runtime.loop.user_function import Owner
     from rosidl_py_gen.runtime.transport.interface import Reader, Writer
 
 _LOOK_S = 0.05
@@ -107,6 +106,30 @@ class PublisherEventCallbacks:
     matched: Callable[[MatchedStatus], object] | None = None
 
 
+class Host(Owner, Protocol):
+    """The scope of a node."""
+
+    bridge: Bridge
+    discovery: Discovery
+
+
+def watched(
+    scope: Host,
+    end: Reader | Writer,
+    matched: Callable[[], list[bytes]],
+    callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks | None,
+    what: str,
+) -> EndpointEvents | None:
+    """`EndpointEvents`, where there are callbacks; when they are refused, the endpoint is closed."""
+    if callbacks is None:
+        return None
+    try:
+        return EndpointEvents(scope, end, matched, callbacks, what)
+    except BaseException:
+        end.close()
+        raise
+
+
 class EndpointEvents:
     """Looks after the events of one reader or writer. Close it before these.
 
@@ -122,16 +145,14 @@ class EndpointEvents:
 
     def __init__(
         self,
-        owner: Owner,
-        bridge: Bridge,
-        discovery: Discovery,
+        scope: Host,
         end: Reader | Writer,
         matched: Callable[[], list[bytes]],
         callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks,
         what: str,
     ) -> None:
-        self._bridge = bridge
-        self._discovery = discovery
+        self._bridge = scope.bridge
+        self._discovery = scope.discovery
         self._end = end
         self._matched = matched
         self._peers: set[bytes] = set()
@@ -146,13 +167,13 @@ class EndpointEvents:
             if function is None:
                 continue
             require_signature(function, f"the {one.name} callback of {what}", "the status")
-            self._functions[one.name] = UserFunction(owner, function, f"the {one.name} callback of {what}")
+            self._functions[one.name] = UserFunction(scope, function, f"the {one.name} callback of {what}")
             if one.name not in self._totals:
                 counts = end.event_counts(one.name)
                 if counts is None:
                     raise UnsupportedEventError(f"{what}: this middleware does not tell of {one.name}; DDS does")
                 self._counts[one.name] = counts
-        self._start: Registration = bridge.on_start(self._look_again)
+        self._start: Registration = scope.bridge.on_start(self._look_again)
 
     def _look_again(self) -> None:
         if self._timer is not None:
