@@ -23,7 +23,7 @@ from rosidl_py_gen.mcap.metadata import FILE, read_metadata
 from rosidl_py_gen.mcap.pacing import paced
 from rosidl_py_gen.mcap.sqlite_file import SqliteFile
 from rosidl_py_gen.mcap.storage import MAX_UNPACKED_BYTES, Channel, Raw, Storage, merged
-from rosidl_py_gen.mcap.table import table
+from rosidl_py_gen.mcap.table import frame, table
 from rosidl_py_gen.names import did_you_mean
 
 if TYPE_CHECKING:
@@ -305,28 +305,52 @@ class BagReader:
     def to_arrays(
         self,
         topic: str,
-        fields: Sequence[str] | None = None,
+        fields: Sequence[str] | str | None = None,
         *,
         start_ns: int | None = None,
         end_ns: int | None = None,
+        pad: float | str | None = None,
     ) -> np.ndarray[Any, np.dtype[np.void]]:
         """The messages of a topic as a table: a structured array with a row for each.
 
         Args:
-            fields: paths such as ``"header.stamp"`` or ``"linear_acceleration.x"``; None means all numbers and strings.
-                Fixed arrays become columns with an axis more when they are named. Times become nanoseconds in int64.
+            fields: paths such as ``"header.stamp"``, ``"position[1]"``, ``"ranges[0:10]"``, ``"ranges[:]"``,
+                ``"transforms[0].transform"`` or ``"poses[:].position.x"``; None means all numbers and
+                texts that are not in arrays. Indices count as Python's. Of a message, all its numbers and texts. Times
+                become nanoseconds in int64.
+            pad: what rows have in place of elements that a message does not have, such as ``float("nan")`` or 0.
 
         Returns:
-            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. `pandas.DataFrame` takes it when
-            there are no arrays in it.
+            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. Fixed arrays and parts of known
+            length have an axis more. Other sequences are arrays of their own in a column of objects, or, with `pad`, an
+            axis as long as the longest. Texts are as long as the longest, or objects where one is far longer.
 
         Raises:
-            BagError: no such topic or field, a field that has no fixed size, or one that is of another kind in another
-                definition of this topic. DecodeError: as `messages`.
+            BagError: no such topic or field, or one that is of another kind in another definition of this topic; a
+                sequence is too short and there is no `pad`, or `pad` is none of the field's type. DecodeError: as
+                `messages`.
         """
         classes = dict.fromkeys(self.message_class(one) for one in self._channels_of(topic))
         messages = self.messages(topic, start_ns=start_ns, end_ns=end_ns)
-        return table(list(classes), messages, fields, f"{self.path}: {topic}")
+        return table(list(classes), messages, fields, f"{self.path}: {topic}", pad)
+
+    def to_pandas(
+        self,
+        topic: str,
+        fields: Sequence[str] | str | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        pad: float | str | None = None,
+    ) -> Any:
+        """The same as a `pandas.DataFrame`, with the log times as index, in UTC.
+
+        An array of known length becomes a column for each element, ``orientation_covariance[0]`` and so on.
+
+        Raises:
+            ModuleNotFoundError: there is no pandas. Others as `to_arrays`.
+        """
+        return frame(self.to_arrays(topic, fields, start_ns=start_ns, end_ns=end_ns, pad=pad))
 
     # ------------------------------------------------------------------------------------------------------ closing
 
