@@ -96,6 +96,7 @@ def test_info_says_where_definitions_come_from(run_here: Any, humble: str, tmp_p
     told = {one["name"]: one for one in json.loads(run_here("bag", "info", humble, "-v", "--json")[1])["topics"]}
     assert told["/reading"]["definition"] is None and "no definition" in told["/reading"]["problem"]
     assert told["/s"]["is_certain"] is False and told["/s"]["definition_hash"] == type_hash(String)
+    assert "Types:      3 have no definition in the bag; --verbose says" in run_here("bag", "info", humble)[1]
     assert "definition" not in json.loads(run_here("bag", "info", humble, "--json")[1])["topics"][0]
 
 

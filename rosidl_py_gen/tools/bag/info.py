@@ -100,7 +100,7 @@ def _show(reader: BagReader, is_verbose: bool) -> None:
         rows.append(("Index", "missing: the recorder did not end; `rosidl-py bag convert` makes a whole bag of this"))
     missing = sum(not topic.definition for topic in reader.channels)
     if missing and not is_verbose:
-        rows.append(("Definitions", f"missing of {missing} topics; --verbose says which are taken from here"))
+        rows.append(("Types", f"{missing} have no definition in the bag; --verbose says which is taken from here"))
     for name, text in rows:
         printing.line(f"{name + ':':<12}{text}")
     printing.line()
