@@ -21,7 +21,7 @@ from std_msgs.msg import Int32, String, UInt8MultiArray
 from worlds import ROOT, until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile
+from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, WaitTimeoutError
 
 if TYPE_CHECKING:
     from worlds import World
@@ -85,7 +85,8 @@ async def test_a_stalled_reliable_reader_stops_neither_the_loop_nor_other_tasks(
             await asyncio.sleep(0.005)
             pause_s.append(time.monotonic() - last)
             last = time.monotonic()
-        assert not await publisher.wait_for_acknowledged(timeout_s=0.1)
+        with pytest.raises(WaitTimeoutError, match=r"was not acknowledged by all 1 in 0.1 s"):
+            await publisher.wait_for_acknowledged(timeout_s=0.1)
         # The machine may hold us up now and then; a reader that is waited for holds up every message after the first.
         assert sorted(publish_s)[-20] < 0.1 and sorted(pause_s)[-20] < 0.2
         reader.send_signal(signal.SIGCONT)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import uuid
 from functools import partial
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
@@ -41,7 +41,7 @@ from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
-from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
 
@@ -121,9 +121,18 @@ class ActionClient(Composite, Generic[ActionT_co]):
         missing = [client.name for client in services if not client.service_is_available()]
         return missing + [topic.topic for topic in (self._feedback, self._status) if not topic.publisher_count]
 
-    async def wait_for_server(self, timeout_s: float | None = None) -> bool:
-        """Wait until a server is connected; False when the time passed. Raises as `server_is_available`."""
-        return await self._scope.wait_until(lambda: self._matching.is_complete(None), timeout_s, lambda: self._closed)
+    async def wait_for_server(self, timeout_s: float | None = None) -> Literal[True]:
+        """Wait until a server is connected.
+
+        Raises:
+            WaitTimeoutError: none was in time. Others as `server_is_available`.
+        """
+        return await self._scope.expect(
+            lambda: self._matching.is_complete(None),
+            timeout_s,
+            lambda: self._closed,
+            lambda: f"no server of action {self.name} ({self.action_type}) appeared at {', '.join(self._missing())}",
+        )
 
     # ------------------------------------------------------------------------------------------------------- goals
 
@@ -172,11 +181,13 @@ class ActionClient(Composite, Generic[ActionT_co]):
         if not self._matching.is_complete(None):
             # A goal that does not fit is refused before anybody is waited for.
             self._type.send_goal.request.encode(request)
-            if not await self.wait_for_server(deadline.left_s()):
+            try:
+                await self.wait_for_server(deadline.left_s())
+            except WaitTimeoutError:
                 raise ActionTimeoutError(
                     f"goal not answered by action {self.name}: no server appeared in {timeout_s} s at "
                     f"{', '.join(self._missing())}"
-                )
+                ) from None
         try:
             return await self._send.call(request, deadline.left_s())
         except CallTimeoutError as error:
@@ -247,7 +258,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
 
         Raises:
             CancelRejectedError: there were goals, and the server refused for all of them.
-            ActionTimeoutError, ActionServerLostError, ClosedError.
+            ActionTimeoutError, ActionServerLostError, ClosedError: as their names say.
         """
         return await self._ask_cancel(ZERO_ID, None, "any goal", timeout_s)
 

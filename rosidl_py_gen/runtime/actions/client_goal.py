@@ -127,7 +127,7 @@ class ClientGoal(Generic[ActionT_co]):
         Raises:
             CancelRejectedError, AlreadyTerminatedError, UnknownGoalError: the server's answer.
             ActionTimeoutError: no answer in `timeout_s` seconds. ActionServerLostError: the server went away.
-            ClosedError.
+            ClosedError: the client is closed.
         """
         await self._cancel(self.goal_id, timeout_s)
 

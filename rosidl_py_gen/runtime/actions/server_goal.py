@@ -128,7 +128,7 @@ class ServerGoal(Generic[ActionT_co]):
 
     def refuse_cancels(self) -> None:
         """It is too late for them; the server does this."""
-        for answer in self.cancel_answers:
+        for answer in tuple(self.cancel_answers):  # another thread may close while a cancel comes
             settle_threadsafe(answer, False)
 
     def returned(self, result: object | None) -> bool:

@@ -1,7 +1,7 @@
 """Service clients: send a request, find its response among all that arrive.
 
 Decides how replies are matched (own id plus sequence number, protocol.md 5.1; nothing of other clients' is copied),
-when a server counts as available (5.2), and that a request never outlives who made it: an answer, a time limit,
+and that a request never outlives who made it: an answer, a time limit,
 cancellation and `close` all remove it. So does the end of the last server that got it: one that comes in its place has
 never heard of the request. `ask` is the core, `call` a future on top of it.
 
@@ -22,19 +22,16 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.answering import Answering, Presence
+from rosidl_py_gen.runtime.endpoints.answering import ServersOfClient
 from rosidl_py_gen.runtime.endpoints.header import (
     CallTimeoutError,
     ForeignServiceError,
     ServerLostError,
-    foreign_reason,
     header_of,
     message_of,
     send,
 )
-from rosidl_py_gen.runtime.endpoints.matching import Matching
-from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
-from rosidl_py_gen.runtime.endpoints.window import PendingRequest, kept_by
+from rosidl_py_gen.runtime.endpoints.window import OutOfTimeError, PendingRequest
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -53,11 +50,7 @@ RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
 
-class _OutOfTimeError(RosidlError):
-    """No answer came in time; how long that was only the call knows."""
-
-
-class Client(ServiceEnd[RequestT, ResponseT]):
+class Client(ServersOfClient[RequestT, ResponseT]):
     """Made by `Node.create_client`."""
 
     def __init__(
@@ -71,7 +64,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         type_check: TypeCheck | None = None,
     ) -> None:
         """`pause_s` is that of the `RequestWindow`."""
-        super().__init__(scope, service_type, name, qos, is_client=True, type_check=type_check)
+        super().__init__(scope, service_type, name, qos, type_check=type_check)
         self._pending: dict[int, PendingRequest[ResponseT]] = {}
         self._by_number: dict[int, PendingRequest[ResponseT]] = {}
         """Those that were sent with an identity, by the middleware's numbers."""
@@ -79,84 +72,12 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._limits: TimeLimits | None = None
         self._was_asked = False
         """Replies go to functions that may be the user's, and not only to futures."""
-        self._matching: Matching[None] = Matching(scope, lambda _: self._find_server())
-        self._always_identified = scope.participant.identifies(self._writer.guid)
-        self._identified = self._always_identified
-        """Requests are numbered by the middleware, and sent with an identity until all servers have answered."""
-        self._answering = Answering(scope.graph)
-        self._presence = Presence(scope.graph, self._request_topic, self._reply_topic)
-        self._kept = 0
         self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
         """By which replies may call us."""
         self._window = scope.request_window(self._request_topic, name, pause_s)
         self._reader.set_sink(self._on_replies)
         self._departures = scope.discovery.departures.add(self._on_departure)
         scope.own(self, reader=self._reader.guid, writer=self._writer.guid)
-
-    # ------------------------------------------------------------------------------------------------ availability
-
-    def service_is_available(self) -> bool:
-        """Whether a server is connected, both ways.
-
-        Raises:
-            ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
-            ClosedError: the client is closed.
-        """
-        self._scope.require_open(self._closed, f"the client of {self.name}")
-        self._scope.discovery.refresh()
-        return self._is_available()
-
-    async def wait_for_service(self, timeout_s: float | None = None) -> bool:
-        """Wait until a server with matching endpoints is connected.
-
-        Returns:
-            False when the time passed. Never raises for absence.
-
-        Raises:
-            ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
-        """
-        return await self._scope.wait_until(self._is_available, timeout_s, lambda: self._closed)
-
-    def servers(self) -> set[bytes]:
-        """The reply writers of all servers; empty when none can be talked to."""
-        try:
-            return set(self._reader.matched_writers()) if self._is_available() else set()
-        except ForeignServiceError:
-            return set()
-
-    def _is_available(self) -> bool:
-        if self._identified and self._scope.participant.identity_refusal is not None:
-            self._matching.forget()
-        return self._matching.is_complete(None)
-
-    def _find_server(self) -> bool:
-        """Source: protocol.md 5.2; servers with identities have no ids, but both endpoints in one participant."""
-        graph = self._scope.graph
-        refusal, identifies = self._scope.participant.identity_refusal, self._scope.participant.identifies
-        # Matched but not reported yet: what the server keeps, and its id, are known a moment later.
-        # One with another definition would read requests as something else.
-        agrees, sent, endpoints = self._check.agrees, self._written_hash, graph.endpoints
-        readers = [one for guid in self._writer.matched_readers() if (one := endpoints.get(guid)) and agrees(one, sent)]
-        writers = [one for guid in self._reader.matched_writers() if (one := endpoints.get(guid)) and agrees(one)]
-        foreign = {one.participant_guid for one in readers if identifies(one.guid)}
-        foreign &= {one.participant_guid for one in writers if identifies(one.guid)}
-        readers = [one for one in readers if not identifies(one.guid)]
-        ids = {one.service_id for one in readers} - {""}
-        replying = {one.service_id for one in writers if not identifies(one.guid)}
-        is_served = bool(readers and replying) and (not ids or not ids.isdisjoint(replying))
-        if refusal is not None and not is_served:
-            servers = graph.on_topic(self._request_topic, writers=False)
-            if servers and all(identifies(server.guid) for server in servers):
-                raise ForeignServiceError(foreign_reason(graph, servers[0], self.name, "the server", refusal))
-        is_identified = bool(foreign) and refusal is None
-        self._identified = is_identified or self._always_identified
-        reached = {server.guid for server in graph.on_topic(self._request_topic, writers=False)}
-        reached.update(self._writer.matched_readers())
-        self._answering.reach(reached)
-        servers = [graph.endpoints[guid] for guid in self._writer.matched_readers() if guid in graph.endpoints]
-        clients = graph.on_topic(self._request_topic, writers=True)
-        self._kept = kept_by(self._scope.participant, servers, clients)
-        return is_served or is_identified
 
     # ------------------------------------------------------------------------------------------------------- calls
 
@@ -178,9 +99,11 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         deadline = Deadline(timeout_s)
         loop = scope.bridge.running_loop()
         encoded = self._type.request.encode(request)
-        if not self._is_available() and not await self.wait_for_service(deadline.left_s()):
-            others = self._check.others(self._request_topic, self._written_hash)
-            raise CallTimeoutError(f"no server of {self.name} ({self.service_type}) appeared in {timeout_s} s{others}")
+        is_there = self._is_available() or await scope.wait_until(
+            self._is_available, deadline.left_s(), lambda: self._closed
+        )
+        if not is_there:
+            raise CallTimeoutError(f"{self._missing()} in {timeout_s} s")
         future: asyncio.Future[ResponseT] = loop.create_future()
         on_error = partial(settle_threadsafe, future, None)
         pending: PendingRequest[ResponseT]
@@ -191,7 +114,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             self._limit(pending, loop, left_s)
         try:
             return await future
-        except _OutOfTimeError:
+        except OutOfTimeError:
             message = f"no response from {self.name} ({self.service_type}) in {timeout_s} s"
             raise CallTimeoutError(message) from None
         finally:
@@ -264,7 +187,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
     def _expire(self, sequence: int) -> None:
         pending = self._pending.get(sequence)
         if pending is not None:
-            self._fail(pending, _OutOfTimeError())
+            self._fail(pending, OutOfTimeError())
 
     def _send_soon(self, pending: PendingRequest[ResponseT]) -> None:
         if self._outbox.waiting or not self._send(pending):

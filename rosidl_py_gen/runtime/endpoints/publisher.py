@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
@@ -136,16 +136,26 @@ class Publisher(Owned, Generic[T]):
         """The 16 bytes that identify this publisher in the graph."""
         return self._writer.guid
 
-    async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
-        """Wait until at least `count` subscriptions are connected; False when the time passed."""
-        return await self._scope.wait_until(lambda: self.subscription_count >= count, timeout_s, lambda: self._closed)
+    async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> Literal[True]:
+        """Wait until at least `count` subscriptions are connected; raises `WaitTimeoutError` when the time passed."""
+        return await self._scope.expect(
+            lambda: self.subscription_count >= count,
+            timeout_s,
+            lambda: self._closed,
+            lambda: f"{self.subscription_count} subscriptions on {self.topic}, expected at least {count},",
+        )
 
-    async def wait_for_acknowledged(self, timeout_s: float | None = None) -> bool:
-        """Wait until every reliable subscription confirmed all that was published; False when the time passed."""
-        return await self._scope.wait_until(
+    async def wait_for_acknowledged(self, timeout_s: float | None = None) -> Literal[True]:
+        """Wait until every reliable subscription confirmed all that was published.
+
+        Raises:
+            WaitTimeoutError: not all did in time.
+        """
+        return await self._scope.expect(
             lambda: self._outbox.flush() and self._writer.all_acknowledged(),
             timeout_s,
             lambda: self._closed,
+            lambda: f"what was published on {self.topic} was not acknowledged by all {self.subscription_count}",
             poll_s=0.002,
         )
 

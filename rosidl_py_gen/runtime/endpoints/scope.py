@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import copy
 import time
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.rclpy_names import knows_rclpy
@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
 from rosidl_py_gen.runtime.loop.failures import Failures
-from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -246,6 +246,27 @@ class Scope:
         while not await self.discovery.changes.wait(is_over, deadline.left_s(poll_s)):
             if deadline.is_over():
                 return False
+        return True
+
+    async def expect(
+        self,
+        condition: Callable[[], bool],
+        timeout_s: float | None,
+        is_closed: Callable[[], bool],
+        missing: Callable[[], str],
+        *,
+        poll_s: float = _GRAPH_POLL_S,
+    ) -> Literal[True]:
+        """As `wait_until`, for users: `missing` says what did not come in time.
+
+        Returns:
+            True, so that what was written for an answer of true or false reads the same.
+
+        Raises:
+            WaitTimeoutError: the time passed. Others as `wait_until`.
+        """
+        if not await self.wait_until(condition, timeout_s, is_closed, poll_s=poll_s):
+            raise WaitTimeoutError(f"{missing()} in {timeout_s:g} s")
         return True
 
     # --------------------------------------------------------------------------------------------------- callbacks

@@ -10,7 +10,7 @@ that are dropped then are worth a warning, unless the depth of 1 says that only 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
@@ -294,9 +294,14 @@ class Subscription(Owned, Generic[T]):
         """The 16 bytes that identify this subscription in the graph."""
         return self._reader.guid
 
-    async def wait_for_publishers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
-        """Wait until at least `count` publishers are connected; False when the time passed."""
-        return await self._scope.wait_until(lambda: self.publisher_count >= count, timeout_s, lambda: self._closed)
+    async def wait_for_publishers(self, timeout_s: float | None = None, *, count: int = 1) -> Literal[True]:
+        """Wait until at least `count` publishers are connected; raises `WaitTimeoutError` when the time passed."""
+        return await self._scope.expect(
+            lambda: self.publisher_count >= count,
+            timeout_s,
+            lambda: self._closed,
+            lambda: f"{self.publisher_count} publishers on {self.topic}, expected at least {count},",
+        )
 
     def __repr__(self) -> str:
         parts = self.topic, self.message_type, self.qos.short()

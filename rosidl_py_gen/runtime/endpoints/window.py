@@ -18,6 +18,7 @@ import weakref
 from collections import deque
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT, History
@@ -38,6 +39,10 @@ _PATIENCE_S = 10.0
 
 request_numbers = itertools.count(1)
 """Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
+
+
+class OutOfTimeError(RosidlError):
+    """No answer came in time; how long that was only the call knows."""
 
 
 class PendingRequest(Generic[ResponseT]):

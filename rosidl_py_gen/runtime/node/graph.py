@@ -6,8 +6,9 @@ discovered yet is not in the answers: use the waiting ones, or `graph_changes`.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
+from rosidl_py_gen.names import did_you_mean
 from rosidl_py_gen.runtime.names.dds import reply_name, topic_name
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
 
@@ -107,16 +108,22 @@ class NodeGraph:
 
     # ------------------------------------------------------------------------------------------------------ waiting
 
-    async def wait_for_node(self, name: str, timeout_s: float | None = None) -> bool:
-        """Wait until a node is known: ``"name"`` in this node's namespace, or ``"/ns/name"``; False when time
-        passed. Raises `InvalidNameError`, `ClosedError`.
+    async def wait_for_node(self, name: str, timeout_s: float | None = None) -> Literal[True]:
+        """Wait until a node is known: ``"name"`` in this node's namespace, or ``"/ns/name"``.
+
+        Raises:
+            WaitTimeoutError: it did not appear in time. InvalidNameError, ClosedError: as their names say.
         """
         wanted = resolve_node_name(name, self._names.namespace)
 
         def known() -> bool:
             return any(node.fully_qualified_name == wanted for node in self.scope.graph.nodes())
 
-        return await self.scope.wait_until(known, timeout_s, lambda: self.scope.closed)
+        def missing() -> str:
+            names = [node.fully_qualified_name for node in self.scope.graph.nodes()]
+            return f"no node {wanted} appeared{did_you_mean(wanted, names)}"
+
+        return await self.scope.expect(known, timeout_s, lambda: self.scope.closed, missing)
 
     async def graph_changes(self) -> AsyncIterator[int]:
         """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""

@@ -7,7 +7,7 @@ endpoints and parameters, never the node. Source: protocol.md 9.6.
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
@@ -146,8 +146,8 @@ class SimTimePublisher(Composite):
         passed_ns, self._wall_ns = wall_ns - self._wall_ns, wall_ns
         self.advance(Duration(nanoseconds=round(passed_ns * self._rate)))
 
-    async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> bool:
-        """Wait until at least `count` nodes follow; False when the time passed."""
+    async def wait_for_subscribers(self, timeout_s: float | None = None, *, count: int = 1) -> Literal[True]:
+        """Wait until at least `count` nodes follow; raises `WaitTimeoutError` when the time passed."""
         return await self._publisher.wait_for_subscribers(timeout_s, count=count)
 
 

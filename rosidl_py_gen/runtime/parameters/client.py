@@ -10,7 +10,7 @@ numbers for doubles, so when one was refused, it is asked, too, and the number s
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar, overload
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
@@ -105,8 +105,8 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
         if self._node is None or message.node == self._node:
             self.push(RemoteParameterEvent(message.node, Time.from_msg(message.stamp), event_from_message(message)))
 
-    async def wait_for_publishers(self, timeout_s: float | None = None) -> bool:
-        """Wait until somebody is there to be heard; False when the time passed."""
+    async def wait_for_publishers(self, timeout_s: float | None = None) -> Literal[True]:
+        """Wait until somebody is there to be heard; raises `WaitTimeoutError` when the time passed."""
         return await self._subscription.wait_for_publishers(timeout_s)
 
     def close(self, error: BaseException | None = None) -> None:
@@ -159,10 +159,18 @@ class ParameterClient(Composite):
         self._list = client(ListParameters, "list_parameters")
         scope.own(self)
 
-    async def wait_for_services(self, timeout_s: float | None = None) -> bool:
-        """Wait until the remote node serves its parameters; False when the time passed."""
-        return await self._scope.wait_until(
-            lambda: all(client.service_is_available() for client in self._clients), timeout_s, lambda: self._closed
+    async def wait_for_services(self, timeout_s: float | None = None) -> Literal[True]:
+        """Wait until the remote node serves its parameters; raises `WaitTimeoutError` when the time passed."""
+
+        def missing() -> str:
+            names = [client.name for client in self._clients if not client.service_is_available()]
+            return f"node {self.node} does not serve its parameters: no server of {', '.join(names)} appeared"
+
+        return await self._scope.expect(
+            lambda: all(client.service_is_available() for client in self._clients),
+            timeout_s,
+            lambda: self._closed,
+            missing,
         )
 
     @overload

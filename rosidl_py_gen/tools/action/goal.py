@@ -11,7 +11,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import to_dict
-from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError, GoalStatus
+from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError, GoalStatus, WaitTimeoutError
 from rosidl_py_gen.tools import ToolError, messages, printing, run_async, types
 from rosidl_py_gen.tools.action.list import find_action
 from rosidl_py_gen.tools.session import Network, Session
@@ -44,8 +44,10 @@ async def _send_goal(
         cls: Any = await types.action_class(session, name, type_name, paths)
         goal = messages.message_from(cls.Goal, text)
         client = session.node.create_action_client(cls, name)
-        if not await client.wait_for_server(timeout_s):
-            raise ToolError(f"no server of action {name} appeared in {timeout_s:g} s")
+        try:
+            await client.wait_for_server(timeout_s)
+        except WaitTimeoutError as error:
+            raise ToolError(str(error)) from None
         show.message("Sending goal", goal)
         return await _follow(client, goal, show, show_feedback, timeout_s)
 

@@ -7,8 +7,7 @@ subscription connects to that did then. A topic with messages of two definitions
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
 from time import monotonic
 from typing import TYPE_CHECKING, Any
@@ -20,7 +19,7 @@ from rosidl_py_gen.mcap import BagReader
 from rosidl_py_gen.mcap.metadata import qos_profiles
 from rosidl_py_gen.mcap.pacing import paced
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
+from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError
 from rosidl_py_gen.runtime.names.validation import validate_full_name
 from rosidl_py_gen.tools import ToolError, printing, run_async
 from rosidl_py_gen.tools.bag.described import wrong
@@ -215,13 +214,18 @@ class _Player:
 
     async def heard(self, timeout_s: float) -> None:
         """Wait until every topic has a subscriber, or the time has passed."""
-        await asyncio.gather(*(one.wait_for_subscribers(timeout_s) for one in self._publishers))
+        await _while_there_is_time(one.wait_for_subscribers(timeout_s) for one in self._publishers)
 
     async def acknowledged(self) -> None:
         """Wait until what was published has arrived, for a second at most."""
-        with suppress(asyncio.TimeoutError):
-            every = (one.wait_for_acknowledged(_ACKNOWLEDGED_S) for one in self._publishers)
-            await asyncio.gather(*every)
+        await _while_there_is_time(one.wait_for_acknowledged(_ACKNOWLEDGED_S) for one in self._publishers)
+
+
+async def _while_there_is_time(waits: Iterable[Awaitable[object]]) -> None:
+    """Wait for all of these, each as long as it takes at most."""
+    for outcome in await asyncio.gather(*waits, return_exceptions=True):
+        if isinstance(outcome, BaseException) and not isinstance(outcome, WaitTimeoutError):
+            raise outcome
 
 
 def _remapped(session: Session, topics: Sequence[str], remaps: Sequence[str]) -> dict[str, str]:

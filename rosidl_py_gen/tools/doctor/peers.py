@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
+from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.tools.doctor.echo import topics
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding
 
@@ -71,7 +72,10 @@ class SelfTest:
         node = self._session.node
         out, answers = node.create_publisher(Time, there), node.create_subscription(Time, back)
         began = monotonic()
-        if not (await out.wait_for_subscribers(_FOUND_S) and await answers.wait_for_publishers(_FOUND_S)):
+        try:
+            await out.wait_for_subscribers(_FOUND_S)
+            await answers.wait_for_publishers(_FOUND_S)
+        except WaitTimeoutError:
             return self._failed(f"two processes of this machine did not find each other within {_FOUND_S:.0f} s")
         found_s = monotonic() - began
         found = node.get_publishers_info_by_topic(back)[0].endpoint_gid

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import Message, compile_text, decode, from_json, get_message
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
 from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
 from rosidl_py_gen.tools import ToolError, types
 from rosidl_py_gen.tools.topic.wait import full_name
@@ -97,7 +99,8 @@ class Publishing:
             topic = full_name(self._session, offer.topic)
             offered.cls = await self._class(topic, offer)
             offered.publisher = self._session.node.create_publisher(offered.cls, topic, BEST_AVAILABLE)
-            await offered.publisher.wait_for_subscribers(1.0)
+            with suppress(WaitTimeoutError):
+                await offered.publisher.wait_for_subscribers(1.0)
         except RosidlError as error:
             self._server.tell(offer.topic, f"{offer.topic} cannot be published: {error}")
             return

@@ -9,7 +9,13 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.names import did_you_mean
-from rosidl_py_gen.runtime import CallTimeoutError, ParameterNotDeclaredError, ParameterType, ServerLostError
+from rosidl_py_gen.runtime import (
+    CallTimeoutError,
+    ParameterNotDeclaredError,
+    ParameterType,
+    ServerLostError,
+    WaitTimeoutError,
+)
 from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.node.list import find_node
 from rosidl_py_gen.tools.session import Network, Session
@@ -32,9 +38,12 @@ async def parameters_of(network: Network, node: str, timeout_s: float) -> AsyncI
     """
     async with Session(network) as session:
         client = session.node.create_parameter_client(node if node.startswith("/") else f"/{node}")
-        if not await client.wait_for_services(timeout_s):
+        try:
+            await client.wait_for_services(timeout_s)
+        except WaitTimeoutError:
             await find_node(session, node, 0)
-            raise ToolError(f"node {client.node} is there, but offered no parameter services in {timeout_s:g} s")
+            text = f"node {client.node} is there, but offered no parameter services in {timeout_s:g} s"
+            raise ToolError(text) from None
         try:
             yield client
         except (CallTimeoutError, ServerLostError) as error:

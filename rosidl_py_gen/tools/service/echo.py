@@ -8,6 +8,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime.endpoints.introspection import ServiceEventType
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 from rosidl_py_gen.tools import messages, printing, run_async, types
@@ -40,7 +41,9 @@ async def _echo(
         name = await types.meanwhile(find_service(session, service))
         cls: Any = await types.service_class(session, name, type_name, paths)
         events = session.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
-        if not await events.wait_for_publishers(_PATIENCE_S):
+        try:
+            await events.wait_for_publishers(_PATIENCE_S)
+        except WaitTimeoutError:
             printing.note(
                 f"nobody publishes {name}/_service_event: introspection is off at all servers and clients of {name}; "
                 "waiting until somebody turns it on (configure_introspection)"

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Sequence
-from contextlib import aclosing
+from contextlib import aclosing, suppress
 from dataclasses import dataclass
 from typing import Any
 
 from rosidl_py_gen.cdr import Message
-from rosidl_py_gen.runtime import Publisher
+from rosidl_py_gen.runtime import Publisher, WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.tools import ToolError, messages, printing, run_async, types
 from rosidl_py_gen.tools.session import Network, Session
@@ -66,7 +66,8 @@ async def _publish(network: Network, type_name: str | None, text: str, wanted: _
         async with aclosing(made) as several:
             await _publish_each(session, publisher, several, wanted, paced=ready is not None)
         began = asyncio.get_running_loop().time()
-        await publisher.wait_for_acknowledged(_ACKNOWLEDGED_S)
+        with suppress(WaitTimeoutError):
+            await publisher.wait_for_acknowledged(_ACKNOWLEDGED_S)
         await asyncio.sleep(began + wanted.keep_alive_s - asyncio.get_running_loop().time())
     return 0
 
@@ -76,7 +77,12 @@ async def _subscribed(publisher: Publisher[Any], count: int, limit_s: float | No
     loop = asyncio.get_running_loop()
     began = loop.time()
     patience_s = 0.1  # most are there at once, and need no note
-    while not await publisher.wait_for_subscribers(patience_s, count=count):
+    while True:
+        try:
+            await publisher.wait_for_subscribers(patience_s, count=count)
+            return
+        except WaitTimeoutError:
+            pass
         waited_s = loop.time() - began
         if limit_s is not None and waited_s >= limit_s:
             there = publisher.subscription_count

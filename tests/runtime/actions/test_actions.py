@@ -28,6 +28,7 @@ from rosidl_py_gen.runtime import (
     GoalTransitionError,
     Time,
     UnknownGoalError,
+    WaitTimeoutError,
     WouldDeadlockError,
 )
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
@@ -559,7 +560,8 @@ async def test_a_goal_of_another_type_is_refused_before_sending(world: World) ->
 
 async def test_no_server_is_a_timeout(world: World) -> None:
     client = world.node().create_action_client(Fibonacci, "fib")
-    assert not await client.wait_for_server(timeout_s=0.05)
+    with pytest.raises(WaitTimeoutError, match=r"no server of action /fib \(.*Fibonacci\) appeared at .* in 0.05 s"):
+        await client.wait_for_server(timeout_s=0.05)
     with pytest.raises(ActionTimeoutError, match="goal not answered by action /fib"):
         await client.send_goal(goal(), timeout_s=0.05)
     with pytest.raises(TimeoutError):

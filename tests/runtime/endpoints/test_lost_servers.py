@@ -126,7 +126,7 @@ async def test_requests_that_wait_for_their_turn_go_to_the_server_that_comes_nex
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, client, (call,) = await asked(memory)
-    monkeypatch.setattr("rosidl_py_gen.runtime.endpoints.client.kept_by", lambda *_: 1)
+    monkeypatch.setattr("rosidl_py_gen.runtime.endpoints.answering.kept_by", lambda *_: 1)
     client._kept = 1
     second = asyncio.ensure_future(client.call(Request(a=1, b=2), timeout_s=5))
     third = asyncio.ensure_future(client.call(Request(a=2, b=2), timeout_s=5))

@@ -14,7 +14,7 @@ from std_srvs.srv import Empty, SetBool
 from worlds import until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, WouldDeadlockError
+from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, WaitTimeoutError, WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.header import header_of, message_of, with_header
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest
 from rosidl_py_gen.runtime.transport.interface import EndpointFound
@@ -114,7 +114,8 @@ async def test_a_call_without_server_times_out(world: World) -> None:
     _, bob = world.pair()
     client = bob.create_client(AddTwoInts, "nobody")
     assert not client.service_is_available()
-    assert not await client.wait_for_service(timeout_s=0.05)
+    with pytest.raises(WaitTimeoutError, match=r"no server of /nobody \(.*AddTwoInts\) appeared in 0.05 s"):
+        await client.wait_for_service(timeout_s=0.05)
     with pytest.raises(CallTimeoutError, match="/nobody"):
         await client.call(Request(), timeout_s=0.1)
 

@@ -14,7 +14,7 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
 from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
@@ -202,7 +202,8 @@ def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, st
             outcomes.append(error)
 
     async def begin() -> threading.Thread:
-        await client.wait_for_service(timeout_s=0.01)  # attaches the loop
+        with pytest.raises(WaitTimeoutError):
+            await client.wait_for_service(timeout_s=0.01)  # attaches the loop
         thread = threading.Thread(target=call)
         thread.start()
         await eventually(lambda: len(asyncio.all_tasks()) == 2)  # this one and the call
@@ -320,7 +321,8 @@ def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(world: Wor
             client.call_sync(SetBool.Request(), timeout_s=0.05)
 
     async def attach() -> None:
-        await client.wait_for_service(timeout_s=0.01)
+        with pytest.raises(WaitTimeoutError):
+            await client.wait_for_service(timeout_s=0.01)
 
     loop = asyncio.new_event_loop()
     loop.run_until_complete(attach())

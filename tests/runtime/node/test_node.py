@@ -73,7 +73,10 @@ async def test_every_node_sees_every_other_one(world: World) -> None:
                 return
 
     await asyncio.wait_for(until_carol_left(), 5)
-    assert not await bob.wait_for_node("nobody", timeout_s=0.05)
+    with pytest.raises(WaitTimeoutError, match=r"^no node /nobody appeared in 0.05 s$"):
+        await bob.wait_for_node("nobody", timeout_s=0.05)
+    with pytest.raises(WaitTimeoutError, match='no node /alce appeared; did you mean "/alice"'):
+        await bob.wait_for_node("alce", timeout_s=0.01)
 
 
 async def test_endpoints_are_described_with_node_type_hash_and_qos(world: World) -> None:
@@ -354,7 +357,8 @@ async def test_two_contexts_of_different_domains_do_not_meet() -> None:
         first, second = Node("first", context=one), Node("second", context=two)
         publisher = first.create_publisher(String, "s")
         second.create_subscription(String, "s")
-        assert not await publisher.wait_for_subscribers(timeout_s=0.05)
+        with pytest.raises(WaitTimeoutError, match=r"^0 subscriptions on /s, expected at least 1, in 0.05 s$"):
+            await publisher.wait_for_subscribers(timeout_s=0.05)
         first.close()
         second.close()
 
@@ -374,7 +378,8 @@ async def test_two_contexts_of_different_domains_of_a_network_do_not_meet() -> N
         heard = near.create_subscription(String, "s")
         not_heard = far.create_subscription(String, "s")
         assert await publisher.wait_for_subscribers(timeout_s=5)
-        assert not await publisher.wait_for_subscribers(timeout_s=1, count=2)
+        with pytest.raises(WaitTimeoutError, match=r"^1 subscriptions on /s, expected at least 2, in 1 s$"):
+            await publisher.wait_for_subscribers(timeout_s=1, count=2)
         publisher.publish(String(data="near"))
         assert await heard.receive(timeout_s=5) == String(data="near")
         with pytest.raises(WaitTimeoutError):

@@ -14,7 +14,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg import Parameter as ParameterMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterValue as ValueMessage
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters, GetParameterTypes, ListParameters, SetParameters
-from rosidl_py_gen.runtime import CallTimeoutError
+from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
 from rosidl_py_gen.runtime.parameters.fields import Range
 from rosidl_py_gen.runtime.parameters.messages import (
     descriptor_from_message,
@@ -294,7 +294,8 @@ def test_command_line_and_constructor_overrides(world: World) -> None:
 
 async def test_a_remote_node_that_is_not_there_is_a_timeout(world: World) -> None:
     remote = world.node("other").create_parameter_client("/gone")
-    assert not await remote.wait_for_services(timeout_s=0.05)
+    with pytest.raises(WaitTimeoutError, match=r"does not serve its parameters: no server of .* appeared in 0.05 s"):
+        await remote.wait_for_services(timeout_s=0.05)
     with pytest.raises(CallTimeoutError):
         await remote.get("a", timeout_s=0.05)
 
