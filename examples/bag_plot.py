@@ -35,12 +35,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bag")
     parser.add_argument("topic")
-    parser.add_argument("fields", nargs="+", help="paths such as linear_acceleration.x; arrays give several lines")
+    parser.add_argument(
+        "fields", nargs="+", help="paths such as angular_velocity.z, position[1]; ranges[0:9] gives lines"
+    )
     parser.add_argument("-o", "--output", default="plot.png", help="PNG, SVG or PDF, by its ending")
     wanted = parser.parse_args()
     try:
         with BagReader(wanted.bag) as bag:
-            table = bag.to_arrays(wanted.topic, wanted.fields)
+            table = bag.to_arrays(wanted.topic, wanted.fields, pad=np.nan)  # a sequence may be shorter
     except (RosidlError, OSError) as error:
         raise SystemExit(f"error: {error}") from None
     if not len(table):

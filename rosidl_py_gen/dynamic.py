@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from rosidl_py_gen.cdr.message import Action, Message, Service
-from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem, TypeNotFoundError
+from rosidl_py_gen.errors import DefinitionError, InvalidNameError, Problem, TypeNotFoundError, shown_path
 from rosidl_py_gen.importable import READY_MADE, importable
 from rosidl_py_gen.names import RosName, split_ros_name
 from rosidl_py_gen.typesupport import constants, hashes_of, referenced_classes, type_description, type_hash
@@ -184,16 +184,20 @@ def find_class(name: str, fits: Fits, *, path: Folders = ()) -> type[Any] | None
     return None
 
 
-def definition_source(name: str, *, path: Folders = ()) -> str:
-    """Where `get_message` has the class of a known name from, for people."""
-    cls = _get(name, "", object, path)
-    if not cls.__module__.startswith((_MEMORY, "rosidl_py_gen.")):
-        return f"the package {cls.__module__.partition('.')[0]} that is installed"
+def definition_origin(cls: type[Any], *, path: Folders = ()) -> str:
+    """Where a class that was looked for in `path` comes from: the module or file of its definition, or ``bundled``."""
+    module = cls.__module__
+    if not module.startswith(_MEMORY):
+        return "bundled" if module.startswith(READY_MADE) else f"module {module}"
+    name = split_ros_name(cls._TYPE.name)
     folders = [path] if isinstance(path, (str, os.PathLike)) else path
-    package = _library(tuple(str(entry) for entry in folders)).search.packages.get(name.partition("/")[0])
-    if package is None or package.origin == "bundled":
-        return "the definitions that come with rosidl-py-gen"
-    return str(package.folder)
+    with _lock:
+        library = _library(tuple(str(entry) for entry in folders))
+        package = library.search.packages.get(name.package)
+        if package is None or package.origin == "bundled":
+            return "bundled" if package else "another text of this process"
+        file = package.files.get(library.owner(name) or name)
+    return shown_path(file or package.folder)
 
 
 def class_of_library(library: Library, name: RosName, *, path: Folders = ()) -> type[Any]:

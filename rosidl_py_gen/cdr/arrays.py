@@ -1,7 +1,8 @@
 """Numeric arrays and sequences: from what users assign to bytes, and back to numpy.
 
 The good case (a one-dimensional numpy array of the right dtype) is recognised by three cheap tests and costs no copy.
-Everything else is converted strictly: what would lose a value is an error, never a silent wrap-around.
+Everything else is converted strictly: what does not fit is an error, never a silent wrap-around. Only floats are
+rounded, to the precision of the field, as `struct` rounds Python's.
 """
 
 from __future__ import annotations

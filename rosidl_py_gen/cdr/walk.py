@@ -173,6 +173,20 @@ def recover_decode(cls: type[M], data: Readable, copy: bool, error: Exception | 
     return message
 
 
+def measured(cls: type[Message], data: Readable) -> int:
+    """How many bytes of an encoded message its fields take, header included: what is behind them is not theirs.
+
+    Raises:
+        DecodeError: as `decode`.
+    """
+    fixed, view = readable(data, False)
+    if len(fixed) < 4:
+        raise DecodeError(cls._TYPE.name, len(fixed), "expected a 4-byte encapsulation header")
+    reader = _Reader(fixed, view, big_endian=fixed[1] == 0, arrays=True)
+    reader.message(cls, cls._TYPE.name)
+    return reader.pos
+
+
 class _Reader:
     """A cursor over one message's bytes; `pos` is an offset into the data, alignment counts from offset 4."""
 

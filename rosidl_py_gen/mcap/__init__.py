@@ -13,6 +13,7 @@ try:
     from rosidl_py_gen.mcap.common import LeftOut as LeftOut
     from rosidl_py_gen.mcap.common import RawMessage as RawMessage
     from rosidl_py_gen.mcap.decoder import DecoderFactory as DecoderFactory
+    from rosidl_py_gen.mcap.definitions import TopicDefinition as TopicDefinition
     from rosidl_py_gen.mcap.reader import BagReader as BagReader
     from rosidl_py_gen.mcap.sqlite import SqliteWriter as SqliteWriter
     from rosidl_py_gen.mcap.writer import BagWriter as BagWriter

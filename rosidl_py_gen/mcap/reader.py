@@ -17,13 +17,20 @@ from rosidl_py_gen.errors import DecodeError, RosidlError
 from rosidl_py_gen.mcap.common import BagError, BagMessage, BagTopic, BagWarning, LeftOut, RawMessage
 from rosidl_py_gen.mcap.compressed import SUFFIX, CompressedMessages, unpack_file
 from rosidl_py_gen.mcap.decoder import decoder_of
-from rosidl_py_gen.mcap.definitions import Definitions, WrongDefinitionError, is_empty
+from rosidl_py_gen.mcap.definitions import (
+    NO_FIELDS,
+    Definitions,
+    TopicDefinition,
+    WrongDefinitionError,
+    is_empty,
+    measuring,
+)
 from rosidl_py_gen.mcap.mcap_file import McapFile, joined
 from rosidl_py_gen.mcap.metadata import FILE, read_metadata
 from rosidl_py_gen.mcap.pacing import paced
 from rosidl_py_gen.mcap.sqlite_file import SqliteFile
 from rosidl_py_gen.mcap.storage import MAX_UNPACKED_BYTES, Channel, Raw, Storage, merged
-from rosidl_py_gen.mcap.table import table
+from rosidl_py_gen.mcap.table import frame, table
 from rosidl_py_gen.names import did_you_mean
 
 if TYPE_CHECKING:
@@ -53,9 +60,9 @@ class BagReader:
             everything else. False is for files you trust; damage is then found only where it breaks the format.
         max_unpacked_bytes: what a compressed chunk or message may become at most. A few bytes can say that they become
             any number; 1 GiB unless you know that there are larger messages.
-        definitions: folders with the packages of the recording, for bags that do not have their definitions, as SQLite
+        search_path: folders with the packages of the recording, for bags that do not have their definitions, as SQLite
             bags before Iron; looked through before AMENT_PREFIX_PATH and the bundled interfaces, as by `get_message`.
-        typestore: for these bags, too: classes or texts of definitions by name, which come before all others.
+        typestore: the same by name, and first: ``{"my_msgs/msg/Thing": Thing}``, or the text of a definition.
 
     Raises:
         BagError: damaged beyond reading, or of an unknown kind. OSError: it cannot be opened.
@@ -67,7 +74,7 @@ class BagReader:
         *,
         validate_crcs: bool = True,
         max_unpacked_bytes: int = MAX_UNPACKED_BYTES,
-        definitions: Folders = (),
+        search_path: Folders = (),
         typestore: Typestore | None = None,
     ) -> None:
         self.path = Path(path)
@@ -82,7 +89,7 @@ class BagReader:
                 storage = self._opened(file, validate_crcs, max_unpacked_bytes)
                 packed = CompressedMessages(storage, file, max_unpacked_bytes) if has_packed_messages else None
                 self._files.append(packed or storage)
-            self._definitions = Definitions(definitions, typestore or {}, hashes)
+            self._definitions = Definitions(self.path, search_path, typestore, hashes)
             self.channels: list[BagTopic] = joined(topic for file in self._files for topic in file.channels())
             """What was recorded: a topic that has messages of two definitions is there twice."""
             self.topics: dict[str, BagTopic] = self._all_topics()
@@ -98,8 +105,8 @@ class BagReader:
             self.close()
             raise
 
-    def _paths(self) -> tuple[list[Path], bool, dict[str, str]]:
-        """The files, whether their messages may be compressed one by one, and what is known of hashes, by topic."""
+    def _paths(self) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
+        """The files, whether their messages may be compressed one by one, and known hashes by topic and type."""
         if not self.path.is_dir():
             return [self.path], True, {}
         if not (self.path / FILE).exists():  # the recorder was killed
@@ -116,7 +123,7 @@ class BagReader:
         return (
             [_found(self.path / name) for name in told.files],
             mode == "message",
-            {topic.name: topic.type_hash for topic in told.topics if topic.type_hash},
+            {(topic.name, topic.type_name): topic.type_hash for topic in told.topics if topic.type_hash},
         )
 
     def _opened(self, path: Path, validate_crcs: bool, max_unpacked_bytes: int) -> Storage:
@@ -141,29 +148,34 @@ class BagReader:
     def message_class(self, topic: str | BagTopic) -> type[Any]:
         """The class of a topic's messages: of the definition in the bag, else a local one of that name and hash.
 
-        `definition_sources` says which local ones were taken.
+        Where the bag has neither definition nor hash, the first of that name is taken, which a `BagWarning` says once
+        for the bag; see `definition`.
 
         Args:
             topic: a name, or one of `channels`.
 
         Raises:
-            BagError: no such topic, no definition for it anywhere, or several: ask for one of `channels` then.
-            DefinitionError: the bag's definition is wrong.
+            BagError: no such topic, no definition for it anywhere, none with the recorded hash, or several: ask for one
+                of `channels` then. DefinitionError: the bag's definition is wrong.
+        """
+        self.definition(topic)
+        channels = [topic] if isinstance(topic, BagTopic) else self._channels_of(topic)
+        return next(self._definitions.class_of(one) for one in channels)
+
+    def definition(self, topic: str | BagTopic) -> TopicDefinition:
+        """What a topic's messages are decoded with, and whether it certainly is that of the recording.
+
+        Arguments and errors as `message_class`.
         """
         if isinstance(topic, BagTopic):
-            return self._definitions.class_of(topic)
-        found = {self.message_class(one) for one in self._channels_of(topic)}
+            return self._definitions.of(topic)
+        found = {one.cls: one for one in map(self._definitions.of, self._channels_of(topic))}
         if len(found) > 1:
             raise BagError(
                 f"{self.path}: {topic} was recorded with {len(found)} definitions; `messages` decodes each message "
-                "with its own, and message_class takes one of `channels`"
+                "with its own, and this takes one of `channels`"
             )
-        return found.pop()
-
-    @property
-    def definition_sources(self) -> dict[str, str]:
-        """Where the definitions come from that the bag does not have itself, by topic: of classes asked for so far."""
-        return dict(self._definitions.taken)
+        return next(iter(found.values()))
 
     def _channels_of(self, name: str) -> list[BagTopic]:
         if name not in self.topics:
@@ -235,7 +247,7 @@ class BagReader:
             try:
                 decode = decoders[channel]
             except KeyError:
-                decode = decoders[channel] = self._decoder(channel, data, arrays, may_leave_out)
+                decode = decoders[channel] = self._decoder(channel, data, arrays, may_leave_out, may_skip)
             if decode is None:
                 self._leave_out(channel.topic)
                 continue
@@ -257,13 +269,13 @@ class BagReader:
             yield make(BagMessage, (channel.topic, message, log_time, publish_time))
 
     def _decoder(
-        self, channel: Channel, first: bytes | memoryview, arrays: bool, may_leave_out: bool
+        self, channel: Channel, first: bytes | memoryview, arrays: bool, may_leave_out: bool, may_skip: bool
     ) -> Callable[[bytes | memoryview], Any] | None:
         """None when messages of this channel, of which `first` is one, have to be left out."""
-        topic, definitions = channel.info, self._definitions
+        topic = channel.info
         try:
-            cls = definitions.class_of(topic)
-            if not (topic.definition or cls._TYPE.fields or is_empty(first)):
+            cls, found = self._definitions.class_of(topic), self._definitions.of(topic)
+            if found.origin == NO_FIELDS and not (found.is_certain or is_empty(first)):
                 raise BagError(f"{channel.topic}: the bag has no definition of {topic.type_name}, and nobody else")
         except RosidlError as error:
             if not may_leave_out:
@@ -271,7 +283,7 @@ class BagReader:
             self._leave_out(channel.topic, error, 0)
             return None
         decode = decoder_of(cls, arrays)
-        return definitions.measuring(topic, cls, decode) if definitions.needs_measuring(topic) else decode
+        return decode if found.is_certain else measuring(topic, found, decode, may_skip)
 
     def _leave_out(self, topic: str, error: RosidlError | None = None, count: int = 1) -> None:
         """Count a message; with the first `error` of a topic, say so."""
@@ -305,28 +317,52 @@ class BagReader:
     def to_arrays(
         self,
         topic: str,
-        fields: Sequence[str] | None = None,
+        fields: Sequence[str] | str | None = None,
         *,
         start_ns: int | None = None,
         end_ns: int | None = None,
+        pad: float | str | None = None,
     ) -> np.ndarray[Any, np.dtype[np.void]]:
         """The messages of a topic as a table: a structured array with a row for each.
 
         Args:
-            fields: paths such as ``"header.stamp"`` or ``"linear_acceleration.x"``; None means all numbers and strings.
-                Fixed arrays become columns with an axis more when they are named. Times become nanoseconds in int64.
+            fields: paths such as ``"header.stamp"``, ``"position[1]"``, ``"ranges[0:10]"``, ``"ranges[:]"``,
+                ``"transforms[0].transform"`` or ``"poses[:].position.x"``; None means all numbers and
+                texts that are not in arrays. Indices count as Python's. Of a message, all its numbers and texts. Times
+                become nanoseconds in int64.
+            pad: what rows have in place of elements that a message does not have, such as ``float("nan")`` or 0.
 
         Returns:
-            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. `pandas.DataFrame` takes it when
-            there are no arrays in it.
+            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. Fixed arrays and parts of known
+            length have an axis more. Other sequences are arrays of their own in a column of objects, or, with `pad`, an
+            axis as long as the longest. Texts are as long as the longest, or objects where one is far longer.
 
         Raises:
-            BagError: no such topic or field, a field that has no fixed size, or one that is of another kind in another
-                definition of this topic. DecodeError: as `messages`.
+            BagError: no such topic or field, or one that is of another kind in another definition of this topic; a
+                sequence is too short and there is no `pad`, or `pad` is none of the field's type. DecodeError: as
+                `messages`.
         """
         classes = dict.fromkeys(self.message_class(one) for one in self._channels_of(topic))
         messages = self.messages(topic, start_ns=start_ns, end_ns=end_ns)
-        return table(list(classes), messages, fields, f"{self.path}: {topic}")
+        return table(list(classes), messages, fields, f"{self.path}: {topic}", pad)
+
+    def to_pandas(
+        self,
+        topic: str,
+        fields: Sequence[str] | str | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        pad: float | str | None = None,
+    ) -> Any:
+        """The same as a `pandas.DataFrame`, with the log times as index, in UTC.
+
+        An array of known length becomes a column for each element, ``orientation_covariance[0]`` and so on.
+
+        Raises:
+            ModuleNotFoundError: there is no pandas. Others as `to_arrays`.
+        """
+        return frame(self.to_arrays(topic, fields, start_ns=start_ns, end_ns=end_ns, pad=pad))
 
     # ------------------------------------------------------------------------------------------------------ closing
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shutil
 import time
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from mcap.writer import CompressionType, Writer
 
@@ -17,7 +18,7 @@ from rosidl_py_gen.mcap.storage import MAX_UNPACKED_BYTES
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from typing_extensions import Self
 
@@ -26,12 +27,34 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile
 
 _COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
-MAX_MESSAGE_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
-"""What readers unpack at once without being told otherwise, less what stands around a message in its chunk."""
+MOST_COMPRESSED_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
+"""A larger message has a chunk of its own without compression: readers unpack so much at once without being told
+otherwise, with what stands around a message in its chunk.
+"""
 _CHUNK = 768 << 10
 """Bytes of messages that are written, and found again, together; as rosbag2 has it. With 4 MB, reading takes a fifth
 longer, because every chunk is new memory then.
 """
+
+
+class _Compression:
+    """What `Writer` compares with its kinds of compression whenever it ends a chunk, so that chunks may differ."""
+
+    def __init__(self, kind: CompressionType) -> None:
+        self._usual = self._kind = kind
+
+    def __eq__(self, other: object) -> bool:
+        return self._kind == other
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @contextmanager
+    def off(self) -> Iterator[None]:
+        self._kind = CompressionType.NONE
+        try:
+            yield
+        finally:
+            self._kind = self._usual
 
 
 def topic_of(topic: str, msg_type: type[Message], qos: Sequence[QoSProfile] = ()) -> BagTopic:
@@ -49,7 +72,8 @@ class BagWriter:
     A folder that rosbag2 accepts, with ``metadata.yaml``; or one file when `path` ends with ``.mcap``.
 
     Args:
-        compression: ``"zstd"``, ``"lz4"`` or ``""``, of chunks inside the file.
+        compression: ``"zstd"``, ``"lz4"`` or ``""``, of chunks inside the file; not of messages from 1023 MiB, as
+            readers do not unpack so much.
         split_bytes: a new file is begun after so many bytes of messages; for folders.
         split_s: a new file is begun after so many seconds of log time; for folders.
 
@@ -76,7 +100,7 @@ class BagWriter:
             raise BagError(f"{self.path} is one file; a folder can be split")
         if self.path.exists():
             raise BagError(f"{self.path} exists already")
-        self._compression = _COMPRESSIONS[compression]
+        self._compression = _Compression(_COMPRESSIONS[compression])
         self._split_bytes = split_bytes
         self._split_ns = None if split_s is None else round(split_s * 1e9)
         self._topics: dict[str, BagTopic] = {}
@@ -135,8 +159,8 @@ class BagWriter:
             log_time_ns: None means now. publish_time_ns: None means `log_time_ns`.
 
         Raises:
-            BagError: bytes for an unknown topic, a message of another type, a time below 0, more than readers unpack,
-                or the bag is closed. EncodeError: a value of the message does not fit. OSError: the disk is full.
+            BagError: bytes for an unknown topic, a message of another type, a time below 0, or the bag is closed.
+                EncodeError: a value of the message does not fit. OSError: the disk is full.
         """
         self._require_open()
         if isinstance(message, bytes | bytearray | memoryview):
@@ -177,15 +201,16 @@ class BagWriter:
     ) -> None:
         log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
         published = log_time if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
-        if len(data) > MAX_MESSAGE_BYTES and self._compression is not CompressionType.NONE:
-            raise BagError(
-                f"{topic}: a message of {len(data)} bytes; readers unpack at most {MAX_MESSAGE_BYTES} at once, "
-                'so write it with compression=""'
-            )
         self._split_if_due(log_time)
         self._files[-1].add(topic, log_time)
         self._written += len(data)
-        self._writer.add_message(channel, log_time, data, published)
+        if len(data) <= MOST_COMPRESSED_BYTES:
+            self._writer.add_message(channel, log_time, data, published)
+            return
+        self.flush()
+        with self._compression.off():
+            self._writer.add_message(channel, log_time, data, published)
+            self.flush()
 
     def flush(self) -> None:
         """Hand what is held back to the operating system, so that it outlives this process; costs some compression.
@@ -215,7 +240,7 @@ class BagWriter:
         name = f"{self.path.name}_{len(self._files)}.mcap" if self._is_folder else self.path.name
         file = self.path / name if self._is_folder else self.path
         self._stream = file.open("xb", buffering=1 << 16)
-        self._writer = Writer(self._stream, chunk_size=_CHUNK, compression=self._compression)
+        self._writer = Writer(self._stream, chunk_size=_CHUNK, compression=cast("CompressionType", self._compression))
         self._writer.start("ros2", f"rosidl-py-gen {__version__}")
         self._stream.flush()  # an empty bag from now on
         self._files.append(FileStatistics(name))

@@ -260,6 +260,17 @@ def xyz(*rows: tuple[float, float, float]) -> np.ndarray[Any, Any]:
     return np.array(list(rows), dtype(part("Point")))
 
 
+def test_floats_are_rounded_to_the_field_as_those_of_lists_are() -> None:
+    polygon: Any = get_message("geometry_msgs/msg/Polygon")
+    point: Any = get_message("geometry_msgs/msg/Point32")
+    rows = [(0.1, 1 / 3, 16_777_217.0), (1e-46, -0.0, float("inf"))]
+    wide = np.array(rows, [("x", "f8"), ("y", "f8"), ("z", "f8")])
+    assert polygon(points=wide).encode() == polygon(points=[point(*row) for row in rows]).encode()
+    wide["y"][1] = 1e300
+    with pytest.raises(EncodeError, match=r"points\[1\]: field y: expected float32, found 1e\+300"):
+        polygon(points=wide).encode()
+
+
 def test_fields_are_taken_by_name_not_by_place() -> None:
     cls = box("Point[]")
     values = np.array([(3, 1, 2)], [("z", "f4"), ("x", "i2"), ("y", ">f8")])

@@ -1,20 +1,17 @@
 """``bag convert``: a bag, or a part of it, written again.
 
-Decides that the copy says what its messages are: definitions that the bag does not have are taken from here, and
-without any it is refused, as nobody could read the copy.
+What the copy says its messages are is decided in described.py.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.mcap import BagError, BagReader, BagWriter, RawMessage, SqliteWriter
-from rosidl_py_gen.mcap.writer import topic_of
+from rosidl_py_gen.mcap import BagReader, BagWriter, RawMessage, SqliteWriter
 from rosidl_py_gen.tools import ToolError, printing
+from rosidl_py_gen.tools.bag.described import described_channels
 from rosidl_py_gen.tools.bag.part import part_of, progress
 
 if TYPE_CHECKING:
@@ -39,9 +36,9 @@ def run(
     without_definitions: bool,
 ) -> int:
     """Returns the exit code."""
-    with BagReader(path, definitions=paths) as reader:
+    with BagReader(path, search_path=paths) as reader:
         part = part_of(reader, topics, offset_s, duration_s)
-        channels = _channels(reader, part, without_definitions)
+        channels = described_channels(reader, part.topics, without_definitions)
         if storage == "mcap":
             inside = "" if compression == "none" else compression
             writer: BagWriter | SqliteWriter = BagWriter(
@@ -58,36 +55,6 @@ def run(
     else:
         printing.line(f"{count} messages of {len(part.topics)} topics in {output}")
     return 0
-
-
-def _channels(reader: BagReader, part: Part, without_definitions: bool) -> dict[tuple[str, ...], BagTopic]:
-    """What is written for each channel of the bag. Raises `ToolError` where nobody knows what its messages are."""
-    found: dict[tuple[str, ...], BagTopic] = {}
-    unknown: list[str] = []
-    for channel in reader.channels:
-        if channel.name not in part.topics:
-            continue
-        found[channel.key] = channel
-        if channel.definition or channel.message_encoding != "cdr":
-            continue
-        try:
-            cls = reader.message_class(channel)
-            told = topic_of(channel.name, cls)
-            found[channel.key] = replace(
-                channel, definition=told.definition, encoding=told.encoding, type_hash=told.type_hash
-            )
-            if (source := reader.definition_sources.get(channel.name)) is not None:
-                printing.note(f"{channel.name}: the bag has no definition of {channel.type_name}; taken from {source}")
-        except (BagError, RosidlError) as error:
-            unknown.append(f"  {channel.name} [{channel.type_name}]: {error}")
-    if unknown and not without_definitions:
-        raise ToolError(
-            f"{reader.path} has no definitions of these, and nobody could read the copy:\n"
-            + "\n".join(unknown)
-            + "\nName the folders of their packages with --path, choose others with --topics, or copy them as they are "
-            "with --without-definitions"
-        )
-    return found
 
 
 def _copy(

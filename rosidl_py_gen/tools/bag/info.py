@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile
 
 
-def run(path: str, as_json: bool, paths: Sequence[str]) -> int:
+def run(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> int:
     """Returns the exit code."""
-    with BagReader(path, definitions=paths) as reader:
+    with BagReader(path, search_path=paths) as reader:
         if as_json:
-            printing.document(_told(reader))
+            printing.document(_told(reader, is_verbose))
         else:
-            _show(reader)
+            _show(reader, is_verbose)
     return 0
 
 
@@ -34,7 +34,7 @@ def _size(reader: BagReader) -> int:
     return sum(file.stat().st_size for file in reader.files)
 
 
-def _told(reader: BagReader) -> dict[str, Any]:
+def _told(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
     return {
         "path": str(reader.path),
         "files": [file.name for file in reader.files],
@@ -53,23 +53,27 @@ def _told(reader: BagReader) -> dict[str, Any]:
                 "serialization_format": topic.message_encoding,
                 "type_hash": topic.type_hash,
                 "has_definition": bool(topic.definition),
-                "definition_source": _source(reader, topic),
                 "offered_qos": [_qos(profile) for profile in qos_profiles(topic.offered_qos)],
+                **(_definition(reader, topic) if is_verbose else {}),
             }
             for topic in reader.channels
         ],
     }
 
 
-def _source(reader: BagReader, topic: BagTopic) -> str:
-    """Where the definition of a topic comes from; what hinders, if there is none."""
-    if topic.definition:
-        return "bag"
+def _definition(reader: BagReader, topic: BagTopic) -> dict[str, Any]:
     try:
-        reader.message_class(topic)
+        found = reader.definition(topic)
     except RosidlError as error:
-        return f"none: {error}"
-    return reader.definition_sources.get(topic.name, "bag")
+        return {"definition": None, "problem": str(error)}
+    return {"definition": found.origin, "is_certain": found.is_certain, "definition_hash": found.type_hash}
+
+
+def _definition_text(reader: BagReader, topic: BagTopic) -> str:
+    told = _definition(reader, topic)
+    if told["definition"] is None:
+        return str(told["problem"])
+    return str(told["definition"]) + ("" if told["is_certain"] else " (by its name alone)")
 
 
 def _storage(reader: BagReader) -> str:
@@ -82,7 +86,7 @@ def _qos(profile: QoSProfile) -> dict[str, Any]:
     return {name: policy.name.lower() for name, policy in zip(names, policies, strict=True)} | {"depth": profile.depth}
 
 
-def _show(reader: BagReader) -> None:
+def _show(reader: BagReader, is_verbose: bool) -> None:
     rows = [
         ("Files", ", ".join(file.name for file in reader.files)),
         ("Bag size", size_text(_size(reader))),
@@ -94,16 +98,18 @@ def _show(reader: BagReader) -> None:
     ]
     if not reader.has_index:
         rows.append(("Index", "missing: the recorder did not end; `rosidl-py bag convert` makes a whole bag of this"))
+    missing = sum(not topic.definition for topic in reader.channels)
+    if missing and not is_verbose:
+        rows.append(("Types", f"{missing} have no definition in the bag; --verbose says which is taken from here"))
     for name, text in rows:
         printing.line(f"{name + ':':<12}{text}")
     printing.line()
-    printing.table(
-        ([one.name, one.type_name, str(one.count), _qos_text(one)] for one in reader.channels),
-        *("topic", "type", "count", "QoS"),
-    )
-    for topic in reader.channels:
-        if not topic.definition and (source := _source(reader, topic)) != "bag":
-            printing.line(f"{topic.name}: no definition in the bag; taken from here: {source}")
+    shown = [[one.name, one.type_name, str(one.count), _qos_text(one)] for one in reader.channels]
+    columns = ["topic", "type", "count", "QoS"]
+    if is_verbose:
+        shown = [[*row, _definition_text(reader, one)] for row, one in zip(shown, reader.channels, strict=True)]
+        columns.append("definition")
+    printing.table(shown, *columns)
     _show_double(reader)
 
 

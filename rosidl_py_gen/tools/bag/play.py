@@ -20,7 +20,9 @@ from rosidl_py_gen.mcap.metadata import qos_profiles
 from rosidl_py_gen.mcap.pacing import paced
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError
+from rosidl_py_gen.runtime.names.validation import validate_full_name
 from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools.bag.described import wrong
 from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress
 from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic.wait import full_name
@@ -55,9 +57,40 @@ class _Wanted:
 def run(network: Network, path: str, **wanted: Any) -> int:
     """Returns the exit code."""
     asked = _Wanted(**wanted)
-    with BagReader(path, definitions=asked.paths) as reader:
-        part = part_of(reader, asked.topics, asked.offset_s, asked.duration_s)
+    with BagReader(path, search_path=asked.paths) as reader:
+        part = _playable(reader, part_of(reader, asked.topics, asked.offset_s, asked.duration_s))
         return run_async(_play(network, reader, part, asked), endless=asked.loop)
+
+
+def _playable(reader: BagReader, part: Part) -> Part:
+    """Without the topics that ROS 2 cannot have; a type of two parts is a message's, as everywhere.
+
+    Raises:
+        ToolError: nothing is left.
+    """
+    left = {}
+    for channel in reader.channels:
+        if channel.name not in part.topics:
+            continue
+        if reason := _unplayable(channel):
+            printing.note(f"{channel.name} [{channel.type_name}] is left out: {reason}")
+        else:
+            left[channel.name] = True
+    if part.topics and not left:
+        raise ToolError(f"{reader.path}: none of its topics can be played")
+    return part._replace(topics=[name for name in part.topics if name in left])
+
+
+def _unplayable(channel: BagTopic) -> str:
+    """Why messages cannot be published; empty when they can."""
+    if channel.message_encoding != "cdr":
+        return f"its messages are {channel.message_encoding}, not cdr"
+    try:
+        validate_full_name(channel.name)
+        split_ros_name(channel.type_name, "msg")
+    except RosidlError as error:
+        return str(error)
+    return ""
 
 
 async def _play(network: Network, reader: BagReader, part: Part, wanted: _Wanted) -> int:
@@ -103,11 +136,9 @@ class _Player:
 
     def _sender(self, channel: BagTopic, name: str) -> Callable[[bytes], bool]:
         """What publishes a message of this channel; it answers whether it did."""
-        try:
-            publisher = self._node.create_publisher(self._class(channel), name, _offered(channel))
-        except RosidlError as reason:  # no name of a type, or none that ROS 2 has
-            printing.note(f"{channel.name}: left out, as its type cannot be announced: {reason}")
+        if _unplayable(channel):
             return lambda data: False
+        publisher = self._node.create_publisher(self._class(channel), name, _offered(channel))
         self._publishers.append(publisher)
 
         def send(data: bytes) -> bool:
@@ -115,7 +146,7 @@ class _Player:
                 publisher.publish_raw(data)
             except EncodeError as reason:  # big endian, as other systems may record it
                 try:
-                    publisher.publish(self._reader.message_class(channel).decode(data))
+                    publisher.publish(self._reader.definition(channel).cls.decode(data))
                 except (DecodeError, RosidlError):
                     self._note(f"{channel.name}: left out a message: {reason}")
                     return False
@@ -124,9 +155,12 @@ class _Player:
         return send
 
     def _class(self, channel: BagTopic) -> type[Message]:
-        split_ros_name(channel.type_name, "msg")
+        """Without a definition, or with a wrong one, the bytes are published under the name of their type alone."""
+        if reason := wrong(self._reader, channel):
+            printing.note(reason)
+            return _opaque(channel)
         try:
-            return self._reader.message_class(channel)
+            return self._reader.definition(channel).cls
         except RosidlError:
             return _opaque(channel)
 
@@ -224,6 +258,6 @@ def _opaque(topic: BagTopic) -> type[Message]:
 
     class Opaque(Message):
         __slots__ = ()
-        _TYPE = TypeInfo(topic.type_name, topic.type_hash, ())
+        _TYPE = TypeInfo(str(split_ros_name(topic.type_name, "msg")), topic.type_hash, ())
 
     return Opaque

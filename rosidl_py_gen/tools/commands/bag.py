@@ -66,6 +66,9 @@ def bag() -> None:
 
 @bag.command()
 @_path
+@click.option(
+    "-v", "--verbose", "is_verbose", is_flag=True, help="Also where the definition of each topic's type comes from."
+)
 @options.paths
 @options.as_json
 def info(**arguments: Any) -> None:
@@ -74,6 +77,7 @@ def info(**arguments: Any) -> None:
     \b
     rosidl-py bag info my_bag
     rosidl-py bag info my_bag --json | jq '.topics[].name'
+    rosidl-py bag info humble_bag --verbose --path ~/ws/src
     """
     run_command("bag.info", **arguments)
 
@@ -162,10 +166,12 @@ def play(**arguments: Any) -> None:
 def convert(**arguments: Any) -> None:
     """Write a bag again: SQLite as MCAP or the reverse, a part of it, a whole one of one whose recorder was killed.
 
-    OUTPUT is a folder, or a file that ends with .mcap.
+    OUTPUT is a folder, or a file that ends with .mcap. Types that the bag has no definition of, as those of Humble,
+    are looked for in the folders of --path.
 
     \b
     rosidl-py bag convert old_bag new_bag
+    rosidl-py bag convert humble_bag new_bag --path ~/ws/src
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
     run_command("bag.convert", **arguments)

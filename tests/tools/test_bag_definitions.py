@@ -1,0 +1,167 @@
+"""``rosidl-py bag`` and bags whose types are not in them, or are none of ROS 2."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen.mcap import BagReader, BagTopic, BagWriter, RawMessage
+
+if TYPE_CHECKING:
+    from worlds import World
+
+String: Any = get_message("std_msgs/msg/String")
+NAME = "old_msgs/msg/Reading"
+THEN, NOW = "float32 value\nfloat32 weight\n", "float32 value\n"
+HUMBLE = """
+create table topics(id integer primary key, name text not null, type text not null,
+  serialization_format text not null, offered_qos_profiles text not null);
+create table messages(id integer primary key, topic_id integer not null, timestamp integer not null,
+  data blob not null);
+insert into topics values (1, '/reading', 'old_msgs/msg/Reading', 'cdr', ''),
+  (2, '/s', 'std_msgs/msg/String', 'cdr', ''), (3, '/silent', 'old_msgs/msg/Never', 'cdr', '');
+"""
+
+
+def package(folder: Path, text: str) -> str:
+    (folder / "msg").mkdir(parents=True)
+    (folder / "package.xml").write_text("<package><name>old_msgs</name></package>")
+    (folder / "msg" / "Reading.msg").write_text(text)
+    return str(folder)
+
+
+@pytest.fixture
+def humble(tmp_path: Path) -> str:
+    path = tmp_path / "humble.db3"
+    then = compile_text(NAME, THEN)
+    with sqlite3.connect(path) as base:
+        base.executescript(HUMBLE)
+        for stamp in (1, 2, 3):
+            row = "insert into messages(topic_id, timestamp, data) values (?, ?, ?)"
+            base.execute(row, (1, stamp, then(value=stamp, weight=2.0).encode()))
+            base.execute(row, (2, stamp, String(data="a").encode()))
+    base.close()
+    return str(path)
+
+
+def test_a_bag_without_definitions_is_written_with_those_of_the_path(
+    run_here: Any, humble: str, tmp_path: Path
+) -> None:
+    out, folder = tmp_path / "out.mcap", package(tmp_path / "then" / "old_msgs", THEN)
+    code, said, err = run_here("bag", "convert", humble, str(out), "--path", folder)
+    assert code == 0 and said == f"6 messages of 3 topics in {out}\n", err
+    assert "definitions that the bag does not have are written: old_msgs/msg/Reading from " in err
+    assert "/silent [old_msgs/msg/Never] is written without a definition" in err
+    with BagReader(out) as reader:
+        assert reader.topics["/reading"].definition.startswith(THEN)
+        assert reader.topics["/reading"].type_hash == type_hash(compile_text(NAME, THEN))
+        assert reader.definition("/reading").origin == "the bag"
+        assert [item.message.value for item in reader.messages("/reading")] == [1, 2, 3]
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_types_that_are_known_nowhere_are_named_and_nothing_is_written(
+    run_here: Any, humble: str, tmp_path: Path, storage: str
+) -> None:
+    out = tmp_path / "out"
+    code, _, err = run_here("bag", "convert", humble, str(out), "-s", storage)
+    assert code == 1 and not out.exists()
+    assert "would be written without definitions of old_msgs/msg/Reading: /reading: the bag has no definition" in err
+    assert "msg/Never" not in err and "msg/String" not in err  # nothing is lost of what was never sent
+    assert run_here("bag", "convert", humble, str(tmp_path / "part"), "--topics", "/s")[0] == 0
+    code, _, err = run_here("bag", "convert", humble, str(out), "-s", storage, "--without-definitions")
+    assert code == 0 and "/reading [old_msgs/msg/Reading] is written without a definition" in err
+    with BagReader(out) as reader:
+        assert len(list(reader.messages("/reading", raw=True))) == 3
+
+
+def test_a_definition_that_is_not_that_of_the_samples_is_not_written(
+    run_here: Any, humble: str, tmp_path: Path
+) -> None:
+    folder = package(tmp_path / "now" / "old_msgs", NOW)
+    code, _, err = run_here("bag", "convert", humble, str(tmp_path / "out.mcap"), "--path", folder)
+    assert code == 1 and not (tmp_path / "out.mcap").exists()
+    assert "4 of 12 bytes of a message are behind its last field" in err and "Reading.msg" in err
+
+
+def test_info_says_where_definitions_come_from(run_here: Any, humble: str, tmp_path: Path) -> None:
+    folder = package(tmp_path / "then" / "old_msgs", THEN)
+    out = run_here("bag", "info", humble, "--verbose", "--path", folder)[1]
+    assert "old_msgs/msg/Reading.msg (by its name alone)" in out
+    told = {one["name"]: one for one in json.loads(run_here("bag", "info", humble, "-v", "--json")[1])["topics"]}
+    assert told["/reading"]["definition"] is None and "no definition" in told["/reading"]["problem"]
+    assert told["/s"]["is_certain"] is False and told["/s"]["definition_hash"] == type_hash(String)
+    assert "Types:      3 have no definition in the bag; --verbose says" in run_here("bag", "info", humble)[1]
+    assert "definition" not in json.loads(run_here("bag", "info", humble, "--json")[1])["topics"][0]
+
+
+def odd_bag(path: Path) -> Path:
+    """Topics that ROS 2 cannot have, between two that it can."""
+    with BagWriter(path) as writer:
+        rows = {
+            "/good": "std_msgs/msg/String",
+            "/none": "",
+            "/one": "String",
+            "/four": "std_msgs/msg/String/x",
+            "/two": "nobody_has/Thing",
+            "no slash": "std_msgs/msg/String",
+            "/ros1": "std_msgs/String",
+        }
+        for number, (name, kind) in enumerate(rows.items(), 1):
+            writer.add_topic(name, BagTopic(name, kind, message_encoding="ros1" if name == "/ros1" else "cdr"))
+            writer.write(name, String(data=name).encode(), number)
+    return path
+
+
+async def test_topics_that_ros_2_cannot_have_are_named_and_the_others_played(
+    dds: World, tool: Any, tmp_path: Path
+) -> None:
+    node = dds.node("robot", enable_rosout=False, parameter_events=False)
+    heard = node.create_subscription(String, "/good")
+    process = await tool.start("bag", "play", str(odd_bag(tmp_path / "odd.mcap")))
+    assert (await heard.receive(timeout_s=20)).data == "/good"
+    ended = await tool.end(process)
+    assert ended.code == 0 and "published 2 messages of 2 topics" in ended.err, ended.err
+    for text in (
+        '/none [] is left out: "" is not an interface name',
+        '/one [String] is left out: "String" is not an interface name',
+        "/four [std_msgs/msg/String/x] is left out",
+        "no slash [std_msgs/msg/String] is left out",
+        "/ros1 [std_msgs/String] is left out: its messages are ros1, not cdr",
+    ):
+        assert text in ended.err, ended.err
+
+
+def test_each_channel_of_a_topic_is_written_with_the_definition_of_its_hash(run_here: Any, tmp_path: Path) -> None:
+    then, now = compile_text(NAME, THEN), compile_text(NAME, NOW)
+    bag, out = tmp_path / "two.mcap", tmp_path / "out.mcap"
+    with BagWriter(bag) as writer:
+        for number, cls in enumerate((then, now)):
+            known = BagTopic("/reading", NAME, "", "", type_hash=type_hash(cls))
+            writer.write_raw(RawMessage(known, cls(value=number).encode(), number, number))
+    folder = package(tmp_path / "then" / "old_msgs", THEN)  # the other one is known to this process
+    assert run_here("bag", "convert", str(bag), str(out), "--path", folder)[0] == 0
+    with BagReader(out) as reader:
+        assert [channel.definition for channel in reader.channels] == [THEN, NOW]
+        assert [item.message.value for item in reader] == [0, 1]
+    with BagReader(bag, search_path=folder, typestore={NAME: NOW}) as reader:
+        assert [reader.definition(channel).cls for channel in reader.channels] == [then, now]
+        assert all(reader.definition(channel).is_certain for channel in reader.channels)
+
+
+async def test_messages_are_played_without_a_definition_that_is_not_theirs(
+    dds: World, tool: Any, humble: str, tmp_path: Path
+) -> None:
+    """With its hash, those who have the right one would not get them."""
+    folder = package(tmp_path / "now" / "old_msgs", NOW)
+    node = dds.node("robot", enable_rosout=False, parameter_events=False)
+    heard = node.create_subscription(compile_text(NAME, THEN), "/reading")
+    process = await tool.start("bag", "play", humble, "--path", folder, "--topics", "/reading")
+    assert (await heard.receive(timeout_s=20)).weight == 2.0
+    ended = await tool.end(process)
+    assert ended.code == 0 and "4 of 12 bytes of a message are behind its last field" in ended.err, ended.err
