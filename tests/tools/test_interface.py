@@ -95,7 +95,8 @@ def test_show_writes_idl_and_derived_messages_as_msg_files(run: Run, tmp_path: P
 def test_types_that_double_with_each_level_are_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     files = {f"msg__L{level}__msg": f"L{level + 1} a\nL{level + 1} b\n" for level in range(40)}
     path = workspace(tmp_path, **files, msg__L40__msg="int8 x\n")
-    assert "more than 20000 lines" in failing(capsys, "show", "my_msgs/msg/L0", "--path", path)
+    assert "more than 20000 lines" in failing(capsys, "show", "my_msgs/msg/L24", "--path", path)
+    assert "at most 1048576 are allowed" in failing(capsys, "show", "my_msgs/msg/L0", "--path", path)
 
 
 def test_a_type_may_be_named_in_short(run: Run, capsys: pytest.CaptureFixture[str]) -> None:

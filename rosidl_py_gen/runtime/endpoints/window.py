@@ -32,8 +32,10 @@ if TYPE_CHECKING:
 ResponseT = TypeVar("ResponseT")
 
 _FIRST_ROOM = 3
-"""So many requests are sent before one was answered, if the server keeps as many; each answer makes room for one more.
-Others who call the same server, and share what it keeps, may not be known yet."""
+"""So many requests are sent at first, if the server keeps as many; after `SETTLED_S` each answer makes room for one
+more. Others who call the same server, and share what it keeps, may not be known before."""
+SETTLED_S = 2.0
+"""Until others who began at the same time are known, also on a busy machine."""
 _PATIENCE_S = 10.0
 """So long nothing is answered before one more request is sent than the server keeps."""
 
@@ -112,7 +114,7 @@ class RequestWindow:
         self._numbers = itertools.count(1)
         self._held: dict[int, None] = {}
         """What was sent and may not have been taken, oldest first."""
-        self._moved_s = 0.0
+        self._moved_s = self._began_s = 0.0
         self.kept = 1
         """How many requests of ours the server keeps, as far as is known now."""
         self._room = _FIRST_ROOM
@@ -128,6 +130,7 @@ class RequestWindow:
         """
         loop = asyncio.get_running_loop()
         if loop is not self._loop:  # what waited on another loop waits no more
+            self._began_s = loop.time()
             self._loop, self._waiting, self._held, self._timer = loop, deque(), {}, None
         self.kept = kept
         self._waiting.append(send)
@@ -137,7 +140,8 @@ class RequestWindow:
     def taken(self, number: int) -> None:
         """A request is answered, so that those sent before it are no longer in the server's queue."""
         held = self._held
-        self._room = min(self._room + 1, self.kept)
+        if self._loop is not None and self._loop.time() - self._began_s >= SETTLED_S:
+            self._room = min(self._room + 1, self.kept)
         while held and (oldest := next(iter(held))) <= number:
             del held[oldest]
         if self._pause_s is None and self._waiting and self._loop is not None:

@@ -152,21 +152,24 @@ async def test_what_a_server_keeps_is_shared_by_all_who_have_clients(
     server.close()
 
 
-async def test_room_grows_with_answers_because_others_may_not_be_known_yet() -> None:
+async def test_room_grows_with_answers_once_others_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
     window, sent = RequestWindow("/add"), list[int]()
     enter(window, range(40), 10, sent)
     assert len(sent) == 3
-    for number in range(1, 5):
+    window.taken(1)
+    assert len(sent) - 1 == 3
+    monkeypatch.setattr(windows, "SETTLED_S", 0.0)
+    for number in range(2, 6):
         window.taken(number)
-    assert len(sent) - 4 == 7
-    for number in range(5, 20):
+    assert len(sent) - 5 == 7
+    for number in range(6, 21):
         window.taken(number)
-    assert len(sent) - 19 == 10
+    assert len(sent) - 20 == 10
     window.kept = 4
-    window.taken(22)
-    assert len(sent) == 29
-    window.taken(26)
+    window.taken(23)
     assert len(sent) == 30
+    window.taken(27)
+    assert len(sent) == 31
 
 
 async def test_a_server_whose_handlers_take_long_loses_none_of_many_calls_at_once(
