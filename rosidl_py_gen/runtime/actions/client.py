@@ -41,6 +41,7 @@ from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
+from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
@@ -133,6 +134,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             lambda: self._closed,
             lambda: f"no server of action {self.name} ({self.action_type}) appeared at {', '.join(self._missing())}",
         )
+
+    wait_for_server_sync = blocking(wait_for_server)
 
     # ------------------------------------------------------------------------------------------------------- goals
 
@@ -253,6 +256,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             # rclpy servers answer 0 with an empty list when they refuse.
             raise CancelRejectedError(f"action server {self.name} refused to cancel {what}")
 
+    cancel_goal_sync = blocking(cancel_goal)
+
     async def cancel_all(self, timeout_s: float | None = None) -> list[bytes]:
         """Ask to cancel every goal of the server, other clients' too; returns the ids being cancelled.
 
@@ -262,6 +267,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
         """
         return await self._ask_cancel(ZERO_ID, None, "any goal", timeout_s)
 
+    cancel_all_sync = blocking(cancel_all)
+
     async def cancel_before(self, stamp: Time | SecNanosec, timeout_s: float | None = None) -> list[bytes]:
         """Ask to cancel every goal accepted at `stamp` or before; returns and raises as `cancel_all`.
 
@@ -269,6 +276,8 @@ class ActionClient(Composite, Generic[ActionT_co]):
             ActionArgumentError: `stamp` is zero, which would mean all. TypeError: it is no time.
         """
         return await self._ask_cancel(ZERO_ID, require_stamp(stamp), "any goal", timeout_s)
+
+    cancel_before_sync = blocking(cancel_before)
 
     async def _ask_cancel(self, goal_id: bytes, stamp: Time | None, what: str, timeout_s: float | None) -> list[bytes]:
         request = CancelGoal_Request()

@@ -13,6 +13,7 @@ from rosidl_py_gen.runtime.endpoints.header import ForeignServiceError, foreign_
 from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.endpoints.window import kept_by
+from rosidl_py_gen.runtime.loop.blocking import blocking
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
@@ -116,6 +117,8 @@ class ServersOfClient(ServiceEnd[RequestT, ResponseT]):
             ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
         """
         return await self._scope.expect(self._is_available, timeout_s, lambda: self._closed, self._missing)
+
+    wait_for_service_sync = blocking(wait_for_service)
 
     def _missing(self) -> str:
         told = self._check.others(self._request_topic, self._written_hash)

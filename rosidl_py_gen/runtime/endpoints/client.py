@@ -173,7 +173,7 @@ class Client(ServersOfClient[RequestT, ResponseT]):
         pending.servers = self._presence.now()
         self._pending[pending.sequence] = pending
         if self._kept:
-            self._window.enter(partial(self._send_in_turn, pending), self._kept)
+            self._window.enter(partial(self._send_in_turn, pending), self._kept, self)
         else:
             self._send_soon(pending)
 
@@ -299,7 +299,7 @@ class Client(ServersOfClient[RequestT, ResponseT]):
 
     def _take_reply(self, pending: PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
         if pending.turn:
-            self._window.taken(pending.turn)
+            self._window.taken(pending.turn, self)
         try:
             response = self._type.response.decode(message)
         except DecodeError as error:

@@ -15,6 +15,7 @@ from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.graph.events import watched
+from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
 from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
@@ -150,6 +151,8 @@ class Publisher(Owned, Generic[T]):
             lambda: f"{self.subscription_count} subscriptions on {self.topic}, expected at least {count},",
         )
 
+    wait_for_subscribers_sync = blocking(wait_for_subscribers)
+
     async def wait_for_acknowledged(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until every reliable subscription confirmed all that was published.
 
@@ -163,6 +166,8 @@ class Publisher(Owned, Generic[T]):
             lambda: f"what was published on {self.topic} was not acknowledged by all {self.subscription_count}",
             poll_s=0.002,
         )
+
+    wait_for_acknowledged_sync = blocking(wait_for_acknowledged)
 
     def assert_liveliness(self) -> None:
         """Say that this publisher is alive; needed with manual liveliness when nothing is published.

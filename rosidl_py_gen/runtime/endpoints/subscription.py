@@ -18,6 +18,7 @@ from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.endpoints.types import has_buffer
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.graph.events import watched
+from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.concurrency import drops_warning, require_concurrency
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
@@ -146,11 +147,15 @@ class Subscription(Owned, Generic[T]):
         """
         return (await self._next_good(timeout_s))[0]
 
+    receive_sync = blocking(receive)
+
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
         """Like `receive`: the message, and its timestamps and publisher's GID."""
         message, (_, source_ns, handle, received_ns) = await self._next_good(timeout_s)
         gid = self._reader.writer_guid(handle) or bytes(16)
         return message, MessageInfo(source_ns, received_ns, gid)
+
+    receive_with_info_sync = blocking(receive_with_info)
 
     async def _next_good(self, timeout_s: float | None) -> tuple[T, Sample]:
         self._require_no_callback()
@@ -307,6 +312,8 @@ class Subscription(Owned, Generic[T]):
             lambda: self._closed,
             lambda: f"{self.publisher_count} publishers on {self.topic}, expected at least {count},",
         )
+
+    wait_for_publishers_sync = blocking(wait_for_publishers)
 
     def __repr__(self) -> str:
         parts = self.topic, self.message_type, self.qos.short()

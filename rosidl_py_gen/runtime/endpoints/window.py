@@ -110,40 +110,41 @@ class RequestWindow:
         self._pause_s = pause_s
         self._patience_s = _PATIENCE_S
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._waiting: deque[Callable[[int], bool]] = deque()
+        self._waiting: deque[tuple[Callable[[int], bool], object]] = deque()
         self._numbers = itertools.count(1)
-        self._held: dict[int, None] = {}
-        """What was sent and may not have been taken, oldest first."""
+        self._held: dict[int, object] = {}
+        """What was sent and may not have been taken, oldest first, and whose it is."""
         self._moved_s = self._began_s = 0.0
         self.kept = 1
         """How many requests of ours the server keeps, as far as is known now."""
         self._room = _FIRST_ROOM
         self._timer: asyncio.TimerHandle | None = None
 
-    def enter(self, send: Callable[[int], bool], kept: int) -> None:
+    def enter(self, send: Callable[[int], bool], kept: int, client: object = None) -> None:
         """Call `send` as soon as one more request may be sent, perhaps at once; on the loop's thread.
 
         Args:
             send: gets the number for `taken` and `leave`, one of which has to be called once the request is answered or
                 given up. It answers False when nobody wants its request any more, which then takes nobody's place.
             kept: how many requests the server keeps.
+            client: whose request it is. Those of one client come to the server in their order, those of several do not.
         """
         loop = asyncio.get_running_loop()
         if loop is not self._loop:  # what waited on another loop waits no more
             self._began_s = loop.time()
             self._loop, self._waiting, self._held, self._timer = loop, deque(), {}, None
         self.kept = kept
-        self._waiting.append(send)
+        self._waiting.append((send, client))
         if len(self._waiting) == 1:
             self._send()
 
-    def taken(self, number: int) -> None:
-        """A request is answered, so that those sent before it are no longer in the server's queue."""
+    def taken(self, number: int, client: object = None) -> None:
+        """A request is answered, so that those its client sent before it are no longer in the server's queue."""
         held = self._held
         if self._loop is not None and self._loop.time() - self._began_s >= SETTLED_S:
             self._room = min(self._room + 1, self.kept)
-        while held and (oldest := next(iter(held))) <= number:
-            del held[oldest]
+        for one in [one for one, whose in held.items() if one <= number and whose is client]:
+            del held[one]
         if self._pause_s is None and self._waiting and self._loop is not None:
             self._patience_s, self._moved_s = _PATIENCE_S, self._loop.time()
         self._go_on()
@@ -163,9 +164,9 @@ class RequestWindow:
         held, waiting = self._held, self._waiting
         while waiting and len(held) < (self.kept if self._pause_s is not None else min(self.kept, self._room)):
             number = next(self._numbers)
-            held[number] = None
+            send, held[number] = waiting.popleft()
             self._moved_s = self._loop.time()
-            if not waiting.popleft()(number):
+            if not send(number):
                 held.pop(number, None)
         if waiting and self._timer is None:
             self._timer = self._loop.call_at(self._due_s(), self._look)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.names.dds import reply_name, topic_name
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
 
@@ -124,6 +125,8 @@ class NodeGraph:
             return f"no node {wanted} appeared{did_you_mean(wanted, names)}"
 
         return await self.scope.expect(known, timeout_s, lambda: self.scope.closed, missing)
+
+    wait_for_node_sync = blocking(wait_for_node)
 
     async def graph_changes(self) -> AsyncIterator[int]:
         """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.cdr import Action, Message, Service
 from rosidl_py_gen.runtime.graph.announced import action_subject, service_subject, topic_subject
+from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.names.validation import resolve_node_name
 from rosidl_py_gen.runtime.node.resolving import Request, resolve
 from rosidl_py_gen.runtime.node.type_description import announced_hash, ask_type_description, described_by
@@ -63,6 +64,8 @@ class NodeTypes:
         cls: type[Message] = await resolve(self.scope, self._names, request, timeout_s)
         return cls
 
+    resolve_type_sync = blocking(resolve_type)
+
     async def resolve_service_type(
         self,
         service: str,
@@ -84,6 +87,8 @@ class NodeTypes:
         cls: type[Service[Any, Any]] = await resolve(self.scope, self._names, request, timeout_s)
         return cls
 
+    resolve_service_type_sync = blocking(resolve_service_type)
+
     async def resolve_action_type(
         self,
         action: str,
@@ -102,6 +107,8 @@ class NodeTypes:
         request = Request(subject, Action, type_name, type_hash, path)
         cls: type[Action[Any, Any, Any]] = await resolve(self.scope, self._names, request, timeout_s)
         return cls
+
+    resolve_action_type_sync = blocking(resolve_action_type)
 
     async def get_type_description(
         self,
@@ -130,3 +137,5 @@ class NodeTypes:
             type_hash, timeout_s = await announced_hash(self.scope, node, type_name, timeout_s)
         answer = await ask_type_description(self.scope, service, type_name, type_hash, include_type_sources, timeout_s)
         return described_by(service, answer)
+
+    get_type_description_sync = blocking(get_type_description)

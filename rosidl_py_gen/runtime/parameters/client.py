@@ -32,6 +32,7 @@ from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.scope import Composite
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import message_type, service_type
+from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.parameters.files import dump_parameters, parse_parameter_file
 from rosidl_py_gen.runtime.parameters.messages import (
@@ -109,6 +110,8 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
         """Wait until somebody is there to be heard; raises `WaitTimeoutError` when the time passed."""
         return await self._subscription.wait_for_publishers(timeout_s)
 
+    wait_for_publishers_sync = blocking(wait_for_publishers)
+
     def close(self, error: BaseException | None = None) -> None:
         """Stop listening; the iterator ends. May be called twice."""
         super().close(error)
@@ -173,6 +176,8 @@ class ParameterClient(Composite):
             missing,
         )
 
+    wait_for_services_sync = blocking(wait_for_services)
+
     @overload
     async def get(  # type: ignore[overload-overlap]  # a text is a sequence of texts
         self, names: str, timeout_s: float | None = None
@@ -190,6 +195,16 @@ class ParameterClient(Composite):
         return asked.answer([value_from_message(item).value for item in response.values])
 
     @overload
+    def get_sync(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+        self, names: str, timeout_s: float | None = None
+    ) -> PythonValue: ...
+    @overload
+    def get_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[PythonValue]: ...
+    def get_sync(self, names: Any, timeout_s: float | None = None) -> Any:
+        """`get` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
+        return self._scope.run(self.get(names, timeout_s), f"get_sync of {self!r}", "'await ...get(...)'")
+
+    @overload
     async def types(  # type: ignore[overload-overlap]  # a text is a sequence of texts
         self, names: str, timeout_s: float | None = None
     ) -> ParameterType: ...
@@ -204,6 +219,16 @@ class ParameterClient(Composite):
         return asked.answer([parameter_type(int(item)) for item in response.types])
 
     @overload
+    def types_sync(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+        self, names: str, timeout_s: float | None = None
+    ) -> ParameterType: ...
+    @overload
+    def types_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterType]: ...
+    def types_sync(self, names: Any, timeout_s: float | None = None) -> Any:
+        """`types` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
+        return self._scope.run(self.types(names, timeout_s), f"types_sync of {self!r}", "'await ...types(...)'")
+
+    @overload
     async def describe(  # type: ignore[overload-overlap]  # a text is a sequence of texts
         self, names: str, timeout_s: float | None = None
     ) -> ParameterDescriptor: ...
@@ -216,6 +241,18 @@ class ParameterClient(Composite):
         asked = _Asked(self.node, names)
         response = await self._describe.call(DescribeParameters_Request(names=asked.names), timeout_s)
         return asked.answer([descriptor_from_message(item) for item in response.descriptors])
+
+    @overload
+    def describe_sync(  # type: ignore[overload-overlap]  # a text is a sequence of texts
+        self, names: str, timeout_s: float | None = None
+    ) -> ParameterDescriptor: ...
+    @overload
+    def describe_sync(self, names: Sequence[str], timeout_s: float | None = None) -> list[ParameterDescriptor]: ...
+    def describe_sync(self, names: Any, timeout_s: float | None = None) -> Any:
+        """`describe` for plain code; raises `WouldDeadlockError` on the event loop's thread."""
+        return self._scope.run(
+            self.describe(names, timeout_s), f"describe_sync of {self!r}", "'await ...describe(...)'"
+        )
 
     async def set(self, values: ParametersToSet, timeout_s: float | None = None) -> list[SetResult]:
         """Set one by one; the result of each says whether and why not.
@@ -238,6 +275,8 @@ class ParameterClient(Composite):
                 results[index] = result
         return results
 
+    set_sync = blocking(set)
+
     async def _set_once(self, wanted: Sequence[Parameter], deadline: Deadline) -> list[SetResult]:
         request = SetParameters_Request(parameters=[to_message(item) for item in wanted])
         return [result_from_message(item) for item in (await self._set.call(request, deadline.left_s())).results]
@@ -251,6 +290,8 @@ class ParameterClient(Composite):
             return result
         again = [await self._as_double(one, deadline) for one in wanted]
         return result if again == wanted else await self._set_all(again, deadline)
+
+    set_atomically_sync = blocking(set_atomically)
 
     async def _set_all(self, wanted: Sequence[Parameter], deadline: Deadline) -> SetResult:
         request = SetParametersAtomically_Request(parameters=[to_message(item) for item in wanted])
@@ -289,6 +330,8 @@ class ParameterClient(Composite):
         result = (await self._list.call(request, timeout_s)).result
         return Listing(tuple(result.names), tuple(result.prefixes))
 
+    list_sync = blocking(list)
+
     async def load_yaml(self, path: str | os.PathLike[str], timeout_s: float | None = None) -> dict[str, SetResult]:
         """Set what a parameter file says for the remote node, with the types of `set`.
 
@@ -310,6 +353,8 @@ class ParameterClient(Composite):
             name: result if result.successful else await self._unless_read_only(name, found[name], result, deadline)
             for name, result in zip(found, results, strict=False)
         }
+
+    load_yaml_sync = blocking(load_yaml)
 
     async def _unless_read_only(
         self, name: str, wanted: ParameterValue, refused: SetResult, deadline: Deadline
@@ -335,6 +380,8 @@ class ParameterClient(Composite):
             if len(response.values) == 1:
                 values[name] = value_from_message(response.values[0])
         return dump_parameters(self.node, values)
+
+    dump_yaml_sync = blocking(dump_yaml)
 
     def events(self) -> ParameterEvents:
         """What happens to the remote node's parameters from now on."""

@@ -51,6 +51,29 @@ async def test_an_answer_makes_room_for_as_many_as_were_sent_before_it() -> None
     assert sent == list(range(9))
 
 
+async def test_an_answer_says_nothing_of_what_others_sent() -> None:
+    """Their requests may come to the server later, though they were sent before."""
+    window, sent = RequestWindow("/add"), list[str]()
+    for client in ("a", "b"):
+        for number in range(3):
+
+            def send(turn: int, name: str = f"{client}{number}") -> bool:
+                sent.append(name)
+                return True
+
+            window.enter(send, 3, client)
+    assert sent == ["a0", "a1", "a2"]
+    window.taken(2, "a")
+    assert sent[3:] == ["b0", "b1"]
+    window.taken(5, "b")  # b1, and b0 before it, but not a2
+    assert sent[5:] == ["b2"]
+    window.enter(lambda turn: sent.append("b3") is None, 3, "b")
+    window.enter(lambda turn: sent.append("b4") is None, 3, "b")
+    assert sent[6:] == ["b3"]
+    window.taken(3, "a")
+    assert sent[7:] == ["b4"]
+
+
 async def test_what_is_given_up_makes_room_for_one() -> None:
     window, sent = RequestWindow("/add"), list[int]()
     enter(window, range(6), 3, sent)
