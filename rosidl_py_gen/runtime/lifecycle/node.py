@@ -8,6 +8,7 @@ from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime.endpoints.types import message_type
 from rosidl_py_gen.runtime.lifecycle.machine import LifecycleMachine, LifecyclePublisher
 from rosidl_py_gen.runtime.lifecycle.states import Outcome, State
+from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.node.node import Node
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
@@ -68,21 +69,31 @@ class LifecycleNode(Node):
         """Raises `TransitionError` unless unconfigured."""
         return await self._machine.change(label="configure")
 
+    configure_sync = blocking(configure)
+
     async def cleanup(self) -> Outcome:
         """Raises `TransitionError` unless inactive."""
         return await self._machine.change(label="cleanup")
+
+    cleanup_sync = blocking(cleanup)
 
     async def activate(self) -> Outcome:
         """Raises `TransitionError` unless inactive."""
         return await self._machine.change(label="activate")
 
+    activate_sync = blocking(activate)
+
     async def deactivate(self) -> Outcome:
         """Raises `TransitionError` unless active."""
         return await self._machine.change(label="deactivate")
 
+    deactivate_sync = blocking(deactivate)
+
     async def shutdown(self) -> Outcome:
         """Raises `TransitionError` when finalized already, or in between."""
         return await self._machine.change(label="shutdown")
+
+    shutdown_sync = blocking(shutdown)
 
     @overload
     def create_lifecycle_publisher(

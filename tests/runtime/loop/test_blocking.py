@@ -1,0 +1,124 @@
+"""Awaitable methods for plain code: each has its blocking form, and they do what the awaitable ones do."""
+
+from __future__ import annotations
+
+import asyncio
+import inspect
+import threading
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from worlds import World
+
+from rosidl_py_gen import get_message, get_service, runtime
+from rosidl_py_gen.runtime import ClosedError, Context, MemoryTransport, Node, WaitTimeoutError, WouldDeadlockError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+String: Any = get_message("std_msgs/msg/String")
+SetBool: Any = get_service("std_srvs/srv/SetBool")
+WITHOUT = {
+    "Clock": "time.sleep, or a timer",
+    "Rate": "made for loops that await",
+    "Timer": "made for loops that await",
+    "ServerGoal": "handlers are async, or have threads of their own",
+    "SimTimePublisher": "made for tests that await",
+    "ServiceRequest": "answered at once",
+}
+
+
+def awaitable_methods() -> Iterator[tuple[str, str, type]]:
+    for class_name in dir(runtime):
+        cls = getattr(runtime, class_name)
+        if inspect.isclass(cls) and not issubclass(cls, BaseException):
+            for name, member in inspect.getmembers(cls):
+                if not name.startswith("_") and inspect.iscoroutinefunction(inspect.unwrap(member)):
+                    yield class_name, name, cls
+
+
+def test_every_awaitable_method_has_a_blocking_form_or_a_reason() -> None:
+    found = [(owner, name) for owner, name, _ in awaitable_methods()]
+    assert {("Subscription", "receive"), ("Client", "call"), ("Node", "wait_for_node")} <= {*found}
+    missing = [
+        f"{owner}.{name}"
+        for owner, name, cls in awaitable_methods()
+        if owner not in WITHOUT and not hasattr(cls, f"{name}_sync")
+    ]
+    assert missing == []
+    assert {owner for owner, _ in found} >= WITHOUT.keys() - {"SimTimePublisher", "ServiceRequest"}
+
+
+def test_a_script_without_event_loop_receives_and_waits(world: World) -> None:
+    if world.kind == "zenoh":
+        pytest.skip("the same code runs there")
+    alice, bob = world.pair()
+    publisher, subscription = alice.create_publisher(String, "t"), bob.create_subscription(String, "t")
+    publisher.wait_for_subscribers_sync(5)
+    subscription.wait_for_publishers_sync(timeout_s=5)
+    publisher.publish(String(data="a"))
+    assert subscription.receive_sync(5).data == "a"
+    publisher.publish(String(data="b"))
+    message, info = subscription.receive_with_info_sync(5)
+    assert (message.data, info.publisher_gid) == ("b", publisher.gid)
+    assert publisher.wait_for_acknowledged_sync(5) and bob.wait_for_node_sync("alice", 5)
+    with pytest.raises(WaitTimeoutError, match="no message on /t"):
+        subscription.receive_sync(0.01)
+
+
+def test_services_and_parameters_of_others_are_used_without_await(world: World) -> None:
+    if world.kind == "zenoh":
+        pytest.skip("the same code runs there")
+    ready, stop = threading.Event(), threading.Event()
+
+    async def serve() -> None:
+        alice = world.node("alice")
+        alice.declare_parameter("speed", 1.5)
+        alice.create_service(SetBool, "s", lambda request: SetBool.Response(success=request.data))
+        ready.set()
+        await asyncio.to_thread(stop.wait)
+        alice.close()
+
+    serving = threading.Thread(target=lambda: asyncio.run(serve()))
+    serving.start()
+    try:
+        assert ready.wait(5)
+        bob = world.node("bob")
+        client = bob.create_client(SetBool, "s")
+        assert client.wait_for_service_sync(5)
+        assert client.call_sync(SetBool.Request(data=True), 5).success
+        remote = bob.create_parameter_client("/alice")
+        assert remote.wait_for_services_sync(5)
+        assert remote.get_sync("speed", 5) == 1.5
+        assert remote.set_sync({"speed": 2.5}, 5)[0].successful
+        assert remote.get_sync(["speed"], 5) == [2.5]
+        assert "speed" in remote.list_sync(timeout_s=5).names
+        assert [one.name for one in remote.describe_sync(["speed"], 5)] == ["speed"]
+    finally:
+        stop.set()
+        serving.join()
+
+
+async def test_on_the_event_loop_it_is_refused_with_the_awaitable_form(memory: World) -> None:
+    subscription = memory.node("n").create_subscription(String, "t")
+    with pytest.raises(
+        WouldDeadlockError, match=r"receive_sync of Subscription\(/t.*use 'await \.\.\.receive\(\.\.\.\)'"
+    ):
+        subscription.receive_sync(1)
+
+
+async def test_another_thread_waits_while_the_loop_goes_on(memory: World) -> None:
+    alice, bob = memory.pair()
+    subscription, publisher = bob.create_subscription(String, "t"), alice.create_publisher(String, "t")
+    await publisher.wait_for_subscribers(5)
+    waiting = asyncio.ensure_future(asyncio.to_thread(subscription.receive_sync, 5))
+    publisher.publish(String(data="across"))
+    assert (await waiting).data == "across"
+
+
+def test_a_closed_endpoint_says_so() -> None:
+    with Context(transport=MemoryTransport()) as context, Node("n", context=context) as node:
+        subscription = node.create_subscription(String, "t")
+        subscription.close()
+        with pytest.raises(ClosedError):
+            subscription.receive_sync(1)
