@@ -40,6 +40,7 @@ class SqliteFile:
         if not path.is_file():
             raise BagError(f"{path}: there is no such file")
         self._copy: TemporaryDirectory[str] | None = None
+        self._without_topic: dict[Any, BagTopic] = {}
         with damage_told(path):
             self._base = self._connected()
         try:
@@ -82,19 +83,21 @@ class SqliteFile:
     def channels(self) -> list[BagTopic]:
         with damage_told(self._path):
             counts = dict(self._base.execute("select topic_id, count(*) from messages group by topic_id"))
-            return joined(topic for _, topic in self._topics(counts))
+            topics = self._topics(counts)
+            self._without_topic = {key: _nameless(key, count) for key, count in counts.items() if key not in topics}
+            return joined([*topics.values(), *self._without_topic.values()])
 
-    def _topics(self, counts: dict[Any, int]) -> list[tuple[Any, BagTopic]]:
+    def _topics(self, counts: dict[Any, int]) -> dict[Any, BagTopic]:
         """Rows of topics, by the number that messages name them with."""
         texts = self._definitions()
         columns = self._columns("topics")
         optional = [name if name in columns else "''" for name in ("offered_qos_profiles", "type_description_hash")]
         rows = self._base.execute(f"select id, name, type, serialization_format, {', '.join(optional)} from topics")
-        found = []
+        found = {}
         for row in rows.fetchall():
             key, (name, kind, how, qos, told) = row[0], map(str, row[1:])
             text, encoding = texts.get((kind, told)) or texts.get((kind, "")) or ("", "")
-            found.append((key, BagTopic(name, kind, text, encoding, how, told, qos, counts.get(key, 0))))
+            found[key] = BagTopic(name, kind, text, encoding, how, told, qos, counts.get(key, 0))
         return found
 
     def _columns(self, table: str) -> set[str]:
@@ -127,15 +130,17 @@ class SqliteFile:
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         with damage_told(self._path):
-            known = {key: Channel(topic) for key, topic in self._topics({})}
+            known = {key: Channel(topic) for key, topic in {**self._without_topic, **self._topics({})}.items()}
             wanted = [key for key, channel in known.items() if topics is None or channel.topic in topics]
-            marks = ",".join("?" * len(wanted))
+            marks = "" if topics is None else f"topic_id in ({','.join('?' * len(wanted))}) and "
             rows = self._base.execute(
-                f"select topic_id, timestamp, data from messages where topic_id in ({marks}) and timestamp >= ? "
-                "and timestamp <= ? order by timestamp, id",
-                [*wanted, min(start, _MAX_TIME), min(end - 1, _MAX_TIME)],
+                f"select topic_id, timestamp, data from messages where {marks}timestamp >= ? and timestamp <= ? "
+                "order by timestamp, id",
+                [*(wanted if marks else ()), min(start, _MAX_TIME), min(end - 1, _MAX_TIME)],
             )
             for key, stamp, data in rows:
+                if key not in known:
+                    known[key] = Channel(_nameless(key))
                 if not isinstance(data, bytes) or not isinstance(stamp, int):
                     raise BagError(f"{self._path}: a message on {known[key].topic} is no bytes with a time")
                 yield known[key], data, stamp, stamp
@@ -144,6 +149,11 @@ class SqliteFile:
         self._base.close()
         if self._copy is not None:
             self._copy.cleanup()
+
+
+def _nameless(key: object, count: int | None = None) -> BagTopic:
+    """Stands for a topic whose row is missing, so that what was recorded of it is counted and can be had as bytes."""
+    return BagTopic(f"(no topic has id {key!r})", "", count=count)
 
 
 def _require_own_journal(path: Path, journal: Path) -> None:

@@ -261,3 +261,22 @@ def test_one_file_of_a_bag_with_compressed_messages_is_read_alone(tmp_path: Path
             base.write("/s", packed, 1)
         path = tmp_path / "bag" / "bag_0.db3"
     assert told(path) == [(1, "a", 1)]
+
+
+def test_messages_whose_topic_row_is_missing_are_counted_and_named(tmp_path: Path) -> None:
+    with SqliteWriter(tmp_path / "bag") as base:
+        base.add_topic("/s", STRING)
+        for time in (1, 2):
+            base.write("/s", String(data="a").encode(), time)
+    file = tmp_path / "bag" / "bag_0.db3"
+    with sqlite3.connect(file) as changed:
+        changed.execute("update messages set topic_id = 7 where timestamp = 2")
+    name = "(no topic has id 7)"
+    with BagReader(file) as reader:
+        with pytest.warns(BagWarning, match=r"left out \(no topic has id 7\)"):
+            assert [item.log_time for item in reader] == [1]
+        assert reader.left_out[name].count == 1
+        assert [item.log_time for item in reader.messages(raw=True)] == [1, 2]
+        assert [item.log_time for item in reader.messages(name, raw=True)] == [2]
+        with pytest.raises(BagError, match="no topic has id 7"):
+            list(reader.messages(name))
