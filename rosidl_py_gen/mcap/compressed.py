@@ -73,6 +73,7 @@ class CompressedMessages:
         self._max_bytes = max_bytes
         self._zstd = ZstdDecompressor()
         self.is_whole = storage.is_whole
+        self.unread_bytes = storage.unread_bytes
 
     def channels(self) -> list[BagTopic]:
         return self._storage.channels()

@@ -101,6 +101,10 @@ class McapFile:
 
     # ------------------------------------------------------------------------------------------------------ contents
 
+    @property
+    def unread_bytes(self) -> int:
+        return self._index.unread_bytes
+
     def channels(self) -> list[BagTopic]:
         index = self._index
         with damage_told(self._path):

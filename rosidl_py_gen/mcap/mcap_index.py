@@ -38,6 +38,7 @@ _PIECE = 1 << 20
 """Bytes of messages outside of chunks that are read together."""
 _CRC = Struct("<I")
 _SUMMARY = "SCHEMA CHANNEL CHUNK_INDEX ATTACHMENT_INDEX STATISTICS METADATA_INDEX SUMMARY_OFFSET FOOTER"
+_HOLD_MESSAGES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 _AFTER_DATA = [b"", *(bytes([Opcode[name]]) for name in _SUMMARY.split())]
 """How what follows the data begins: nothing, where the file breaks off just there."""
 
@@ -68,6 +69,7 @@ class Index:
         counts: messages by channel; None when the file does not tell.
         span: log times of the first and the last message, None when there is none.
         gaps: stretches that the index says nothing about; messages may be there, too.
+        unread_bytes: at the end of the file, of a record that was not finished.
     """
 
     parts: list[Part] = field(default_factory=list)
@@ -76,6 +78,7 @@ class Index:
     counts: dict[int, int] | None = field(default_factory=dict)
     span: tuple[int, int] | None = None
     gaps: list[tuple[int, int]] = field(default_factory=list)
+    unread_bytes: int = 0
 
     def take(self, opcode: int, body: bytes | bytearray) -> None:
         """Keep what a record says of schemas and channels."""
@@ -184,11 +187,13 @@ def walk(stream: IO[bytes], size: int, unpacker: Unpacker, index: Index, start: 
         stream.seek(at)
         head = stream.read(MESSAGE.size)
         if len(head) < RECORD.size:
+            index.unread_bytes = _unread(head, at, size)
             break
         opcode, length = RECORD.unpack_from(head)
         body, after = at + RECORD.size, at + RECORD.size + length
         if after > size or not opcode:  # zeros are what a crash of the machine leaves
             _require_no_end(stream, at)
+            index.unread_bytes = _unread(head, at, size)
             break
         if opcode == IS_MESSAGE:
             if len(head) < MESSAGE.size or length < MESSAGE.size - RECORD.size:
@@ -212,6 +217,11 @@ def walk(stream: IO[bytes], size: int, unpacker: Unpacker, index: Index, start: 
     if at > max(start, end):
         raise BagError(f"damaged: a record goes beyond byte {end}, where the next one begins")
     return at >= end
+
+
+def _unread(head: bytes, at: int, size: int) -> int:
+    """How much of a file is in a record at its end that was not finished; of records with messages, not of indexes."""
+    return size - at if head[:1] and head[0] in _HOLD_MESSAGES else 0
 
 
 def _require_no_end(stream: IO[bytes], at: int) -> None:

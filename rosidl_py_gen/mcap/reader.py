@@ -101,6 +101,9 @@ class BagReader:
             """Log time of the last message."""
             self.has_index = all(file.is_whole for file in self._files)
             """False after a crash of the recorder: all of the files is read then to find something."""
+            self.unread_bytes = sum(file.unread_bytes for file in self._files)
+            """Of records at the end of files that were not finished, as after a crash; a `BagWarning` tells of them."""
+            self._tell_of_unread()
         except BaseException:
             self.close()
             raise
@@ -135,6 +138,12 @@ class BagReader:
         if path.suffix == ".mcap":
             return McapFile(path, validate_crcs, max_unpacked_bytes)
         raise BagError(f"{path}: neither .mcap nor .db3 nor a folder")
+
+    def _tell_of_unread(self) -> None:
+        for path, file in zip(self.files, self._files, strict=True):
+            if file.unread_bytes:
+                text = f"{path} breaks off within a record: what its last {file.unread_bytes} bytes hold is lost"
+                warnings.warn(text, BagWarning, stacklevel=3)
 
     def _all_topics(self) -> dict[str, BagTopic]:
         found: dict[str, BagTopic] = {}

@@ -34,6 +34,7 @@ class SqliteFile:
     """A ``.db3`` file of rosbag2. Any thread may read it."""
 
     is_whole = True
+    unread_bytes = 0
 
     def __init__(self, path: Path) -> None:
         self._path = path

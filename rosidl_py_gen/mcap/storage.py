@@ -54,6 +54,10 @@ class Storage(Protocol):
     is_whole: bool
     """False when the file has no index, as after a crash."""
 
+    @property
+    def unread_bytes(self) -> int:
+        """At the end of the file, of a record that was not finished."""
+
     def channels(self) -> list[BagTopic]:
         """What it holds, with counts where it has an index; a topic with two definitions is there twice."""
 

@@ -15,6 +15,7 @@ import atexit
 import gc
 import os
 import sys
+import warnings
 from contextlib import nullcontext
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -150,6 +151,7 @@ def main(arguments: list[str] | None = None) -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # closed; a socket would get its number
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
+    warnings.showwarning = _show_warning
     try:
         code = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
         if isinstance(code, int) and code:
@@ -171,6 +173,11 @@ def main(arguments: list[str] | None = None) -> None:
     except OSError as error:
         report(f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror or error))
         sys.exit(1)
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+    """Of what commands use; where in the code it comes from helps nobody here."""
+    click.echo(f"warning: {printable(str(message))}", err=True)
 
 
 def report(text: str) -> None:

@@ -6,6 +6,7 @@ import resource
 import sqlite3
 import struct
 import tracemalloc
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.mcap import BagError, BagReader, BagWriter, SqliteWriter
+from rosidl_py_gen.mcap import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.mcap.common import BagTopic
 from rosidl_py_gen.mcap.mcap_file import McapFile
 from rosidl_py_gen.mcap.metadata import qos_profiles
@@ -137,6 +138,33 @@ def test_an_mcap_file_may_end_anywhere(tmp_path: Path) -> None:
         cut.write_bytes(data[:end])
         answers.add(read(cut))
     assert answers == {0, 3}
+
+
+def test_what_breaks_off_says_how_much_is_lost(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        for number in range(3):
+            writer.write("/a", Bool(data=True), number)
+    data = path.read_bytes()
+    begin = len(b"\x89MCAP0\r\n")
+    while data[begin] != 6:  # a chunk
+        begin += 9 + struct.unpack_from("<Q", data, begin + 1)[0]
+    after = begin + 9 + struct.unpack_from("<Q", data, begin + 1)[0]
+    cut = tmp_path / "b.mcap"
+    for end in range(begin + 1, after):
+        cut.write_bytes(data[:end])
+        with pytest.warns(BagWarning, match=f"b.mcap breaks off within a record: .* last {end - begin} bytes"):
+            assert (count_of(cut), BagReader(cut).unread_bytes) == (0, end - begin)
+    for end in (begin, *range(after, len(data))):  # only of the index something is missing
+        cut.write_bytes(data[:end])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert count_of(cut) == (0 if end == begin else 3)
+
+
+def count_of(path: Path) -> int:
+    with BagReader(path) as reader:
+        return sum(1 for _ in reader)
 
 
 @pytest.mark.usefixtures("little_memory")

@@ -41,6 +41,7 @@ def _told(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
         "size": _size(reader),
         "storage": _storage(reader),
         "has_index": reader.has_index,
+        "unread_bytes": reader.unread_bytes,
         "start_ns": reader.start_ns,
         "end_ns": reader.end_ns,
         "duration_ns": reader.end_ns - reader.start_ns,
@@ -98,6 +99,8 @@ def _show(reader: BagReader, is_verbose: bool) -> None:
     ]
     if not reader.has_index:
         rows.append(("Index", "missing: the recorder did not end; `rosidl-py bag convert` makes a whole bag of this"))
+    if reader.unread_bytes:
+        rows.append(("Lost", f"{size_text(reader.unread_bytes)} of an unfinished record at the end"))
     missing = sum(not topic.definition for topic in reader.channels)
     if missing and not is_verbose:
         rows.append(("Types", f"{missing} have no definition in the bag; --verbose says which is taken from here"))
