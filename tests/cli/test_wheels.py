@@ -175,7 +175,10 @@ def test_wheels_are_installed_used_typed_and_found_by_the_next_package(
         # Another team's package, made where only the wheels are.
         source(tmp_path / "other", "wheel_fleet_msgs", "2.0.0", Fleet="wheel_robot_msgs/Robot[] robots\n")
         made = said(clean, *GENERATOR, "wheel", "--path", tmp_path / "other", "--out", tmp_path / "next")
-        assert [Path(line).name for line in made.split()] == ["wheel_fleet_msgs-2.0.0-py3-none-any.whl"]
+        wheel, note = made.splitlines()
+        assert Path(wheel).name == "wheel_fleet_msgs-2.0.0-py3-none-any.whl"
+        assert note.startswith("needed, and not made, because they are installed here: ")
+        assert "wheel-robot-msgs==1.2.3; name packages" in note
         listed = said(clean, *GENERATOR, "--list")
         assert "site-packages" in next(line for line in listed.splitlines() if line.startswith("wheel_robot_msgs"))
         assert "uninstalled wheel_robot_msgs" in said(clean, *GENERATOR, "--uninstall", "--filter", "wheel_robot_msgs")
