@@ -1,303 +1,281 @@
-"""Follows a package's CMakeLists.txt to its `rosidl_generate_interfaces` calls, without running anything.
+"""Reads a package's CMakeLists.txt for what its `rosidl_generate_interfaces` calls list, straight through.
 
-Decides what the calls list as far as the text tells. A condition that cannot be decided is followed both ways; a block
-that cannot be followed makes what it sets unknown. Files are read only inside the package folder: other CMake files it
-includes, and the names `file(GLOB)` asks for.
+Nothing is run, and no condition is decided: what `set`, `list` and `file(GLOB)` put into variables counts in the order
+it stands there, and inside of blocks it is added, so that whatever may be built is taken in. What other commands make
+of a variable is unknown. Only names in the package folder are looked at.
 """
 
 from __future__ import annotations
 
+import fnmatch
 import os
 import posixpath
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING
+import re
+from dataclasses import dataclass
+from itertools import takewhile
+from typing import TYPE_CHECKING, TypeAlias
 
-from rosidl_py_gen.spec.cmake_commands import Commands, Place
-from rosidl_py_gen.spec.cmake_if import Term, holds
-from rosidl_py_gen.spec.cmake_text import (
-    MAX_BYTES,
-    Argument,
-    Block,
-    Command,
-    Node,
-    UnreadableError,
-    every_command,
-    parse_cmake,
-)
-from rosidl_py_gen.spec.cmake_values import ROOT, UNKNOWN, State, expand, inside, items, join
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.names import KINDS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
 
 GENERATE = "rosidl_generate_interfaces"
-_MAX_DEPTH = 40  # blocks and calls inside one another; each costs a few frames of the interpreter's stack
-_ASSIGNING = frozenset({"set", "unset", "option", "list", "file", "string", "foreach", "get_filename_component"})
+ROOT = "/\1"
+"""The package folder in values, so that no path of this machine gets into them."""
+UNKNOWN = "\0"
+"""Stands in a value for what cannot be known."""
+Values: TypeAlias = "dict[str, bool]"
+"""The elements of a list, and whether every build has them."""
+
+_TOKEN = re.compile(
+    r'#\[(=*)\[|#[^\n]*|\[(=*)\[|"([^"\\]*(?:\\.[^"\\]*)*)"|[()]|(?:[^\s()#"\\]+|\\.)+|\s+|.', re.DOTALL
+)
+_ALONE = re.compile(r"\$\{([\w./+-]+)\}")
+_BLOCKS = ("if", "foreach", "while", "function", "macro", "block")
+_HARMLESS = ("message", "install", "find_package", "return", "if", "elseif", "else", "endif", "endforeach", GENERATE)
+_HARMLESS_PREFIXES = ("target_", "add_", "ament_", "link_", "rosidl_", "rclcpp_", "catkin_", "include_", "set_")
+_FOLDERS = "CMAKE_SOURCE_DIR", "PROJECT_SOURCE_DIR", "CMAKE_CURRENT_SOURCE_DIR", "CMAKE_CURRENT_LIST_DIR"
+_MAX_LENGTH = 4096
+_MAX_DEPTH = 12
+_MAX_WORK = 2_000_000
+"""Characters of values and names of files that one CMakeLists.txt may make this look at."""
+
+
+class UnreadableError(RosidlError):
+    """What a CMakeLists.txt lists cannot be known."""
+
+    def __init__(self, reason: str, offset: int | None = None) -> None:
+        super().__init__(reason)
+        self.reason, self.offset = reason, offset
 
 
 @dataclass(frozen=True, slots=True)
-class Listed:
-    """One argument of a call.
+class Word:
+    """One argument as it stands in the file."""
 
-    Attributes:
-        texts: the elements it may bring, one tuple for each way the build may go.
-        written: as it stands in the file.
-        place: where.
-        folder: what relative paths start from, below `ROOT`.
-    """
-
-    texts: tuple[tuple[str, ...], ...]
-    written: str
-    place: Place
-    folder: str
+    text: str
+    offset: int
+    is_plain: bool = True
+    is_raw: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """One call: its arguments behind the target name; `certain` says that every build comes past it."""
+    """One call: where, whether it is outside of all blocks, and behind the target name what each argument brings."""
 
-    place: Place
+    offset: int
     certain: bool
-    arguments: tuple[Listed, ...]
+    arguments: tuple[tuple[Word, Values], ...]
 
 
-@dataclass(slots=True)
-class _Exits:
-    """Where the ways of a run wait that left a loop, a function or a file early."""
+def commands(text: str) -> Iterator[tuple[str, int, list[Word]]]:
+    """Name, place and arguments of each command. Raises `UnreadableError` when this is no CMake."""
+    name, begin, depth, at = "", 0, 0, 0
+    words: list[Word] = []
+    while found := _TOKEN.match(text, at):
+        token, start, at = found[0], at, found.end()
+        if found[1] is not None or found[2] is not None:  # a bracket, of a comment or an argument
+            level = found[1] if found[2] is None else found[2]
+            end = text.find(f"]{level}]", at)
+            if end < 0:
+                raise UnreadableError("a bracket is not closed", start)
+            if found[2] is not None:
+                words.append(Word(text[at:end], start, is_plain=False, is_raw=True))
+            at = end + 2 + len(level)
+        elif token == "(":
+            begin, words, depth = (begin, words, depth + 1) if depth else (begin, [], 1)
+        elif token == ")":
+            depth -= 1
+            if not depth:
+                yield name, begin, words
+            elif depth < 0:
+                raise UnreadableError("a parenthesis is closed that was not opened", start)
+        elif token == '"':
+            raise UnreadableError("a quotation mark is not closed", start)
+        elif found[3] is not None:
+            words.append(Word(found[3], start, is_plain=False))
+        elif depth and not token.isspace() and token[0] != "#":
+            words.append(Word(token, start))
+        elif not token.isspace() and token[0] != "#":
+            name, begin = token.lower(), start
+    if depth:
+        raise UnreadableError("a call is not closed", begin)
 
-    broken: list[State] = field(default_factory=list)
-    continued: list[State] = field(default_factory=list)
-    returned: list[State] = field(default_factory=list)
 
+class Script:
+    """One CMakeLists.txt, read.
 
-def follow(folder: Path) -> tuple[list[Call], dict[str, Place]]:
-    """Follow the CMakeLists.txt of a package folder.
-
-    Returns:
-        The calls in the order they were reached, and for names of interface files where each was first written.
-
-    Raises:
-        UnreadableError: what it does cannot be known.
+    Attributes:
+        calls: in the order they stand there.
     """
-    state = State(set())
-    for name in ("CMAKE_SOURCE_DIR", "PROJECT_SOURCE_DIR", "CMAKE_CURRENT_SOURCE_DIR"):
-        state.set(name, [ROOT])
-    state.set("ROS_VERSION", ["2"])
-    runner = _Runner(folder)
-    try:
-        runner.run_file("CMakeLists.txt", state)
-    except UnreadableError as error:
-        error.path, error.text = runner.path, runner.text
-        raise
-    return runner.calls, runner.places
 
-
-class _Runner(Commands):
-    """Runs files, blocks and calls."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
+    def __init__(self, folder: Path, text: str) -> None:
+        """Raises `UnreadableError`: no CMake, or it lists more than a package can have."""
+        self._folder = folder
+        self._left = _MAX_WORK
+        self._level = 0
+        self._may_change = False
+        """Whether there may be more files when a pattern is looked at than there are now."""
+        self._values: dict[str, Values | None] = {name: {ROOT: True} for name in _FOLDERS}
+        everything = list(commands(text))
+        self._own = {words[index].text for name, _, words in everything for index in _sets(name, words)}
         self.calls: list[Call] = []
-        self.functions: dict[str, tuple[Block, str, str]] = {}  # with the file it stands in, and its text
-        self.doubts = 0  # conditions around this point that could not be decided
-        self.depth = 0
-        self.exits = _Exits()
+        for name, offset, words in everything:
+            self._level = max(0, self._level + (name in _BLOCKS) - (name[:3] == "end" and name[3:] in _BLOCKS))
+            self._read(name, offset, words)
 
-    # --- files ----------------------------------------------------------------------------------------------------
-
-    def run_file(self, path: str, state: State) -> State | None:
-        """Run a file of the package; None when every way through it ends the run."""
-        outer = self.path, self.text
-        self.path, self.text = path, self.read(path)
-        nodes = parse_cmake(self.text)
-        for command in every_command(nodes):
-            if command.name in _ASSIGNING:
-                state.own.update(one.text for one in command.arguments if one.text.isidentifier())
-        state.set("CMAKE_CURRENT_LIST_DIR", [posixpath.dirname(f"{ROOT}/{path}")])
-        after = self.body(nodes, state)
-        self.path, self.text = outer
-        if after is not None:
-            after.set("CMAKE_CURRENT_LIST_DIR", [posixpath.dirname(f"{ROOT}/{self.path}")])
-        return after
-
-    def read(self, path: str) -> str:
-        real = os.path.realpath(self.folder / path)
-        if not Path(real).is_relative_to(os.path.realpath(self.folder)):
-            raise UnreadableError("the file lies outside the package folder")
-        try:
-            with open(real, "rb") as file:
-                raw = file.read(MAX_BYTES + 1)
-        except OSError as error:
-            raise UnreadableError(f"the file cannot be read: {error.strerror or error}") from error
-        if len(raw) > MAX_BYTES:
-            raise UnreadableError(f"the file is longer than {MAX_BYTES} bytes")
-        self.meter.spend(len(raw))
-        return raw.decode(errors="replace").replace("\0", "\ufffd").replace("\1", "\ufffd")
-
-    def include(self, command: Command, state: State) -> State | None:
-        """Run another CMake file of the package; modules of CMake and of packages set nothing that is asked for."""
-        values = expand(command.arguments[0], state, self.meter) if command.arguments else ()
-        path = inside(values[0], self.here(state)) if len(values) == 1 else None
-        if path is None or path == ROOT:
-            return state
-        folder = command.name == "add_subdirectory"
-        relative = path[len(ROOT) + 1 :] + ("/CMakeLists.txt" if folder else "")
-        if not self.exists(f"{ROOT}/{relative}"):
-            return state
-        if not folder:
-            return self.run_file(relative, state)
-        state.frames.append({**state.frames[-1], "CMAKE_CURRENT_SOURCE_DIR": (path,)})
-        after = self.run_file(relative, state)
-        if after is not None:
-            after.frames.pop()
-        return after
-
-    # --- blocks ---------------------------------------------------------------------------------------------------
-
-    def run(self, nodes: Sequence[Node], state: State | None) -> State | None:
-        self.depth += 1
-        if self.depth > _MAX_DEPTH:
-            raise UnreadableError("blocks and calls are nested too deeply")
-        for node in nodes:
-            if state is None:
-                break
-            self.meter.spend(1)
-            state = self.command(node, state) if isinstance(node, Command) else self.block(node, state)
-        self.depth -= 1
-        return state
-
-    def body(self, nodes: Sequence[Node], state: State) -> State | None:
-        """Run what return() leaves: a file, a function."""
-        outer, self.exits = self.exits, _Exits()
-        after = join([self.run(nodes, state), *self.exits.returned], self.meter)
-        self.exits = outer
-        return after
-
-    def block(self, block: Block, state: State) -> State | None:
-        kind = block.head.name
-        if kind == "if":
-            return self.choose(block, state)
-        if kind == "foreach":
-            return self.repeat(block, state)
-        if kind in ("function", "macro"):
-            if block.head.arguments:
-                self.functions[block.head.arguments[0].text.lower()] = (block, self.path, self.text)
-            return state
-        return self.give_up(block, state)
-
-    def choose(self, block: Block, state: State) -> State | None:
-        """Run the branch that is taken, or all that may be."""
-        ends: list[State | None] = []
-        doubts = self.doubts
-        for head, body in block.parts:
-            terms = [
-                Term(expand(one, state, self.meter), one.kind in ("quoted", "bracket"), "$" not in one.text)
-                for one in head.arguments
-            ]
-            answer = True if head.name == "else" else holds(terms, state, self.exists, self.meter)
-            if answer:
-                ends.append(self.run(body, state))
-                break
-            if answer is None:
-                self.doubts = doubts + 1
-                ends.append(self.run(body, state.fork(self.meter)))
-        else:
-            ends.append(state)
-        self.doubts = doubts
-        return join(ends, self.meter)
-
-    def repeat(self, block: Block, state: State) -> State | None:
-        """Run a foreach over items that are all known."""
-        elements = self.elements(block.head, state)
-        if elements is None:
-            return self.give_up(block, state)
-        outer, self.exits = self.exits, _Exits(returned=self.exits.returned)
-        now: State | None = state
-        for element in elements:
-            if now is None:
-                break
-            now.set(block.head.arguments[0].text, [element])
-            now = join([self.run(block.body, now), *self.exits.continued], self.meter)
-            self.exits.continued.clear()
-        after = join([now, *self.exits.broken], self.meter)
-        self.exits = outer
-        return after
-
-    def elements(self, head: Command, state: State) -> list[str] | None:
-        found: list[str] = []
-        mode = "ITEMS"
-        for argument in head.arguments[1:]:
-            if argument.kind == "word" and argument.text in ("IN", "LISTS", "ITEMS", "RANGE", "ZIP_LISTS"):
-                mode = argument.text
-                continue
-            values = self.values(argument, state)
-            if mode == "LISTS":
-                values = tuple(value or "" for text in values for value in state.get(text))
-            if len(values) != 1 or UNKNOWN in values[0] or mode in ("RANGE", "ZIP_LISTS"):
-                return None
-            found += items(values[0])
-        return found if head.arguments else None
-
-    def give_up(self, block: Block, state: State) -> State:
-        """A block that cannot be followed: what it sets is unknown behind it."""
-        for command in every_command([block]):
-            self.meter.spend(len(command.arguments))
-            if command.name == GENERATE:
-                raise UnreadableError(f"what this {block.head.name}() goes through cannot be known", block.head.offset)
-            self.forget(command, state)
-        return state
-
-    # --- commands and calls ---------------------------------------------------------------------------------------
-
-    def command(self, command: Command, state: State) -> State | None:
-        name = command.name
+    def _read(self, name: str, offset: int, words: list[Word]) -> None:
+        first = words[0].text if words else ""
         if name == GENERATE:
-            self.generate(command, state)
-        elif name in self.functions:
-            return self.call(command, state)
-        elif name in ("include", "add_subdirectory"):
-            return self.include(command, state)
-        elif name in ("break", "continue", "return"):
-            left = {"break": self.exits.broken, "continue": self.exits.continued, "return": self.exits.returned}
-            left[name].append(state)
-            return None
-        elif name == "message" and command.arguments and command.arguments[0].text == "FATAL_ERROR":
-            return None  # a build that comes here makes nothing
+            arguments = tuple((word, self._expanded(word)) for word in words[1:])
+            self.calls.append(Call(offset, self._level == 0, arguments))
+        elif name == "project":
+            self._values.update({"PROJECT_NAME": {first: True}, f"{first}_SOURCE_DIR": {ROOT: True}})
+        elif name == "set" and self._level == 0 and words[-1:] and words[-1].text == "PARENT_SCOPE":
+            pass  # there is no scope around this one
+        elif name == "set":
+            self._set(first, self._all(takewhile(_is_value, words[1:])))
+        elif name == "unset":
+            self._set(first, {})
+        elif name == "list" and len(words) > 1 and first.upper() in ("APPEND", "PREPEND", "INSERT"):
+            self._add(words[1].text, self._all(words[3 if first.upper() == "INSERT" else 2 :]))
+        elif name == "list" and first.upper() in ("SORT", "REVERSE", "REMOVE_DUPLICATES"):
+            pass  # the order does not matter
+        elif name == "file" and len(words) > 1 and first.upper() in ("GLOB", "GLOB_RECURSE"):
+            self._set(words[1].text, self._globbed(words[2:], is_deep=first.upper() == "GLOB_RECURSE"))
+        elif name == "file" and first.upper() in ("COPY", "DOWNLOAD", "WRITE", "GENERATE"):
+            self._may_change = True
+        elif name not in _HARMLESS and not name.startswith(_HARMLESS_PREFIXES):
+            for word in words[:1] if name == "foreach" else words:
+                if word.is_plain and word.text in self._own:
+                    self._values[word.text] = None
+
+    # ------------------------------------------------------------------------------------------------------ variables
+
+    def _set(self, name: str, values: Values) -> None:
+        """Outside of blocks the values are these; inside, the old ones may stay."""
+        before = self._value(name) if self._level and name in self._values else {}
+        kept = {text: sure and text in values for text, sure in before.items()}
+        self._values[name] = kept | self._here(values) | kept
+
+    def _add(self, name: str, values: Values) -> None:
+        before = self._values.get(name, {})
+        if before is not None:
+            self._values[name] = before | self._here(values) | before
+
+    def _here(self, values: Values) -> Values:
+        return values if self._level == 0 else dict.fromkeys(values, False)
+
+    def _all(self, words: Sequence[Word] | Iterator[Word]) -> Values:
+        found: Values = {}
+        for word in words:
+            found |= self._expanded(word)
+        return found
+
+    def _expanded(self, word: Word) -> Values:
+        """The elements that a word stands for."""
+        alone = None if word.is_raw else _ALONE.fullmatch(word.text)
+        if alone is not None:
+            found = self._value(alone[1])
         else:
-            self.simple(command, state)
-        return state
+            text, sure = (word.text, True) if word.is_raw else self._replaced(word.text)
+            found = {part: sure for part in text.split(";") if part}
+        self._spend(sum(map(len, found)) + len(word.text))
+        return found
 
-    def generate(self, command: Command, state: State) -> None:
-        listed = []
-        for argument in command.arguments[1:]:
-            texts = tuple(tuple(items(value)) for value in self.values(argument, state))
-            self.meter.spend(20 * sum(map(len, texts)))
-            listed.append(Listed(texts, argument.text, self.place(argument), self.here(state)))
-        self.calls.append(Call(self.place(command), self.doubts == 0, tuple(listed)))
+    def _value(self, name: str) -> Values:
+        """Of a variable: nothing before the file sets it, unknown when it never does."""
+        found = self._values.get(name, {} if name in self._own else None)
+        return {UNKNOWN: True} if found is None else found
 
-    def call(self, command: Command, state: State) -> State | None:
-        """Call a function or macro of the file; a macro's parameters are taken for variables."""
-        block, path, text = self.functions[command.name]
-        words = [word for argument in command.arguments for word in self.words(argument, state)]
-        names = [argument.text for argument in block.head.arguments[1:]]
-        given = {name: words[index] if index < len(words) else "" for index, name in enumerate(names)}
-        given |= {"ARGN": ";".join(words[len(names) :]), "ARGV": ";".join(words), "ARGC": str(len(words))}
-        is_function = block.head.name == "function"
-        if is_function:
-            self.meter.spend(20 * len(state.frames[-1]))
-            state.frames.append(dict(state.frames[-1]))
-        for name, value in given.items():
-            state.own.add(name)
-            state.set(name, [value])
-        outer, (self.path, self.text) = (self.path, self.text), (path, text)
-        after = self.body(block.body, state)
-        self.path, self.text = outer
-        if after is not None and is_function:
-            after.frames.pop()
-        return after
+    def _replaced(self, text: str) -> tuple[str, bool]:
+        """A text with the variables in it that have one value, and whether every build has that."""
+        sure = True
 
-    def words(self, argument: Argument, state: State) -> list[str]:
-        values = self.values(argument, state)
-        if len(values) > 1:
-            return [UNKNOWN]
-        return [values[0]] if argument.kind != "word" else items(values[0])
+        def value(reference: re.Match[str]) -> str:
+            nonlocal sure
+            found = self._value(reference[1])
+            if len(found) != 1:
+                return "" if not found else UNKNOWN
+            ((one, certain),) = found.items()
+            sure = sure and certain
+            return one
+
+        text = _ALONE.sub(value, text)
+        if len(text) > _MAX_LENGTH or UNKNOWN in text or re.search(r"\$(ENV|CACHE)?[{<]", text):
+            return UNKNOWN, sure
+        return re.sub(r"\\(\n|(.))", r"\2", text, flags=re.DOTALL), sure
+
+    def _spend(self, work: int) -> None:
+        self._left -= work + 1
+        if self._left < 0:
+            raise UnreadableError("it lists more than a package can have")
+
+    # ---------------------------------------------------------------------------------------------------------- files
+
+    def _globbed(self, words: list[Word], *, is_deep: bool) -> Values:
+        base, patterns, waiting = "", list[str](), iter(words)
+        for word in waiting:
+            if word.text in ("RELATIVE", "LIST_DIRECTORIES"):
+                value = next(iter(self._expanded(next(waiting, word))), UNKNOWN)
+                base = value if word.text == "RELATIVE" else base
+            elif word.text not in ("CONFIGURE_DEPENDS", "FOLLOW_SYMLINKS"):
+                patterns += self._expanded(word)
+        start = inside(base) if base else ""
+        found: Values = {UNKNOWN: True} if start is None or self._may_change else {}
+        for pattern in patterns:
+            whole = inside(pattern)
+            if whole is None:
+                return {UNKNOWN: True}
+            paths = [f"{ROOT}/{path}" for path in self._matching(whole[len(ROOT) + 1 :].split("/"), is_deep)]
+            found |= {posixpath.relpath(path, start) if start else path: True for path in paths}
+        return found
+
+    def _matching(self, parts: list[str], is_deep: bool) -> list[str]:
+        """Files below the package folder that a pattern matches, hidden ones not."""
+        plain = list(takewhile(lambda part: not any(char in part for char in "*?["), parts[:-1]))
+        *holders, last = (re.compile(fnmatch.translate(part)).match for part in parts[len(plain) :])
+        depth = _MAX_DEPTH if is_deep else len(holders)
+        waiting, found = [("/".join(plain), 0)], []
+        while waiting:
+            place, level = waiting.pop()
+            for name, is_folder in self._names(place):
+                path = f"{place}/{name}" if place else name
+                if is_folder and level < depth and (level >= len(holders) or holders[level](name)):
+                    waiting.append((path, level + 1))
+                elif not is_folder and level >= len(holders) and last(name):
+                    found.append(path)
+        return sorted(found)
+
+    def _names(self, place: str) -> list[tuple[str, bool]]:
+        """What is in a folder, and which are folders; nothing when it cannot be read or lies elsewhere."""
+        try:
+            real = os.path.realpath(self._folder / place)
+            if place not in KINDS and os.path.commonpath([real, home := os.path.realpath(self._folder)]) != home:
+                return []
+            with os.scandir(real) as entries:
+                found = [(one.name, one.is_dir(follow_symlinks=False)) for one in entries if one.name[0] != "."]
+        except (OSError, ValueError):
+            return []
+        self._spend(500 + 50 * len(found))
+        return found
+
+
+def inside(path: str) -> str | None:
+    """The absolute form of a path in the package; None when it lies elsewhere or cannot be known."""
+    whole = posixpath.normpath(posixpath.join(ROOT, path))
+    return whole if UNKNOWN not in whole and (whole == ROOT or whole.startswith(ROOT + "/")) else None
+
+
+def _is_value(word: Word) -> bool:
+    return not (word.is_plain and word.text in ("CACHE", "PARENT_SCOPE"))
+
+
+def _sets(name: str, words: list[Word]) -> range:
+    """Which arguments name a variable that the command sets."""
+    if name in ("set", "unset", "foreach", "option"):
+        return range(min(1, len(words)))
+    return range(1, min(2, len(words))) if name in ("list", "file") else range(0)

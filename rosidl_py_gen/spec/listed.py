@@ -18,15 +18,15 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import Problem, shown_path
 from rosidl_py_gen.names import KINDS, RosName, did_you_mean
 from rosidl_py_gen.ownership import owns
-from rosidl_py_gen.spec.cmake import GENERATE, Call, Listed, follow
-from rosidl_py_gen.spec.cmake_commands import INTERFACE_SUFFIXES, Place
-from rosidl_py_gen.spec.cmake_text import MAX_BYTES, UnreadableError
-from rosidl_py_gen.spec.cmake_values import ROOT, UNKNOWN, inside
+from rosidl_py_gen.spec.cmake import GENERATE, ROOT, UNKNOWN, Call, Script, UnreadableError, Word, inside
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _MENTIONED = re.compile(rb"\brosidl_(generate_interfaces|default_generators)\b", re.IGNORECASE)
+_MAX_BYTES = 1 << 20
+_SUFFIXES = (".msg", ".srv", ".action", ".idl")
+_WORD = re.compile(r'[^\s()"#;]+')
 _LIST_WORDS = ("DEPENDENCIES",)
 _ONE_WORD = ("LIBRARY_NAME",)
 _MOST_HINTS = 20  # each compares with a whole folder
@@ -54,7 +54,7 @@ def mentions_interfaces(folder: Path) -> bool:
     """Whether there is a CMakeLists.txt that has to do with making interfaces."""
     try:
         with open(folder / "CMakeLists.txt", "rb") as file:
-            return _MENTIONED.search(file.read(MAX_BYTES + 1)) is not None
+            return _MENTIONED.search(file.read(_MAX_BYTES + 1)) is not None
     except OSError:
         return False
 
@@ -70,24 +70,22 @@ def read_listing(package: str, folder: Path) -> Listing | None:
         return None
     reader = _Reader(package, folder)
     try:
-        calls, reader.places = follow(folder)
+        calls = Script(folder, reader.read()).calls
     except UnreadableError as error:
-        place = Place(error.path, error.text if error.offset is not None else "", error.offset or 0)
-        reader.incomplete(place, error.reason)
+        reader.incomplete(error.offset, error.reason)
         return reader.listing
     if not calls:
-        return None if not reader.mentions_a_call() else reader.unreached()
+        return reader.unreached() if GENERATE in reader.text.lower() else None
     reader.take(calls)
     return reader.listing
 
 
 @dataclass(slots=True)
 class _Entry:
-    """One listed file: how it is written, from which folder, where, and whether every build has it."""
+    """One listed file: how it is written, where, and whether every build has it."""
 
     text: str
-    folder: str
-    place: Place
+    offset: int
     certain: bool
 
 
@@ -98,61 +96,69 @@ class _Reader:
         self.package = package
         self.folder = folder
         self.listing = Listing()
-        self.places: dict[str, Place] = {}
+        self.text = ""
+        self.places: dict[str, int] = {}
+        self.starts = [0]  # of lines
         self.doubtful: list[_Entry] = []
-        self.starts: dict[str, list[int]] = {}  # of the lines of a file
 
-    def mentions_a_call(self) -> bool:
-        return GENERATE.encode() in (self.folder / "CMakeLists.txt").read_bytes().lower()
+    def read(self) -> str:
+        """The text; raises `UnreadableError`."""
+        try:
+            with open(self.folder / "CMakeLists.txt", "rb") as file:
+                raw = file.read(_MAX_BYTES + 1)
+        except OSError as error:
+            raise UnreadableError(f"the file cannot be read: {error.strerror or error}") from error
+        if len(raw) > _MAX_BYTES:
+            raise UnreadableError(f"the file is longer than {_MAX_BYTES} bytes")
+        self.text = raw.decode(errors="replace").replace("\0", "\ufffd").replace("\1", "\ufffd")
+        for found in _WORD.finditer(self.text):
+            if found[0].endswith(_SUFFIXES):
+                self.places.setdefault(posixpath.basename(found[0]), found.start())
+        self.starts += [found.end() for found in re.finditer("\n", self.text)]
+        return self.text
 
     def unreached(self) -> Listing:
-        self.incomplete(Place("CMakeLists.txt", "", 0), f"no {GENERATE}() is reached in a ROS 2 build without settings")
+        self.incomplete(None, f"what {GENERATE}() is called with cannot be known from this file")
         return self.listing
 
     def take(self, calls: list[Call]) -> None:
-        if len({call.place for call in calls}) > 1:  # interfaces for the package's own tests
-            calls = [call for call in calls if call.certain or not _is_for_tests(call)] or calls
-        alone = len({call.place for call in calls}) == 1  # a package that makes interfaces makes them by this call
+        if len(calls) > 1:  # interfaces for the package's own tests
+            calls = [call for call in calls if not _is_for_tests(call)] or calls
         for call in calls:
-            unknown: list[Listed] = []
-            for entry in self.entries(call, call.certain or alone, unknown):
+            unknown: list[Word] = []
+            for entry in self.entries(call, call.certain or len(calls) == 1, unknown):
                 self.add(entry)
             if unknown:
-                written = ", ".join(one.written for one in unknown[:5]) + (", ..." if len(unknown) > 5 else "")
-                self.incomplete(unknown[0].place, f"what {written} brings cannot be known from this file")
+                written = ", ".join(one.text for one in unknown[:5]) + (", ..." if len(unknown) > 5 else "")
+                self.incomplete(unknown[0].offset, f"what {written} brings cannot be known from this file")
         if self.doubtful:
             first = self.doubtful[0]
             text = f'whether "{first.text}"{_more(len(self.doubtful) - 1)} is built depends on a condition; taken in'
-            self.note(first.place, text)
+            self.note(first.offset, text)
 
-    def entries(self, call: Call, certain: bool, unknown: list[Listed]) -> Iterator[_Entry]:
+    def entries(self, call: Call, certain: bool, unknown: list[Word]) -> Iterator[_Entry]:
         """The files a call lists, in front of and between its keywords; what cannot be known goes into `unknown`."""
         mode = "files"
-        for argument in call.arguments:
-            common = set(argument.texts[0]).intersection(*argument.texts[1:])
-            for text in dict.fromkeys(item for way in argument.texts for item in way):
+        for word, values in call.arguments:
+            for text, sure in values.items():
                 if text in (*_LIST_WORDS, *_ONE_WORD, *_FLAGS):
                     mode = "files" if text in _FLAGS else text
                 elif mode in _ONE_WORD:
                     mode = "files"
                 elif mode == "files" and UNKNOWN in text:
-                    unknown.append(argument)
+                    unknown.append(word)
                 elif mode == "files":
-                    yield _Entry(text, argument.folder, self.place(text, argument), certain and text in common)
-
-    def place(self, text: str, argument: Listed) -> Place:
-        """Where a file's name was written, as literally as there is one."""
-        found = self.places.get(posixpath.basename(text)) or self.places.get(text)
-        return found or argument.place
+                    place = self.places.get(posixpath.basename(text), word.offset)
+                    yield _Entry(text, word.offset if text in word.text else place, certain and sure)
 
     def add(self, entry: _Entry) -> None:
         """Take one listed file in, or say what is wrong with it."""
         base, colon, relative = entry.text.rpartition(":")  # an absolute base folder may stand in front
-        whole = inside(posixpath.join(base, relative) if colon else relative, entry.folder)
+        whole = inside(posixpath.join(base, relative) if colon else relative)
         shown = entry.text.replace(ROOT + "/", "").replace(ROOT, "")
         name = _name(self.package, relative)
         if whole is None or not self.may_read(whole):
-            self.note(entry.place, f'"{shown}" is not in the package folder; it is left out')
+            self.note(entry.offset, f'"{shown}" is not in the package folder; it is left out')
         elif name is None and owns(self.folder / whole[len(ROOT) + 1 :]):
             return  # a pattern took our own output for a definition
         elif name is None:
@@ -180,7 +186,7 @@ class _Reader:
             self.listing.files[name] = file
         elif file.suffix != ".idl":
             kept = first.relative_to(self.folder).as_posix()
-            self.note(entry.place, f'"{path}" and "{kept}" would both be {name}; the latter is taken')
+            self.note(entry.offset, f'"{path}" and "{kept}" would both be {name}; the latter is taken')
 
     def hint(self, whole: str) -> str:
         holder = posixpath.dirname(whole[len(ROOT) + 1 :])
@@ -193,37 +199,34 @@ class _Reader:
     # --- what the user reads --------------------------------------------------------------------------------------
 
     def problem(self, entry: _Entry, text: str) -> None:
-        self.listing.problems.setdefault(self.at(entry.place, text))
+        self.listing.problems.setdefault(self.at(entry.offset, text))
 
-    def note(self, place: Place, text: str) -> None:
-        self.listing.notes.setdefault(self.at(place, text))
+    def note(self, offset: int | None, text: str) -> None:
+        self.listing.notes.setdefault(self.at(offset, text))
 
-    def incomplete(self, place: Place, reason: str) -> None:
+    def incomplete(self, offset: int | None, reason: str) -> None:
         self.listing.complete = False
-        self.note(place, f"{reason}; all files in msg, srv and action are taken")
+        self.note(offset, f"{reason}; all files in msg, srv and action are taken")
 
-    def at(self, place: Place, text: str) -> Problem:
-        path = shown_path(self.folder / place.path)
-        if not place.text:
+    def at(self, offset: int | None, text: str) -> Problem:
+        path = shown_path(self.folder / "CMakeLists.txt")
+        if offset is None:
             return Problem(path, 0, 0, text)
-        if place.path not in self.starts:
-            self.starts[place.path] = [0, *(found.end() for found in re.finditer("\n", place.text))]
-        starts = self.starts[place.path]
-        line = bisect_right(starts, place.offset)
-        start = starts[line - 1]
-        end = place.text.find("\n", start)
-        source = place.text[start : end if end >= 0 else len(place.text)].rstrip("\r").replace("\t", " ")
-        return Problem(path, line, place.offset - start + 1, text, source)
+        line = bisect_right(self.starts, offset)
+        start = self.starts[line - 1]
+        end = self.text.find("\n", start)
+        source = self.text[start : end if end >= 0 else len(self.text)].rstrip("\r").replace("\t", " ")
+        return Problem(path, line, offset - start + 1, text, source)
 
 
 def _is_for_tests(call: Call) -> bool:
-    return any("SKIP_INSTALL" in way for argument in call.arguments for way in argument.texts)
+    return any("SKIP_INSTALL" in values for _, values in call.arguments)
 
 
 def _name(package: str, path: str) -> RosName | None:
     """The interface a file defines; None when it is not an interface file."""
     stem, suffix = posixpath.splitext(posixpath.basename(path))
-    if suffix not in INTERFACE_SUFFIXES:
+    if suffix not in _SUFFIXES:
         return None
     kind = suffix[1:]
     if kind == "idl":

@@ -34,21 +34,12 @@ nested = "if(a)\n" * 30 + "endif()\n" * 30
 HOSTILE = {
     "doubling": "set(x aaaaaaaa)\n" + 'set(x "${x}${x}")\n' * 60 + CALL,
     "doubling a list": "set(x a;a)\n" + "list(APPEND x ${x})\n" * 60 + CALL,
-    "a loop of loops": "set(n 1 2 3 4 5 6 7 8 9 10)\n" + "foreach(i ${n})\n" * 9 + "set(x a)\n" + "endforeach()\n" * 9 + CALL,
-    "a function that calls itself": "function(f)\nf()\nf()\nendfunction()\nf()\n" + CALL,
-    "macros that call each other": "macro(f)\ng(${ARGN} ${ARGN})\nendmacro()\nmacro(g)\nf(${ARGN} ${ARGN})\nendmacro()\nf(a)\n" + CALL,
-    "a file that includes itself": "include(CMakeLists.txt)\n" + CALL,
-    "a folder that adds itself": "add_subdirectory(.)\nadd_subdirectory(msg/..)\n" + CALL,
     "blocks in blocks": nested + CALL,
     "conditions nobody can decide": "".join(f"if(u{i})\nset(x{i} a)\nset(x ${{x}};{i})\nendif()\n" for i in range(4000)) + CALL,
     "references in references": "${" * 100_000 + CALL,
     "references that multiply": "".join(f"if(u{i})\nset(v{i} a)\nelse()\nset(v{i} b)\nendif()\n" for i in range(99))
     + "set(x " + "".join(f"${{v{i}}}" for i in range(99)) + ")\n" + CALL,
     "parentheses": "if(" + "(" * 50_000 + ")" * 50_000 + ")\nendif()\n" + CALL,
-    "a long condition": "if(" + "NOT a AND " * 20_000 + "b)\nendif()\n" + CALL,
-    "a regex without end": f'set(x {"a" * 190})\n' + 'if(x MATCHES "(a+)+(a*)*b")\nendif()\n' * 2000 + CALL,
-    "a slow regex": f'set(x {"a" * 190})\n' + 'if(x MATCHES ".*a.*b")\nendif()\n' * 5000 + CALL,
-    "a filter with a slow regex": f'set(x {"a" * 190}1)\n' + 'list(FILTER x INCLUDE REGEX "a*.*b")\n' * 5000 + CALL,
     "slow patterns": "".join(f"file(GLOB x {'*a' * 40} */../{'*/' * 90})\n" for _ in range(2000)) + CALL,
     "patterns in all folders": "file(GLOB_RECURSE x * */* *.msg)\n" * 3000 + CALL,
     "many missing files": "rosidl_generate_interfaces(a_msgs " + " ".join(f"msg/M{i}.msg" for i in range(15_000)) + ")",
@@ -65,7 +56,6 @@ HOSTILE = {
     "heads without arguments": "foreach()\nendforeach()\nset()\nlist()\nfile()\nlist(APPEND)\nfile(GLOB)\nunset()\nproject()\n"
     "find_package()\noption()\ninclude()\nfunction()\nendfunction()\nif()\nendif()\nlist(FILTER x)\nlist(TRANSFORM x)\n"
     "file(GLOB x RELATIVE)\nset(x PARENT_SCOPE)\nset(x CACHE)\nadd_subdirectory()\nbreak()\ncontinue()\nmessage()\n" + CALL,
-    "return at the top": "if(u)\nreturn()\nendif()\nbreak()\n" + CALL,
 }  # fmt: skip
 
 

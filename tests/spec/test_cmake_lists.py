@@ -63,11 +63,7 @@ CERTAIN = {
     "unset": (f"set(files msg/C.msg)\nunset(files)\nlist(APPEND files msg/A.msg)\n{CALL}", {A}),
     "append": (f"set(files msg/A.msg)\nlist(APPEND files msg/B.msg ${{none}})\n{CALL}\nset(none)", {A, B}),
     "prepend and insert": (f"list(PREPEND files msg/A.msg)\nlist(INSERT files 0 msg/B.msg)\n{CALL}", {A, B}),
-    "remove": (f"set(files msg/A.msg msg/B.msg)\nlist(REMOVE_ITEM files msg/B.msg)\n{CALL}", {A}),
     "sort": (f"set(files msg/B.msg msg/A.msg)\nlist(SORT files)\nlist(REMOVE_DUPLICATES files)\n{CALL}", {A, B}),
-    "filter": (f'file(GLOB files RELATIVE ${{CMAKE_CURRENT_SOURCE_DIR}} msg/*.msg)\nlist(FILTER files EXCLUDE REGEX "/Stray\\\\.msg$")\n{CALL}', {A, B, C}),
-    "transform": (f"set(files A B)\nlist(TRANSFORM files PREPEND msg/)\nlist(TRANSFORM files APPEND .msg)\n{CALL}", {A, B}),
-    "names in names": ("set(a_msgs_list msg/A.msg)\nrosidl_generate_interfaces(a_msgs ${${PROJECT_NAME}_list})", {A}),
     "glob": (f'file(GLOB files RELATIVE "${{CMAKE_CURRENT_SOURCE_DIR}}" msg/*.msg "srv/*.srv")\n{CALL}', {*FOUR, ASK}),
     "glob with other names for here": (
         'set(dir "${PROJECT_SOURCE_DIR}/msg")\nfile(GLOB files RELATIVE ${CMAKE_SOURCE_DIR} ${dir}/[AB].msg ${dir}/?.txt)\n' + CALL,
@@ -77,45 +73,10 @@ CERTAIN = {
         f"file(GLOB_RECURSE files RELATIVE ${{CMAKE_CURRENT_SOURCE_DIR}} CONFIGURE_DEPENDS elsewhere/*.msg srv/*)\n{CALL}",
         {"elsewhere/msg/E.msg", ASK},
     ),
-    "glob of names put together": (
-        "set(d ${CMAKE_CURRENT_SOURCE_DIR}/elsewhere)\nfile(GLOB files RELATIVE ${d}/msg ${d}/msg/*.msg)\n"
-        f"list(TRANSFORM files PREPEND ${{d}}:msg/)\n{CALL}",
-        {"elsewhere/msg/E.msg"},
-    ),
-    "foreach": (f"foreach(n A B)\n list(APPEND files msg/${{n}}.msg)\nendforeach()\n{CALL}", {A, B}),
-    "foreach in lists": (
-        f"set(n A B C)\nforeach(i IN LISTS n ITEMS D)\nif(i STREQUAL C)\nbreak()\nendif()\nif(i STREQUAL A)\ncontinue()\nendif()\nlist(APPEND files msg/${{i}}.msg)\nendforeach()\n{CALL}",
-        {B},
-    ),
     "a base in front": ('rosidl_generate_interfaces(a_msgs "${CMAKE_CURRENT_SOURCE_DIR}/elsewhere:msg/E.msg")', {"elsewhere/msg/E.msg"}),
     "sub-folders": ("rosidl_generate_interfaces(a_msgs msg/ros2/A.msg msg/ros2/D.msg)", {"msg/ros2/A.msg", "msg/ros2/D.msg"}),
     "idl": ("rosidl_generate_interfaces(a_msgs msg/Given.idl)", {"msg/Given.idl"}),
-    "ROS 1 or 2 by the environment": (
-        "set(ROS_VERSION $ENV{ROS_VERSION})\nif(${ROS_VERSION} EQUAL 1)\n set(files msg/ros1/A.msg)\nelseif(${ROS_VERSION} EQUAL 2)\n"
-        f" set(files msg/ros2/A.msg)\nendif()\n{CALL}",
-        {"msg/ros2/A.msg"},
-    ),
-    "ROS 1 or 2 by the environment, quoted": (f'if("$ENV{{ROS_VERSION}}" STREQUAL "1")\nset(files msg/C.msg)\nelse()\nset(files msg/A.msg)\nendif()\n{CALL}', {A}),
-    "ROS 1 or 2 by what is found": (
-        "find_package(ament_cmake QUIET)\nfind_package(catkin QUIET)\nif(catkin_FOUND)\nelseif(ament_cmake_FOUND)\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nelse()\nmessage(FATAL_ERROR no)\nendif()",
-        {A},
-    ),
-    "options have their default": (f'set(files msg/A.msg)\noption(MORE "more" OFF)\nif(MORE)\nlist(APPEND files msg/B.msg)\nendif()\n{CALL}', {A}),
-    "conditions": (
-        "set(v 3)\nif(NOT v LESS 3 AND (v EQUAL 4 OR v GREATER_EQUAL 3) AND NOT unset_one AND v MATCHES ^[0-9]$)\nlist(APPEND files msg/A.msg)\nendif()\n"
-        'if("v" STREQUAL "3" OR v VERSION_LESS 2.10 OR OFF OR NOT DEFINED v OR "" OR NOT 3 IN_LIST v OR "v")\nlist(APPEND files msg/B.msg)\nendif()\n'
-        f'if(2.9 VERSION_LESS 2.10 AND EXISTS "${{CMAKE_CURRENT_SOURCE_DIR}}/msg/C.msg")\nlist(APPEND files msg/C.msg)\nendif()\nset(unset_one)\n{CALL}',
-        {A, C},
-    ),
-    "a function": (
-        "function(add_files)\n set(inner msg/C.msg)\n foreach(f ${ARGN})\n  list(APPEND all msg/${f}.msg)\n endforeach()\n set(files ${all} PARENT_SCOPE)\nendfunction()\n"
-        f"add_files(A B)\n{CALL[:-1]} ${{inner}})\nset(inner)\nset(all)",
-        {A, B},
-    ),
-    "a macro": ("macro(make first)\n rosidl_generate_interfaces(${PROJECT_NAME} msg/${first}.msg ${ARGN})\nendmacro()\nmake(A msg/B.msg)", {A, B}),
-    "return": ("function(f)\nset(files msg/A.msg PARENT_SCOPE)\nreturn()\nset(files msg/B.msg PARENT_SCOPE)\nendfunction()\nf()\n" + CALL, {A}),
     "PARENT_SCOPE at the top": (f"set(files msg/A.msg)\nset(files msg/B.msg PARENT_SCOPE)\n{CALL}", {A}),
-    "a file of the package": (f"include(more.cmake)\ninclude(${{CMAKE_CURRENT_LIST_DIR}}/more.cmake)\n{CALL}", {B}),
 }  # fmt: skip
 MORE = {"more.cmake": "set(files msg/B.msg)\n"}
 
@@ -172,6 +133,28 @@ def test_cmake_agrees(tmp_path: Path, case: str) -> None:
 ALL = {"msg/A.msg", "msg/B.msg", "msg/C.msg", "msg/Stray.msg", "srv/Ask.srv", "action/Do.action", "msg/Given.idl"}
 EVERYTHING = "all files in msg, srv and action are taken"
 
+# Where names are put together: CMakeLists.txt behind project(a_msgs).
+COMPOSED = {
+    "remove": "set(files msg/A.msg msg/B.msg)\nlist(REMOVE_ITEM files msg/B.msg)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "filter": 'file(GLOB files RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} msg/*.msg)\nlist(FILTER files EXCLUDE REGEX "/Stray\\\\.msg$")\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})',
+    "transform": "set(files A B)\nlist(TRANSFORM files PREPEND msg/)\nlist(TRANSFORM files APPEND .msg)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "names in names": "set(a_msgs_list msg/A.msg)\nrosidl_generate_interfaces(a_msgs ${${PROJECT_NAME}_list})",
+    "glob of names put together": "set(d ${CMAKE_CURRENT_SOURCE_DIR}/elsewhere)\nfile(GLOB files RELATIVE ${d}/msg ${d}/msg/*.msg)\nlist(TRANSFORM files PREPEND ${d}:msg/)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "foreach": "foreach(n A B)\n list(APPEND files msg/${n}.msg)\nendforeach()\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "foreach in lists": "set(n A B C)\nforeach(i IN LISTS n ITEMS D)\nif(i STREQUAL C)\nbreak()\nendif()\nif(i STREQUAL A)\ncontinue()\nendif()\nlist(APPEND files msg/${i}.msg)\nendforeach()\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "a function": "function(add_files)\n set(inner msg/C.msg)\n foreach(f ${ARGN})\n  list(APPEND all msg/${f}.msg)\n endforeach()\n set(files ${all} PARENT_SCOPE)\nendfunction()\nadd_files(A B)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files} ${inner})\nset(inner)\nset(all)",
+    "a macro": "macro(make first)\n rosidl_generate_interfaces(${PROJECT_NAME} msg/${first}.msg ${ARGN})\nendmacro()\nmake(A msg/B.msg)",
+    "a file of the package": "include(more.cmake)\ninclude(${CMAKE_CURRENT_LIST_DIR}/more.cmake)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+}
+
+
+@pytest.mark.parametrize("case", COMPOSED)
+def test_where_names_are_put_together_the_folders_count_and_a_note_says_so(tmp_path: Path, case: str) -> None:
+    found = package(tmp_path, f"project(a_msgs)\n{COMPOSED[case]}\n", MORE)
+    assert taken(found) >= ALL
+    assert any(note.endswith(f" brings cannot be known from this file; {EVERYTHING}") for note in notes(found))
+
+
 # What no reading of the text can tell: CMakeLists.txt behind project(a_msgs), the files, and the notes.
 UNCERTAIN = {
     "a variable of another package": (
@@ -204,16 +187,6 @@ UNCERTAIN = {
         ALL,
         ["CMakeLists.txt:4:44: what ${files} brings cannot be known from this file; " + EVERYTHING],
     ),
-    "the call in a loop nobody can count": (
-        "while(x)\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nendwhile()",
-        ALL,
-        [f"CMakeLists.txt:2:1: what this while() goes through cannot be known; {EVERYTHING}"],
-    ),
-    "no call is reached": (
-        "if(ROS_VERSION EQUAL 1)\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nendif()",
-        ALL,
-        [f"CMakeLists.txt: no rosidl_generate_interfaces() is reached in a ROS 2 build without settings; {EVERYTHING}"],
-    ),
     "not CMake at all": (
         'rosidl_generate_interfaces(a_msgs "msg/A.msg)',
         ALL,
@@ -224,25 +197,40 @@ UNCERTAIN = {
         {A, B, C},
         ['CMakeLists.txt:4:19: whether "msg/B.msg" and 1 more is built depends on a condition; taken in'],
     ),
-    "both ways of a condition": (
-        f"if(BUILD_BIG)\nset(files msg/A.msg msg/B.msg)\nelse()\nset(files msg/A.msg msg/C.msg)\nendif()\n{CALL}",
-        {A, B, C},
-        ['CMakeLists.txt:3:21: whether "msg/B.msg" and 1 more is built depends on a condition; taken in'],
-    ),
-    "a loop that may be left": (
-        f"foreach(n A B C)\nlist(APPEND files msg/${{n}}.msg)\nif(n STREQUAL B AND APPLE)\nbreak()\nendif()\nendforeach()\n{CALL}",
-        {A, B, C},
-        ['CMakeLists.txt:3:19: whether "msg/C.msg" is built depends on a condition; taken in'],
-    ),
     "a condition around the only call": (
         'if(ROS_EDITION STREQUAL "ROS1")\nelse()\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nendif()',
         {A},
         [],
     ),
-    "a build that ends": (
-        f"if(WIN32)\nmessage(FATAL_ERROR no)\nelse()\nset(files msg/A.msg)\nendif()\n{CALL}",
+    "the call in a loop nobody can count": (
+        "while(x)\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nendwhile()",
         {A},
         [],
+    ),
+    "the call in a file beside it": (
+        "include(rosidl_generate_interfaces.cmake)",
+        ALL,
+        [
+            f"CMakeLists.txt: what rosidl_generate_interfaces() is called with cannot be known from this file; {EVERYTHING}"
+        ],
+    ),
+    "both ways of a condition": (
+        f"if(BUILD_BIG)\nset(files msg/A.msg msg/B.msg)\nelse()\nset(files msg/A.msg msg/C.msg)\nendif()\n{CALL}",
+        {A, B, C},
+        ['CMakeLists.txt:3:11: whether "msg/A.msg" and 2 more is built depends on a condition; taken in'],
+    ),
+    "one of two files of one name": (
+        f"if(ROS_1)\nset(files msg/ros1/A.msg)\nelse()\nset(files msg/ros2/A.msg)\nendif()\n{CALL}",
+        {"msg/ros1/A.msg"},
+        [
+            'CMakeLists.txt:3:11: "msg/ros2/A.msg" and "msg/ros1/A.msg" would both be a_msgs/msg/A; the latter is taken',
+            'CMakeLists.txt:3:11: whether "msg/ros1/A.msg" is built depends on a condition; taken in',
+        ],
+    ),
+    "more where they are replaced in a block": (
+        f"set(files msg/A.msg msg/B.msg)\nif(X)\nset(files ${{files}} msg/C.msg)\nendif()\n{CALL}",
+        {A, B, C},
+        ['CMakeLists.txt:4:20: whether "msg/C.msg" is built depends on a condition; taken in'],
     ),
     "two calls": ("rosidl_generate_interfaces(a msg/A.msg)\nrosidl_generate_interfaces(b msg/B.msg)", {A, B}, []),
     "a call for the package's own tests": (
@@ -287,9 +275,8 @@ def test_a_listed_file_belongs_to_the_kind_its_suffix_says(tmp_path: Path) -> No
             'a_msgs/CMakeLists.txt:3:3: "msg/Mising.msg" is listed here, but there is no such file',
         ),
         (
-            "set(names A.msg Cc.msg)\nforeach(n ${names})\nlist(APPEND files msg/${n})\nendforeach()\n"
-            "rosidl_generate_interfaces(a_msgs ${files})",
-            'a_msgs/CMakeLists.txt:1:17: "msg/Cc.msg" is listed here, but there is no such file; did you mean "C.msg"?',
+            "set(names Cc.msg)\nset(files msg/${names})\nrosidl_generate_interfaces(a_msgs ${files})",
+            'a_msgs/CMakeLists.txt:1:11: "msg/Cc.msg" is listed here, but there is no such file; did you mean "C.msg"?',
         ),
         (
             "rosidl_generate_interfaces(a_msgs msg/notes.txt)",
@@ -334,16 +321,6 @@ def test_a_package_may_have_its_files_in_other_folders_only(tmp_path: Path) -> N
     files = {"package.xml": "<package><name>b_msgs</name></package>", "CMakeLists.txt": cmake, "topics/msg/T.msg": ""}
     found = search_path([write(tmp_path / "b", files)], ament="", bundled=False)
     assert [str(name) for name in found.packages["b_msgs"].files] == ["b_msgs/msg/T"]
-
-
-def test_lists_in_folders_of_the_package_count(tmp_path: Path) -> None:
-    more = {
-        "lists/CMakeLists.txt": "list(APPEND files msg/B.msg)\nset(files ${files} PARENT_SCOPE)\nset(files msg/C.msg)\n",
-        "topics/CMakeLists.txt": "rosidl_generate_interfaces(a_msgs msg/T.msg ${files})\n",
-        **{f"topics/msg/{name}.msg": "" for name in "ABT"},
-    }
-    cmake = "find_package(rosidl_default_generators)\nset(files msg/A.msg)\nadd_subdirectory(lists)\nadd_subdirectory(topics)"
-    assert taken(package(tmp_path, cmake, more)) == {f"topics/msg/{name}.msg" for name in "ABT"}
 
 
 @pytest.mark.parametrize("cmake", ["add_message_files(FILES A.msg)", "# rosidl\n", ""])
