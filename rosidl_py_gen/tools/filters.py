@@ -1,48 +1,39 @@
 """Expressions over a message: conditions such as ``m.pose.position.x > 1``, and paths such as ``poses[0].position``.
 
-Decides what an expression may do: read fields and elements, compute with numbers, compare, and call the functions of
-`FUNCTIONS`. It is parsed with `ast` and interpreted; everything that is not listed here is refused before the first
-message. The limits of numbers and of the work for one message are in `filter_values.py`. So no expression runs code,
-hangs or takes memory.
+Decides what an expression may do: read fields and elements, compute with numbers, compare, and call `FUNCTIONS`.
+Python parses it; what is not listed here is refused before the first message, and so is every name that is no field.
+What is left runs as Python's own. It can neither call anything else nor take long: powers have bounds, and what takes
+as long as an array may not be asked again for each element of another.
 """
 
 from __future__ import annotations
 
 import ast
-import operator
+import math
 import re
 import warnings
-from collections.abc import Callable, Iterator
-from typing import Any, NoReturn, TypeAlias
+from collections.abc import Callable
+from typing import Any, NoReturn, TypeAlias, cast
+
+import numpy as np
 
 from rosidl_py_gen.cdr import Field, Message
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.fieldtype import Arity
 from rosidl_py_gen.names import did_you_mean, py_name
-from rosidl_py_gen.tools.filter_values import (
-    ARITHMETIC,
-    COMPARE,
-    FUNCTIONS,
-    MOST_ARGUMENTS,
-    UNARY,
-    FilterError,
-    Run,
-    Value,
-    comparable,
-    element,
-    elements,
-    field_of,
-    number,
-    part,
-    read,
-    scalar,
-    small,
-    truth,
-)
 
-_MOST_TEXT, _MOST_DEPTH = 1000, 40
+_MAX_TEXT, _MAX_DEPTH, _MAX_EXPONENT, _MAX_DIGITS, _MAX_ARGUMENTS = 1000, 40, 64, 20, 100
 _Shape: TypeAlias = "type[Message] | Field | None"
-"""What is known before the first message: a message, a field that is none, or nothing."""
+"""What an expression is: a message, a field that is none, or something that has no fields."""
+_ALLOWED = (
+    *(ast.BoolOp, ast.boolop, ast.UnaryOp, ast.unaryop, ast.IfExp, ast.Tuple, ast.List, ast.Set, ast.Slice),
+    ast.expr_context,
+)
+_IN_PATHS = (ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Slice, ast.UnaryOp, ast.USub, ast.Load)
+
+
+class FilterError(RosidlError, ValueError):
+    """The user's expression is not allowed, names what does not exist, or has no value for a message."""
 
 
 def compile_filter(text: str, cls: type[Message]) -> Callable[[Message], bool]:
@@ -53,11 +44,7 @@ def compile_filter(text: str, cls: type[Message]) -> Callable[[Message], bool]:
             a message, such as for an element that is not there.
     """
     value = _compiled(_parse(text, text), cls)
-
-    def holds(message: Message) -> bool:
-        return bool(truth(_evaluated(value, message)))
-
-    return holds
+    return lambda message: bool(value(message))
 
 
 def compile_path(text: str, cls: type[Message]) -> Callable[[Message], Any]:
@@ -68,22 +55,18 @@ def compile_path(text: str, cls: type[Message]) -> Callable[[Message], Any]:
     """
     spelled = re.sub(r"[^\W\d]\w*", lambda found: py_name(found[0]), text.strip().strip("."))
     tree = _parse(f"m.{spelled}", text)
-    for node in ast.walk(tree.body):
-        if not isinstance(node, _IN_PATHS):
-            raise FilterError(f'"{text}" is not the path of a field; expected names with . and [index] between them')
+    if not all(isinstance(node, _IN_PATHS) for node in ast.walk(tree.body)):
+        raise FilterError(f'"{text}" is not the path of a field; expected names with . and [index] between them')
     try:
         value = _compiled(tree, cls)
     except FilterError as error:
         raise FilterError(f'"{text}": {str(error).partition(": ")[2] or error}') from None
-    return lambda message: _evaluated(value, message)
-
-
-_IN_PATHS = (ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Slice, ast.UnaryOp, ast.USub, ast.Load)
+    return lambda message: np.asarray(found) if isinstance(found := value(message), memoryview) else found
 
 
 def _parse(text: str, shown: str) -> ast.Expression:
-    if len(text) > _MOST_TEXT:
-        raise FilterError(f"an expression of {len(text)} characters; at most {_MOST_TEXT} are taken")
+    if len(text) > _MAX_TEXT:
+        raise FilterError(f"an expression of {len(text)} characters; at most {_MAX_TEXT} are taken")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -96,185 +79,216 @@ def _parse(text: str, shown: str) -> ast.Expression:
         raise FilterError(f'"{shown}" is not an expression: {error or "nested too deeply"}') from None
 
 
-def _compiled(tree: ast.Expression, cls: type[Message]) -> Value:
+def _compiled(tree: ast.Expression, cls: type[Message]) -> Callable[[Message], Any]:
     try:
-        return _Compiler(cls).value(tree.body)[0]
+        body = _Checker(cls).visit(tree.body)
     except RecursionError:  # while the refused part was to be shown
         raise FilterError("nested too deeply") from None
+    tree.body = ast.parse("lambda m: 0", mode="eval").body
+    tree.body.body = body  # type: ignore[attr-defined]
+    names = {"__builtins__": {}, **FUNCTIONS, **_PUT_IN}
+    function = eval(compile(ast.fix_missing_locations(tree), "<filter>", "eval"), names)
+
+    def value(message: Message) -> Any:
+        try:
+            return function(message)
+        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+            raise FilterError(str(error)) from None
+
+    return value
 
 
-def _evaluated(value: Value, message: Message) -> Any:
-    try:
-        return value(Run(message))
-    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
-        if isinstance(error, RosidlError):
-            raise
-        raise FilterError(str(error)) from None
-
-
-# ---------------------------------------------------------------------------------------------------- what compiles it
-
-
-class _Compiler:
-    """Turns parsed expressions into functions of a run."""
+class _Checker(ast.NodeTransformer):
+    """Refuses what is not allowed, and lets arrays be read as `memoryview`: its elements are Python's own numbers."""
 
     def __init__(self, cls: type[Message]) -> None:
         self._known: dict[str, _Shape] = {"m": cls}
         self._depth = 0
+        self._is_looked_at = ast.expr()
+        """Of this an element or the length is asked for, not all."""
 
-    def value(self, node: ast.expr) -> tuple[Value, _Shape]:
-        """The function that computes a node, and what is known of its answer."""
-        method = getattr(self, f"_{type(node).__name__.lower()}", None)
-        if method is None:
+    def visit(self, node: ast.AST) -> Any:
+        """Check a node; what is known of its value is left in its `shape`."""
+        method = getattr(self, f"visit_{type(node).__name__}", None)
+        if method is None and not isinstance(node, _ALLOWED):
             _refuse(node, f"`{ast.unparse(node)}` is not allowed in an expression")
         self._depth += 1
-        if self._depth > _MOST_DEPTH:
+        if self._depth > _MAX_DEPTH:
             _refuse(node, "nested too deeply")
-        made = method(node)
+        made = self.generic_visit(node) if method is None else method(node)
         self._depth -= 1
-        return made if isinstance(made, tuple) else (made, None)
+        return made
 
-    def _plain(self, node: ast.expr) -> Value:
-        return self.value(node)[0]
-
-    # ----------------------------------------------------------------------------------------------------- reading
-
-    def _constant(self, node: ast.Constant) -> Value:
-        value = node.value
-        if not (value is None or isinstance(value, bool | int | float | str)):
+    def visit_Constant(self, node: ast.Constant) -> ast.AST:
+        if not (node.value is None or isinstance(node.value, bool | int | float | str)):
             _refuse(node, f"`{ast.unparse(node)}` is not allowed in an expression")
-        small(value)
-        return lambda run: value
+        return node
 
-    def _name(self, node: ast.Name) -> tuple[Value, _Shape]:
-        name = node.id
-        if name not in self._known:
-            hint = f"; {name}(...) is a function" if name in FUNCTIONS else "; the message is m"
-            _refuse(node, f'there is no "{name}"{hint}')
-        return lambda run: run.names[name], self._known[name]
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        if node.id not in self._known:
+            hint = f"; {node.id}(...) is a function" if node.id in FUNCTIONS else "; the message is m"
+            _refuse(node, f'there is no "{node.id}"{hint}')
+        return _shaped(node, self._known[node.id])
 
-    def _attribute(self, node: ast.Attribute) -> tuple[Value, _Shape]:
-        base, shape = self.value(node.value)
-        name, text = node.attr, ast.unparse(node.value)
-        if isinstance(shape, Field):
-            _refuse(node, f"{text} is {shape.type}, which has no fields")
-        if shape is not None:
-            field = field_of(shape, name)
-            if field is None:
-                names = [one.ros_name for one in shape._TYPE.fields]
-                hint = did_you_mean(name, names) or f"; it has {', '.join(names) or 'none'}"
-                _refuse(node, f'{text} is {shape._TYPE.name}, which has no field "{name}"{hint}')
-            is_message = field.cls is not None and field.type.arity is Arity.SCALAR
-            return _reader(base, field.py_name), field.cls if is_message else field
-        return lambda run: read(base(run), name, text), None
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        is_looked_at = node is self._is_looked_at
+        text, node.value = ast.unparse(node.value), self.visit(node.value)
+        shape = _shape(node.value)
+        if shape is None or isinstance(shape, Field):
+            _refuse(node, f"{text}{f' is {shape.type}, which' if shape else ''} has no fields")
+        field = next((one for one in shape._TYPE.fields if node.attr in (one.ros_name, one.py_name)), None)
+        if field is None:
+            names = [one.ros_name for one in shape._TYPE.fields]
+            hint = did_you_mean(node.attr, names) or f"; it has {', '.join(names) or 'none'}"
+            _refuse(node, f'{text} is {shape._TYPE.name}, which has no field "{node.attr}"{hint}')
+        node.attr = field.py_name
+        if field.type.arity is Arity.SCALAR:
+            return _shaped(node, field.cls or field)
+        if len(self._known) > 1 and _root(node) == "m" and not is_looked_at:
+            _refuse(node, f"all of {text}.{node.attr} for each element of another array takes too long")
+        return _shaped(_call("_view", node), field)
 
-    def _subscript(self, node: ast.Subscript) -> tuple[Value, _Shape]:
-        base, shape = self.value(node.value)
-        if not isinstance(shape, Field) and shape is not None:
-            _refuse(node, f"{ast.unparse(node.value)} is {shape._TYPE.name}, which has no elements")
-        if isinstance(node.slice, ast.Slice):
-            bounds = [None if part is None else self._plain(part) for part in (node.slice.lower, node.slice.upper)]
-            if node.slice.step is not None:
-                _refuse(node, "a step between elements is not allowed")
-            return lambda run: part(run, base(run), bounds), shape
-        index = self._plain(node.slice)
-        return lambda run: element(base(run), index(run)), shape.cls if isinstance(shape, Field) else None
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
+        text, is_part = ast.unparse(node.value), isinstance(node.slice, ast.Slice)
+        if isinstance(node.slice, ast.Slice) and node.slice.step is not None:
+            _refuse(node, "a step between elements is not allowed")
+        if not is_part:
+            self._is_looked_at = node.value
+        node.value = self.visit(node.value)
+        shape = _shape(node.value)
+        if isinstance(shape, type):
+            _refuse(node, f"{text} is {shape._TYPE.name}, which has no elements")
+        node.slice = self.visit(node.slice)
+        return _shaped(node, shape if is_part or shape is None else shape.cls)
 
-    def _tuple(self, node: ast.Tuple | ast.List | ast.Set) -> Value:
-        items = [self._plain(item) for item in node.elts]
-        return lambda run: [item(run) for item in items]
-
-    _list = _set = _tuple
-
-    # --------------------------------------------------------------------------------------------------- computing
-
-    def _binop(self, node: ast.BinOp) -> Value:
-        left, right, function = self._plain(node.left), self._plain(node.right), ARITHMETIC.get(type(node.op))
-        if function is None:
+    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
+        if isinstance(node.op, ast.Pow | ast.LShift):
+            _require_small(node.right, _MAX_EXPONENT, "what stands right of ** and <<")
+            if any(isinstance(one, ast.Pow | ast.LShift) for one in ast.walk(node.left)):
+                _refuse(node, "** and << of what has one of them already is not allowed")
+        elif isinstance(node.op, ast.MatMult):
             _refuse(node, f"`{ast.unparse(node)}` is not allowed in an expression")
-        return lambda run: small(function(number(left(run)), number(right(run))))
+        # Of texts and lists some take memory, and some answer what nobody asked for.
+        node.left, node.right = _call("_number", self.visit(node.left)), _call("_number", self.visit(node.right))
+        return node
 
-    def _unaryop(self, node: ast.UnaryOp) -> Value:
-        value, function = self._plain(node.operand), UNARY[type(node.op)]
-        if function is operator.not_:
-            return lambda run: not truth(value(run))
-        return lambda run: function(number(value(run)))
+    def visit_Compare(self, node: ast.Compare) -> ast.AST:
+        node.left = _call("_plain", self.visit(node.left))
+        node.comparators = [_call("_plain", self.visit(one)) for one in node.comparators]
+        return node
 
-    def _boolop(self, node: ast.BoolOp) -> Value:
-        values = [self._plain(value) for value in node.values]
-        if isinstance(node.op, ast.And):
-            return lambda run: all(truth(value(run)) for value in values)
-        return lambda run: any(truth(value(run)) for value in values)
-
-    def _compare(self, node: ast.Compare) -> Value:
-        first = self._plain(node.left)
-        others = [(COMPARE[type(op)], self._plain(value)) for op, value in zip(node.ops, node.comparators, strict=True)]
-
-        def holds(run: Run) -> bool:
-            left = first(run)
-            for function, value in others:
-                right = value(run)
-                run.pay(left)
-                run.pay(right)
-                if not function(comparable(left), comparable(right)):
-                    return False
-                left = right
-            return True
-
-        return holds
-
-    def _ifexp(self, node: ast.IfExp) -> Value:
-        test, then, otherwise = self._plain(node.test), self._plain(node.body), self._plain(node.orelse)
-        return lambda run: then(run) if truth(test(run)) else otherwise(run)
-
-    # ---------------------------------------------------------------------------------------------------- functions
-
-    def _call(self, node: ast.Call) -> Value:
+    def visit_Call(self, node: ast.Call) -> ast.AST:
         name = node.func.id if isinstance(node.func, ast.Name) else ""
-        function = FUNCTIONS.get(name)
-        if function is None:
+        if name not in FUNCTIONS:
             _refuse(node, f"{ast.unparse(node.func)}(...) is not allowed; there are {', '.join(FUNCTIONS)}")
-        most = MOST_ARGUMENTS.get(name, 1)
-        if node.keywords or any(isinstance(item, ast.Starred) for item in node.args) or not 0 < len(node.args) <= most:
+        most = {"max": _MAX_ARGUMENTS, "min": _MAX_ARGUMENTS, "round": 2}.get(name, 1)
+        if node.keywords or not 0 < len(node.args) <= most or any(isinstance(one, ast.Starred) for one in node.args):
             _refuse(node, f"{name} takes {'one value' if most == 1 else f'1 to {most} values'}")
-        if len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp):
-            items = self._generator(node.args[0])
-            return lambda run: small(function(items(run)))
-        arguments = [self._plain(item) for item in node.args]
+        if name == "round" and len(node.args) == 2:
+            _require_small(node.args[1], _MAX_DIGITS, "the digits of round")
+        if name == "len":
+            self._is_looked_at = node.args[0]
+        is_loop = len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp)
+        node.args = [self._loop(node.args[0])] if is_loop else [self.visit(one) for one in node.args]
+        return node
 
-        def call(run: Run) -> Any:
-            values = [argument(run) for argument in arguments]
-            for value in values:
-                run.pay(value, in_python=True)
-            return small(function(*values))
-
-        return call
-
-    def _generator(self, node: ast.GeneratorExp) -> Callable[[Run], Iterator[Any]]:
+    def _loop(self, node: Any) -> Any:
         """``... for x in m.field if ...`` as the argument of a function; one deep, so that its cost is seen."""
         (loop, *more) = node.generators
         if more or not isinstance(loop.target, ast.Name) or len(self._known) > 1 or loop.is_async:
             _refuse(node, "only one `for name in ...` is allowed, none inside another")
-        name, (source, shape) = loop.target.id, self.value(loop.iter)
+        name, loop.iter = loop.target.id, self.visit(loop.iter)
         if name in self._known or name in FUNCTIONS:
             _refuse(loop.target, f"`for {name}`: the name means something already")
+        shape = _shape(loop.iter)
         self._known[name] = shape.cls if isinstance(shape, Field) else None
-        item, tests = self._plain(node.elt), [self._plain(test) for test in loop.ifs]
+        node.elt, loop.ifs = self.visit(node.elt), [self.visit(test) for test in loop.ifs]
         del self._known[name]
-
-        def items(run: Run) -> Iterator[Any]:
-            for value in elements(source(run)):
-                run.pay(None)
-                run.names[name] = value
-                if all(truth(test(run)) for test in tests):
-                    yield item(run)
-
-        return items
+        return node
 
 
-def _refuse(node: ast.expr, reason: str) -> NoReturn:
-    raise FilterError(f"column {node.col_offset + 1}: {reason}")
+def _refuse(node: Any, reason: str) -> NoReturn:
+    raise FilterError(f"column {getattr(node, 'col_offset', 0) + 1}: {reason}")
 
 
-def _reader(base: Value, name: str) -> Value:
-    return lambda run: scalar(getattr(base(run), name))
+def _require_small(node: ast.expr, most: int, what: str) -> None:
+    try:
+        value = ast.literal_eval(node)
+    except ValueError:
+        value = None
+    if not isinstance(value, int | float) or not abs(value) <= most:
+        _refuse(node, f"{what} has to be a number up to {most}")
+
+
+def _shape(node: ast.AST) -> _Shape:
+    return getattr(node, "shape", None)
+
+
+def _shaped(node: ast.AST, shape: _Shape) -> ast.AST:
+    node.shape = shape  # type: ignore[attr-defined]
+    return node
+
+
+def _root(node: Any) -> str:
+    """The name that a path begins with."""
+    while not isinstance(node, ast.Name):
+        node = node.args[0] if isinstance(node, ast.Call) else getattr(node, "value", None)
+        if node is None:
+            return ""
+    return str(node.id)
+
+
+def _call(name: str, *values: Any) -> ast.Call:
+    return ast.Call(ast.Name(name, ast.Load()), list(values), [])
+
+
+# ------------------------------------------------------------------------------------------------------- what it calls
+
+
+def _view(array: Any) -> Any:
+    """Numbers of arrays as those of Python: one of numpy with 8 bits would begin again behind 255."""
+    if not isinstance(array, np.ndarray):
+        return array
+    return memoryview(cast("Any", array.astype(array.dtype.newbyteorder("="), copy=False)))
+
+
+def _plain(value: Any) -> Any:
+    """What can be compared with a list."""
+    return value.tolist() if isinstance(value, memoryview) else value
+
+
+def _number(value: Any) -> Any:
+    if not isinstance(value, int | float):
+        raise FilterError(f"expected a number, found {type(value).__name__}")
+    return value
+
+
+def _of_all(function: Callable[..., Any], of_array: Callable[[Any], Any]) -> Callable[..., Any]:
+    """A function of elements, with numpy's for arrays."""
+
+    def call(*values: Any) -> Any:
+        is_array = len(values) == 1 and isinstance(values[0], memoryview) and len(values[0]) > 0
+        return of_array(np.asarray(values[0])).item() if is_array else function(*values)
+
+    return call
+
+
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "abs": abs,
+    "all": _of_all(all, np.all),
+    "any": _of_all(any, np.any),
+    "bool": bool,
+    "float": float,
+    "int": int,
+    "isfinite": math.isfinite,
+    "isinf": math.isinf,
+    "isnan": math.isnan,
+    "len": len,
+    "max": _of_all(max, np.max),
+    "min": _of_all(min, np.min),
+    "round": round,
+    "sqrt": math.sqrt,
+    "sum": _of_all(sum, lambda values: values.sum(dtype="f8" if values.dtype.kind == "f" else None)),
+}
+"""What an expression may call."""
+_PUT_IN = {"_view": _view, "_plain": _plain, "_number": _number}

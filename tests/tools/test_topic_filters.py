@@ -50,6 +50,10 @@ SCAN = Scan(
         "round(m.at.x) == 2 and int(m.at.x) == 1 and not isnan(m.at.x)",
         "1 if m.ok else 0",
         "m.ranges",
+        "m.data[2] + 1 == 256 and sum(m.data) - 258 == 0 and max(x + 1 for x in m.data) == 256",
+        "m.at == m.at and len(m.data) == 3 and any(len(m.data) > x for x in m.data)",
+        "any(m.ranges[0] < r for r in m.ranges) and any(p.x > m.at.x for p in m.points)",
+        "2 ** 10 == 1024 and 1 << 3 == 8 and m.data == [1, 2, 255]",
     ],
 )
 def test_conditions_that_hold(text: str) -> None:
@@ -81,12 +85,33 @@ def test_conditions_that_hold(text: str) -> None:
         ("round(1.5, ndigits=3)", "takes 1 to 2 values"),
         ("abs(*m.data)", "takes one value"),
         ("max()", "takes 1 to 100 values"),
-        ("1" * 300, "more than 256 bits"),
         ("m" * 1001, "at most 1000 are taken"),
         ("-" * 900 + "1", "nested too deeply"),
         ("lambda: " + "-" * 900 + "1", "nested too deeply"),
         ("(" * 300 + "1" + ")" * 300, "is not an expression"),
         ("m.data[::2]", "step"),
+        ("9 ** 9 ** 9 > 1", "column 6: what stands right of \\*\\* and << has to be a number up to 64"),
+        ("2 ** m.level > 1", "has to be a number up to 64"),
+        ("1 << 100000000000 > 1", "has to be a number up to 64"),
+        ("(2 ** 64) ** 64 > 1", "of what has one of them already"),
+        ("-(1 << 64) ** 64 > 1", "of what has one of them already"),
+        ("round(5, -100000000000) > 1", "the digits of round has to be a number up to 20"),
+        ("round(5, m.level) > 1", "the digits of round has to be a number up to 20"),
+        ("any(max(m.data) > x for x in m.data)", "all of m.data for each element of another array takes too long"),
+        ("any(x in m.ranges[1:] for x in m.data)", "all of m.ranges for each element of another array"),
+        ("any(m.points[0:] for x in m.data)", "all of m.points for each element of another array"),
+        ("m @ m", "is not allowed"),
+        ("_number(m)", "_number\\(...\\) is not allowed"),
+        ("m.data.tofile", "which has no fields"),
+        ("[m][0].level", "has no fields"),
+        ("m.level.real", "which has no fields"),
+        ("yield", "is not an expression"),
+        ("(await m)", "is not allowed"),
+        ("{**m}", "is not allowed"),
+        ("{x: 1 for x in m.data}", "is not allowed"),
+        ("max(*m.data)", "takes 1 to 100 values"),
+        ("...", "is not allowed"),
+        ("1j", "is not allowed"),
     ],
 )
 def test_what_is_wrong_is_said_before_the_first_message(text: str, reason: str) -> None:
@@ -97,21 +122,16 @@ def test_what_is_wrong_is_said_before_the_first_message(text: str, reason: str) 
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("m.points[5].x > 1", "no element 5 among 2"),
+        ("m.points[5].x > 1", "list index out of range"),
         ("m.level / 0 > 1", "division by zero"),
         ("m.name > 3", "not supported"),
         ("m.name * 1000000000 == ''", "expected a number, found str"),
         ("'%1000000000d' % 1 == ''", "expected a number, found str"),
         ("[0] * 1000000000 == []", "expected a number, found list"),
-        ("9 ** 9 ** 9 > 1", "an exponent beyond 64"),
-        ("(2 ** 64) ** 64 > 1", "more than 256 bits"),
-        ("1 << 100000000000 > 1", "a shift by more than 64 bits"),
-        ("round(5, -100000000000) > 1", "round takes at most 20 digits"),
-        ("(0 - 1) ** 0.5 > 1", "root of a negative number"),
-        ("m.at == m.at", "compare its fields"),
-        ("max(m.points)", "compare its fields"),
-        ("int(m.name) > 1", "expected a number, found str"),
-        ("min(m.ranges[0:0]) > 1", "zero-size"),
+        ("(0 - 1) ** 0.5 > 1", "not supported between instances of 'complex'"),
+        ("max(m.points)", "not supported between instances of 'Point'"),
+        ("int(m.name) > 1", "invalid literal for int"),
+        ("min(m.ranges[0:0]) > 1", "empty"),
         ("int(1e999) > 1", "infinity"),
     ],
 )
@@ -121,13 +141,16 @@ def test_what_has_no_value_for_a_message_is_an_error_of_ours(text: str, reason: 
         condition(SCAN)
 
 
-def test_the_work_for_one_message_is_limited() -> None:
+def test_what_is_allowed_takes_no_longer_than_the_message_and_the_text() -> None:
     scan = Scan(data=np.zeros(1_000_000, "u1"), ranges=np.zeros(100_000, "f4"))
-    assert compile_filter("max(m.data) == 0", Scan)(scan)
     began = time.monotonic()
-    for text in ("any(max(m.data) > x + 1 for x in m.data)", "any(x in m.ranges[1:] and x > 1 for x in m.data)"):
-        with pytest.raises(FilterError, match="looks at more than 1000000 elements"):
-            compile_filter(text, Scan)(scan)
+    for text in (
+        " and ".join(["max(m.data) == 0"] * 40),
+        "not any(x > 1 for x in m.data) and 1 not in m.data",
+        " * ".join(["9" * 20] * 30) + " > 0",
+        f"({'9' * 900}) ** 64 > 0",
+    ):
+        assert compile_filter(text, Scan)(scan)
     assert time.monotonic() - began < 15
 
 

@@ -9,16 +9,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from time import monotonic
 from typing import Any
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import Subscription, WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.tools import ToolError, printing, run_async, types
-from rosidl_py_gen.tools.filter_values import FilterError
-from rosidl_py_gen.tools.filters import compile_filter, compile_path
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools.filters import FilterError, compile_filter, compile_path
+from rosidl_py_gen.tools.session import Network, Session, now_s
 from rosidl_py_gen.tools.topic import qos as topic_qos
 from rosidl_py_gen.tools.topic.formats import Format, Style
 from rosidl_py_gen.tools.topic.wait import found, full_name
@@ -81,7 +79,7 @@ class _Echo:
         self._topic = topic
         self._wanted = wanted
         self._show: Callable[[Any], bool] = lambda value: True
-        self._shown_at = monotonic()
+        self._shown_at = now_s()
         self._lost = self._lost_noted = 0
         self._lost_noted_at = 0.0
 
@@ -96,7 +94,7 @@ class _Echo:
             field = compile_path(wanted.field, cls) if wanted.field else lambda value: value
             condition = compile_filter(wanted.filter_text, cls) if wanted.filter_text else lambda value: True
             self._show = _shows(field, condition, wanted.format.printer())
-        self._shown_at = monotonic()
+        self._shown_at = now_s()
         node = self._session.node
         given = topic_qos.given(wanted.qos, presets.SENSOR_DATA)
         while True:
@@ -126,7 +124,7 @@ class _Echo:
         """False when the subscription has to be made again."""
         timeout_s = self._wanted.timeout_s
         while True:
-            left_s = None if timeout_s is None else max(0.0, self._shown_at + timeout_s - monotonic())
+            left_s = None if timeout_s is None else max(0.0, self._shown_at + timeout_s - now_s())
             try:
                 message = await subscription.receive(left_s)
             except WaitTimeoutError:
@@ -137,7 +135,7 @@ class _Echo:
                 self._lost += subscription.dropped
                 return False
             if self._show(message):
-                self._shown_at = monotonic()
+                self._shown_at = now_s()
                 if self._wanted.once:
                     return True
             if self._wanted.lost_messages:
@@ -149,7 +147,7 @@ class _Echo:
         return f"no message{which} on {self._topic} in {self._wanted.timeout_s:g} s; it has {publishers} publishers"
 
     def _note_lost(self, total: int) -> None:
-        if total > self._lost_noted and (now := monotonic()) > self._lost_noted_at + _LOST_EVERY_S:
+        if total > self._lost_noted and (now := now_s()) > self._lost_noted_at + _LOST_EVERY_S:
             printing.note(f"{total - self._lost_noted} messages came faster than they were printed ({total} in all)")
             self._lost_noted, self._lost_noted_at = total, now
 

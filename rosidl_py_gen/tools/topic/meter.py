@@ -18,8 +18,7 @@ from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import Subscription
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.tools import ToolError, printing, run_async, types
-from rosidl_py_gen.tools.filter_values import FilterError
-from rosidl_py_gen.tools.filters import compile_filter
+from rosidl_py_gen.tools.filters import FilterError, compile_filter
 from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic.figures import Bandwidth, Delay, Figures, Rate
 from rosidl_py_gen.tools.topic.wait import found
