@@ -29,6 +29,8 @@ from locks import lock
 from rosidl_py_gen.generate import generate
 from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS, Clocks
 from rosidl_py_gen.spec.find import search_path
 
 if TYPE_CHECKING:
@@ -158,9 +160,9 @@ def guarded_open(config: Any) -> Any:
 class World:
     """Contexts and nodes that see each other, all closed at the end of the test."""
 
-    def __init__(self, kind: str) -> None:
+    def __init__(self, kind: str, clocks: Clocks = SYSTEM_CLOCKS) -> None:
         self.kind = kind
-        self.transport = MemoryTransport() if kind == "memory" else kind
+        self.transport = MemoryTransport(clocks) if kind == "memory" else kind
         self.contexts: list[Context] = []
         self.nodes: list[Node] = []
         self._numbers = itertools.count()
@@ -198,12 +200,31 @@ class World:
         assert names == []
 
 
+_LOOP = pytest.StashKey[VirtualTimeLoop]()
+
+
+def _clocks(item: Any) -> Clocks:
+    """Those of the loop on which time passes without waiting, for async tests whose worlds are all in memory."""
+    kinds = {item.callspec.params[name] for name in ("world", "network") if name in _params(item)}
+    takes_time = item.get_closest_marker("real_time") is not None or not inspect.iscoroutinefunction(item.obj)
+    if takes_time or "dds" in item.fixturenames or kinds - {"memory"}:
+        return SYSTEM_CLOCKS
+    if _LOOP not in item.stash:
+        item.stash[_LOOP] = VirtualTimeLoop(limit_s=90)
+    return item.stash[_LOOP].clocks
+
+
+def _params(item: Any) -> dict[str, Any]:
+    callspec = getattr(item, "callspec", None)
+    return {} if callspec is None else callspec.params
+
+
 @pytest.fixture
 def world(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[World]:
     """See `World`."""
     for name, value in zenoh_environment().items() if request.param == "zenoh" else ():
         monkeypatch.setenv(name, value)
-    made = World(request.param)
+    made = World(request.param, _clocks(request.node))
     yield made
     made.close()
 
@@ -223,9 +244,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 @pytest.fixture
-def memory() -> Iterator[World]:
+def memory(request: pytest.FixtureRequest) -> Iterator[World]:
     """A world on the memory transport only."""
-    made = World("memory")
+    made = World("memory", _clocks(request.node))
     yield made
     made.close()
 
@@ -244,6 +265,9 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
     if not inspect.iscoroutinefunction(pyfuncitem.obj):
         return None
     arguments = {name: pyfuncitem.funcargs[name] for name in pyfuncitem._fixtureinfo.argnames}
+    if _LOOP in pyfuncitem.stash:
+        pyfuncitem.stash[_LOOP].run(pyfuncitem.obj(**arguments))
+        return True
     asyncio.run(asyncio.wait_for(pyfuncitem.obj(**arguments), 90 if "soak" not in pyfuncitem.name else None))
     return True
 

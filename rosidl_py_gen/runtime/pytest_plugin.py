@@ -8,7 +8,6 @@ when it has failed already, with a section that shows the traceback.
 from __future__ import annotations
 
 import re
-import time
 import traceback
 from contextlib import ExitStack
 from pathlib import Path
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
     from types import TracebackType
 
+    from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
     from rosidl_py_gen.runtime.node.node import Node
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
@@ -56,9 +56,10 @@ class RosErrors:
 
         from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError
 
-        end_s = time.monotonic() + timeout_s
+        now_s = asyncio.get_running_loop().time
+        end_s = now_s() + timeout_s
         while len(self.found) < count:
-            if time.monotonic() > end_s:
+            if now_s() > end_s:
                 raise WaitTimeoutError(f"{len(self.found)} callbacks failed in {timeout_s} s, expected {count}")
             await asyncio.sleep(_LOOK_S)
         return list(self.found)
@@ -124,10 +125,26 @@ def ros_errors(request: pytest.FixtureRequest) -> Iterator[RosErrors]:
 
 
 @pytest.fixture
-def ros_world(ros_errors: RosErrors) -> MemoryTransport:
+def ros_loop() -> Iterator[VirtualTimeLoop]:
+    """An event loop on which waiting takes no time: ``ros_loop.run(main())`` instead of ``asyncio.run(main())``.
+
+    The clocks of `ros_world` and of the nodes of `ros_node` go as it does in a test that has it.
+    """
+    from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+
+    loop = VirtualTimeLoop()
+    yield loop
+    loop.close()
+
+
+@pytest.fixture
+def ros_world(request: pytest.FixtureRequest, ros_errors: RosErrors) -> MemoryTransport:
     """A fresh `MemoryTransport`; give it to every `Context` of the test. Callbacks that fail, fail the test."""
     from rosidl_py_gen.runtime.transport.memory import MemoryTransport
 
+    if "ros_loop" in request.fixturenames:
+        loop: VirtualTimeLoop = request.getfixturevalue("ros_loop")
+        return MemoryTransport(loop.clocks)
     return MemoryTransport()
 
 

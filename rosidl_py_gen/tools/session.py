@@ -11,7 +11,6 @@ import signal
 import sys
 import threading
 from contextlib import ExitStack, contextmanager
-from time import monotonic
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from rosidl_py_gen.runtime import Context
@@ -43,6 +42,11 @@ _NOTHING: dict[str, Any] = {
     "parameter_events": False,
     "overrides": {"start_type_description_service": False},
 }
+
+
+def now_s() -> float:
+    """The running loop's time: what commands wait by."""
+    return asyncio.get_running_loop().time()
 
 
 class Network(TypedDict, total=False):
@@ -89,10 +93,10 @@ class Session:
 
     def __init__(self, network: Network, **node_options: Any) -> None:
         self._spin_time_s = network.get("spin_time_s")
-        self._began = monotonic()
         failure = network.get("failure")
         if failure is not None:
             raise failure
+        self._began = now_s()
         self.context = network.pop("context") if "context" in network else _listen(network)
         options = {**_NOTHING, **node_options}
         try:
@@ -124,13 +128,13 @@ class Session:
         Where nobody else is seen there is no news to go by: that takes 1 s.
         """
         if self._spin_time_s is not None:
-            await asyncio.sleep(self._began + self._spin_time_s - monotonic())
+            await asyncio.sleep(self._began + self._spin_time_s - now_s())
             return
         last = [self._began + _LEAST_S - _QUIET_S]
 
         async def watch() -> None:
             async for _ in self.node.graph_changes():
-                last[0] = max(last[0], monotonic())
+                last[0] = max(last[0], now_s())
 
         def end() -> float:
             if len(self.node.get_nodes()) <= 1:
@@ -141,7 +145,7 @@ class Session:
 
         watching = asyncio.ensure_future(watch())
         try:
-            while (now := monotonic()) < (until := end()):
+            while (now := now_s()) < (until := end()):
                 await asyncio.sleep(min(until - now, _QUIET_S))
         finally:
             watching.cancel()

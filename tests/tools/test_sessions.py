@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 from contextlib import nullcontext
 from time import monotonic
@@ -88,7 +89,10 @@ def test_a_command_listens_while_it_is_loaded_and_not_any_more_when_it_is_over(
 
     class Module:
         def run(self, network: Network) -> int:
-            used.append(Session(network).context)
+            async def main() -> None:
+                used.append(Session(network).context)
+
+            asyncio.run(main())
             if error is not None:
                 raise error
             return 0

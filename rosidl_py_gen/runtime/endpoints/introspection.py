@@ -42,7 +42,7 @@ class ServiceEvents:
         self._topic = f"{name}/_service_event"
         self._is_client = is_client
         self._publisher: Publisher[Any] | None = None
-        self._clock = Clock()
+        self._clock = scope.make_clock()
         self._state = IntrospectionState.OFF
 
     def configure(self, clock: Clock, qos: QoSLike, state: IntrospectionState) -> bool:

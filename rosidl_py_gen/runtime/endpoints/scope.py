@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import copy
-import time
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, RosidlError
@@ -19,7 +18,9 @@ from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
 from rosidl_py_gen.runtime.loop.failures import Failures
+from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
+from rosidl_py_gen.runtime.time.values import NS_PER_S, ClockType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.loop.failures import OnError
+    from rosidl_py_gen.runtime.transport.clocks import Clocks
     from rosidl_py_gen.runtime.transport.interface import Participant
 
 T = TypeVar("T")
@@ -99,15 +101,16 @@ def counted(number: int, what: str) -> str:
 class Throttle:
     """Lets something pass at most once a second; one for each endpoint, so that one cannot silence another."""
 
-    def __init__(self) -> None:
-        self._passed_s = -1.0
+    def __init__(self, clocks: Clocks) -> None:
+        self._steady_ns = clocks.steady_ns
+        self._next_ns = 0
 
     def passes(self) -> bool:
         """True when the last time it said so was a second ago."""
-        now_s = time.monotonic()
-        if self._passed_s >= 0 and now_s - self._passed_s < 1.0:
+        now_ns = self._steady_ns()
+        if now_ns < self._next_ns:
             return False
-        self._passed_s = now_s
+        self._next_ns = now_ns + NS_PER_S
         return True
 
 
@@ -120,6 +123,7 @@ class Scope:
         bridge: Bridge,
         discovery: Discovery,
         request_windows: RequestWindows,
+        clocks: Clocks,
         number: int,
         fully_qualified_name: str,
         on_error: OnError = "log",
@@ -129,6 +133,7 @@ class Scope:
         self.bridge = bridge
         self.discovery = discovery
         self.graph = discovery.graph
+        self.clocks = clocks
         self.number = number
         self.node_name = fully_qualified_name
         self.logger = node_logger(fully_qualified_name)
@@ -152,6 +157,11 @@ class Scope:
         child = copy.copy(self)
         child.owned, child._tasks, child._node = {}, set(), self._node or self
         return child
+
+    def make_clock(self, clock_type: ClockType = ClockType.ROS_TIME) -> Clock:
+        """A clock that goes as those of everybody this node can meet."""
+        own = self.clocks
+        return Clock(clock_type, system_ns=own.system_ns, steady_ns=own.steady_ns, on_failure=self.report_failure)
 
     # ---------------------------------------------------------------------------------------------------- entities
 

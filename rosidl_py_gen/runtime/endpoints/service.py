@@ -48,7 +48,7 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         """The profile in use; nothing is dropped for depth, see `carrier_qos`."""
         self._type = service_type
         self._is_client = is_client
-        self._throttle = Throttle()
+        self._throttle = Throttle(scope.clocks)
         self._events: ServiceEvents | None = None
         self._tap: Tap | None = None
         self._outbox = Outbox(scope.bridge, None, scope.report_failure)

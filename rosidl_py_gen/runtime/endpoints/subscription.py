@@ -96,7 +96,7 @@ class Subscription(Owned, Generic[T]):
         """How many calls of an async callback wait for something."""
         self._waiters = Waiters()
         self._latest: T | None = None
-        self._throttle = Throttle()
+        self._throttle = Throttle(scope.clocks)
         dds_topic = topic_name(topic, prefix=not qos.avoid_ros_namespace_conventions)
         scope.discovery.refresh()
         peers = [endpoint.qos for endpoint in scope.graph.on_topic(dds_topic, writers=True)]

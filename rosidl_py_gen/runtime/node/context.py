@@ -106,6 +106,7 @@ class Context:
             get_root_logger().warning(sentence)
         self.domain_id = settings.domain_id
         self.settings = settings
+        self.clocks = transport.clocks
         self.participant = transport.open(settings, self.ros_arguments.enclave)
         self.bridge = Bridge(self.participant)
         self.discovery = Discovery(self.participant, self.bridge)
@@ -148,6 +149,7 @@ class Context:
             self.bridge,
             self.discovery,
             self.request_windows,
+            self.clocks,
             number,
             names.fully_qualified_name,
             chosen,

@@ -30,8 +30,6 @@ from rosidl_py_gen.runtime.node.rosout import start_rosout
 from rosidl_py_gen.runtime.node.services import NodeServices
 from rosidl_py_gen.runtime.node.time import NodeTime
 from rosidl_py_gen.runtime.node.types import NodeTypes
-from rosidl_py_gen.runtime.time.clock import Clock
-from rosidl_py_gen.runtime.time.values import ClockType
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
@@ -126,7 +124,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
             raise
         self._made_on = id(current_loop())
         self._guards: list[Guard] = []
-        self.clock = Clock(ClockType.ROS_TIME, on_failure=self.scope.report_failure)
+        self.clock = self.scope.make_clock()
         """ROS time; system time until simulated time is switched on."""
         shared.adopt(self)
         try:

@@ -6,7 +6,6 @@ endpoints and parameters, never the node. Source: protocol.md 9.6.
 
 from __future__ import annotations
 
-import time
 from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock as ClockMessage
@@ -91,9 +90,10 @@ class SimTimePublisher(Composite):
             raise TimeRangeError("period_s, the seconds between two messages, must be more than 0")
         super().__init__(scope)
         self._now_ns = start.nanoseconds
-        self._wall_ns = time.monotonic_ns()
+        self._wall = scope.make_clock(ClockType.STEADY_TIME)
+        self._wall_ns = self._wall.now_ns()
         self._publisher: Publisher[ClockMessage] = Publisher(self._parts, message_type(ClockMessage), topic, DEFAULT)
-        self._timer = Timer(self._parts, period_ns, self._tick, Clock(ClockType.STEADY_TIME))
+        self._timer = Timer(self._parts, period_ns, self._tick, self._wall)
         if not self._rate:
             self._timer.cancel()
         scope.own(self)
@@ -114,7 +114,7 @@ class SimTimePublisher(Composite):
         if not rate:
             self._timer.cancel()
         elif not before:
-            self._wall_ns = time.monotonic_ns()  # what passed during the pause does not count
+            self._wall_ns = self._wall.now_ns()  # what passed during the pause does not count
             self._timer.reset()
 
     @property
@@ -142,7 +142,7 @@ class SimTimePublisher(Composite):
         self._now_ns = now.nanoseconds
 
     def _tick(self) -> None:
-        wall_ns = time.monotonic_ns()
+        wall_ns = self._wall.now_ns()
         passed_ns, self._wall_ns = wall_ns - self._wall_ns, wall_ns
         self.advance(Duration(nanoseconds=round(passed_ns * self._rate)))
 

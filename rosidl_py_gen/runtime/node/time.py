@@ -47,7 +47,7 @@ class NodeTime:
 
     def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:
         """Every `period_s` seconds of the steady clock, which nothing can turn back."""
-        return self.create_timer(period_s, callback, clock=Clock(ClockType.STEADY_TIME))
+        return self.create_timer(period_s, callback, clock=self.scope.make_clock(ClockType.STEADY_TIME))
 
     def create_rate(self, frequency_hz: float) -> Rate:
         """``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""

@@ -6,7 +6,7 @@ says so, in the same words for all.
 
 from __future__ import annotations
 
-import time
+import asyncio
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.time.values import NS_PER_S, limit_to_ns
@@ -17,22 +17,23 @@ class WaitTimeoutError(RosidlError, TimeoutError):
 
 
 class Deadline:
-    """The end of one wait, which may consist of several."""
+    """The end of one wait on the running event loop, by its time; the wait may consist of several."""
 
-    __slots__ = ("_end_ns",)
+    __slots__ = ("_end_s", "_time")
 
     def __init__(self, timeout_s: float | None) -> None:
         """Raises `TypeError` for no number, `TimeRangeError` for a negative one or NaN."""
         limit_ns = None if timeout_s is None else limit_to_ns("timeout_s", timeout_s)
-        self._end_ns = None if limit_ns is None else time.monotonic_ns() + limit_ns
+        self._time = asyncio.get_running_loop().time
+        self._end_s = None if limit_ns is None else self._time() + limit_ns / NS_PER_S
 
     def left_s(self, at_most_s: float | None = None) -> float | None:
         """Seconds, 0 when it is over; without an end `at_most_s`, which may be None."""
-        if self._end_ns is None:
+        if self._end_s is None:
             return at_most_s
-        left_s = max(0, self._end_ns - time.monotonic_ns()) / NS_PER_S
+        left_s = max(0.0, self._end_s - self._time())
         return left_s if at_most_s is None else min(left_s, at_most_s)
 
     def is_over(self) -> bool:
         """Whether the time has passed."""
-        return self._end_ns is not None and time.monotonic_ns() >= self._end_ns
+        return self._end_s is not None and self._time() >= self._end_s

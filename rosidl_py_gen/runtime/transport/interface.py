@@ -22,6 +22,8 @@ from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from rosidl_py_gen.runtime.transport.clocks import Clocks
+
 Payload: TypeAlias = "bytes | memoryview"
 """A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""
 
@@ -385,6 +387,8 @@ class Participant(Protocol):
 
 class Transport(Protocol):
     """Something that can join a domain."""
+
+    clocks: Clocks
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> Participant:
         """Join the domain; settings that the transport does not know have no effect."""

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import itertools
 import threading
-import time
 from collections import deque
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
+from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.dds import DdsParticipant, reaches
 from rosidl_py_gen.runtime.transport.interface import (
     EndpointFound,
@@ -30,6 +30,7 @@ from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rosidl_py_gen.runtime.transport.clocks import Clocks
     from rosidl_py_gen.runtime.transport.interface import (
         DiscoveryEvent,
         DomainSettings,
@@ -48,12 +49,16 @@ _WORLDS = itertools.count(1)
 class MemoryTransport:
     """One world; give it to `Context(transport=...)` of every node that shall take part.
 
+    Args:
+        clocks: what time it is in this world.
+
     Example:
         >>> world = MemoryTransport()
         >>> talker = Node("talker", context=Context(transport=world))  # doctest: +SKIP
     """
 
-    def __init__(self) -> None:
+    def __init__(self, clocks: Clocks = SYSTEM_CLOCKS) -> None:
+        self.clocks = clocks
         self._lock = threading.RLock()
         self._number = next(_WORLDS)
         self._counter = itertools.count(1)
@@ -65,7 +70,7 @@ class MemoryTransport:
             number = next(self._counter)
             prefix = _VENDOR + bytes(2) + self._number.to_bytes(4, "big") + number.to_bytes(4, "big")
             peers = self._domains.setdefault(settings.domain_id, [])
-            participant = MemoryParticipant(self._lock, peers, prefix, enclave, self._counter)
+            participant = MemoryParticipant(self._lock, peers, prefix, enclave, self._counter, self.clocks)
             peers.append(participant)
             for peer in peers:
                 peer.tell(ParticipantFound(participant.guid, enclave))
@@ -84,8 +89,10 @@ class MemoryParticipant(DdsParticipant):
         prefix: bytes,
         enclave: str,
         counter: itertools.count[int],
+        clocks: Clocks,
     ) -> None:
         super().__init__()
+        self.time_ns = clocks.system_ns
         self.lock = lock
         self.peers = peers
         self.prefix = prefix
@@ -258,7 +265,7 @@ class MemoryWriter(_Endpoint):
     def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
         if self.closed:
             raise ClosedError("this writer is closed")
-        now = time.time_ns()
+        now = self.owner.time_ns()
         sample = (in_fours(data if identity is None else identified(data, identity)), now, self.handle, now)
         with self.owner.lock:
             self._history.append(sample)
@@ -272,7 +279,7 @@ class MemoryWriter(_Endpoint):
         """Give a late joiner what is still kept and has not expired."""
         if reader.qos.durability is not Durability.TRANSIENT_LOCAL:
             return
-        oldest = time.time_ns() - (self.qos.lifespan_ns)
+        oldest = self.owner.time_ns() - (self.qos.lifespan_ns)
         for sample in self._history:
             if sample[1] >= oldest:
                 reader.receive(sample)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
-from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
@@ -24,7 +23,7 @@ from rosidl_py_gen.runtime.names.validation import validate_full_name
 from rosidl_py_gen.tools import ToolError, printing, run_async
 from rosidl_py_gen.tools.bag.described import wrong
 from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools.session import Network, Session, now_s
 from rosidl_py_gen.tools.topic.wait import full_name
 
 if TYPE_CHECKING:
@@ -176,7 +175,7 @@ class _Player:
         found = self._reader.raw_messages(names, start_ns=start, end_ns=end)
         async for item in paced(found, self._wanted.rate):
             if self._began is None:
-                self._began = monotonic(), item.log_time
+                self._began = now_s(), item.log_time
             send = self._by_channel.get(id(item.channel))  # comparing definitions for each message takes long
             if send is None:
                 send = self._by_channel[id(item.channel)] = self._send[item.channel.key]
@@ -188,7 +187,7 @@ class _Player:
         if self._began is None:
             return None
         since, log_time = self._began
-        return log_time + round((monotonic() - since) * self._wanted.rate * _S)
+        return log_time + round((now_s() - since) * self._wanted.rate * _S)
 
     async def publish_clock(self) -> None:
         """Publish ``/clock`` for ever, if that is wanted."""

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 from rosidl_py_gen import get_message
@@ -27,7 +26,7 @@ from rosidl_py_gen.runtime import Subscription
 from rosidl_py_gen.tools import ToolError, printing, run_async, types
 from rosidl_py_gen.tools.bag.part import progress, size_text
 from rosidl_py_gen.tools.bag.writer import WriterThread
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools.session import Network, Session, now_s
 from rosidl_py_gen.tools.topic import qos as topic_qos
 from rosidl_py_gen.tools.topic.wait import full_name
 
@@ -172,11 +171,11 @@ class _Recorder:
 
     async def report(self, show: Any) -> None:
         """Say how far it is, for ever."""
-        began = monotonic()
+        began = now_s()
         while True:
             dropped = f", {self.dropped} dropped" if self.dropped else ""
             text = f"{self._writer.messages} messages of {len(self.recorded)} topics, {size_text(self._writer.bytes)}"
-            show(f"recording for {monotonic() - began:.0f} s: {text}{dropped}; Ctrl-C ends it")
+            show(f"recording for {now_s() - began:.0f} s: {text}{dropped}; Ctrl-C ends it")
             await asyncio.sleep(_PROGRESS_S)
             for task in self._tasks:
                 if task.done():

@@ -45,11 +45,11 @@ async def test_the_info_names_publisher_and_times(world: World) -> None:
     subscription = bob.create_subscription(String, "chatter")
     publisher = alice.create_publisher(String, "chatter")
     assert await publisher.wait_for_subscribers(timeout_s=5)
-    before = time.time_ns()
+    before = alice.clock.now_ns()
     publisher.publish(String(data="x"))
     message, info = await subscription.receive_with_info(timeout_s=5)
     assert message == String(data="x")
-    assert before <= info.source_timestamp_ns <= info.received_timestamp_ns <= time.time_ns()
+    assert before <= info.source_timestamp_ns <= info.received_timestamp_ns <= alice.clock.now_ns()
     assert info.publisher_gid == publisher.gid
     assert [endpoint.endpoint_gid for endpoint in bob.get_publishers_info_by_topic("chatter")] == [publisher.gid]
 

@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.resources import install_command
 from rosidl_py_gen.runtime.names.dds import endpoint_user_data, participant_user_data
+from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.catchup import EarlySamples
 from rosidl_py_gen.runtime.transport.cyclone.config import TUNING, cyclone_xml
@@ -97,6 +98,8 @@ _fast_dds = FastDds(_library)
 
 class CycloneTransport:
     """Joins DDS domains; see `transport.Transport`. Stateless."""
+
+    clocks = SYSTEM_CLOCKS
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
         """Join the domain, which all participants of a process configure alike; see `domain.py`."""

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.resources import install_command
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
+from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.interface import BackendMissingError, TransportError
 
 try:
@@ -47,6 +48,8 @@ class ZenohTransport:
 
     _was_used: ClassVar[bool] = False
     _is_forked: ClassVar[bool] = False
+
+    clocks = SYSTEM_CLOCKS
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> ZenohParticipant:
         """Join the domain. Discovery range and static peers have no meaning here.

@@ -1,0 +1,108 @@
+"""The event loop of tests, on which waiting takes no time."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from rosidl_py_gen.runtime import Node, WaitTimeoutError
+from rosidl_py_gen.runtime.loop.virtual_time import NothingHappensError, VirtualTimeLoop
+from rosidl_py_gen.runtime.transport.memory import MemoryTransport
+
+
+def test_a_day_of_waiting_takes_no_time(ros_loop: VirtualTimeLoop) -> None:
+    async def main() -> float:
+        await asyncio.sleep(86400)
+        return asyncio.get_running_loop().time()
+
+    before = time.monotonic()
+    assert ros_loop.run(main()) == 86400
+    assert time.monotonic() - before < 5
+
+
+def test_time_stands_still_while_code_runs(ros_loop: VirtualTimeLoop) -> None:
+    async def main() -> None:
+        time.sleep(0.01)
+        await asyncio.sleep(0)
+
+    ros_loop.run(main())
+    assert ros_loop.time() == 0
+
+
+def test_ticks_and_clocks_are_exact(ros_node: Callable[..., Node], ros_loop: VirtualTimeLoop) -> None:
+    node = ros_node("n")
+    stamps: list[int] = []
+
+    async def main() -> None:
+        before = node.clock.now_ns()
+        node.create_timer(0.05, lambda: stamps.append(node.clock.now_ns() - before))
+        await asyncio.sleep(0.26)
+
+    ros_loop.run(main())
+    assert stamps == [50_000_000, 100_000_000, 150_000_000, 200_000_000, 250_000_000]
+
+
+def test_a_steady_clock_of_the_node_goes_with_it(ros_node: Callable[..., Node], ros_loop: VirtualTimeLoop) -> None:
+    async def main() -> list[float]:
+        timer = ros_node("n").create_wall_timer(7.0)
+        return [(await timer.tick()).seconds for _ in range(2)]
+
+    assert ros_loop.run(main()) == [7.0, 7.0]
+
+
+def test_time_limits_end_at_their_time(ros_node: Callable[..., Node], ros_loop: VirtualTimeLoop) -> None:
+    async def main() -> float:
+        with pytest.raises(WaitTimeoutError):
+            await ros_node("n").wait_for_node("nobody", timeout_s=3600)
+        return asyncio.get_running_loop().time()
+
+    assert ros_loop.run(main()) == pytest.approx(3600)
+
+
+def test_what_can_never_happen_fails_at_once_and_is_named(ros_loop: VirtualTimeLoop) -> None:
+    async def waits_for_nobody() -> None:
+        await asyncio.get_running_loop().create_future()
+
+    with pytest.raises(NothingHappensError, match=r"nothing will ever wake this test\n  pending: .*waits_for_nobody"):
+        ros_loop.run(waits_for_nobody())
+
+
+def test_what_never_ends_fails_too() -> None:
+    async def main() -> None:
+        while True:
+            await asyncio.sleep(1)
+
+    with pytest.raises(NothingHappensError, match=r"not over after 0\.2 s"):
+        VirtualTimeLoop(limit_s=0.2).run(main())
+
+
+@pytest.mark.parametrize("way", ["executor", "thread"])
+def test_while_a_thread_works_time_passes_as_on_the_wall(ros_loop: VirtualTimeLoop, way: str) -> None:
+    async def main() -> float:
+        loop = asyncio.get_running_loop()
+        done = loop.create_future()
+
+        def work() -> None:
+            time.sleep(0.2)
+            loop.call_soon_threadsafe(done.set_result, loop.time())
+
+        if way == "thread":
+            threading.Thread(target=work).start()
+        else:
+            loop.run_in_executor(None, work)
+        other = asyncio.ensure_future(asyncio.sleep(100))
+        ended: Any = await done
+        assert not other.done()
+        other.cancel()
+        return float(ended)
+
+    assert 0.1 < ros_loop.run(main()) < 10
+
+
+def test_the_world_has_the_clocks_of_the_loop(ros_world: MemoryTransport, ros_loop: VirtualTimeLoop) -> None:
+    assert ros_world.clocks is ros_loop.clocks
