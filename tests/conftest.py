@@ -7,6 +7,7 @@ import signal
 
 import pytest
 from hypothesis import HealthCheck, settings
+from scale import examples
 
 
 @pytest.hookimpl(tryfirst=True)  # before hypothesis looks at --hypothesis-profile
@@ -14,6 +15,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Let SIGINT interrupt. A shell starts background jobs with SIGINT ignored, and every child inherits that."""
     settings.register_profile(
         "project",
+        max_examples=examples(100),
         deadline=None,
         print_blob=True,
         suppress_health_check=[HealthCheck.too_slow],
@@ -27,4 +29,4 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--fuzz-rounds", type=int, default=100_000, help="inputs the codec fuzzers try (default 100000)")
+    parser.addoption("--fuzz-rounds", type=int, default=examples(100_000), help="inputs the codec fuzzers try")

@@ -16,7 +16,8 @@ import gc
 import os
 import sys
 import warnings
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.resources import extra_missing
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine
+    from collections.abc import Coroutine, Iterator
     from contextlib import AbstractContextManager
 
 _GROUPS = {
@@ -110,14 +111,27 @@ def root() -> click.Group:
     return _cli
 
 
+@dataclass(frozen=True)
+class Job:
+    """What a command does on an event loop, and answers with its exit code.
+
+    Attributes:
+        endless: it goes on until it is interrupted, so that this is its usual end.
+    """
+
+    main: Coroutine[Any, Any, int]
+    endless: bool = False
+
+
 def run_command(module: str, **arguments: Any) -> None:
-    """Load ``tools/<module>.py`` and call its `run`, whose answer is the exit code; called by what click declares."""
+    """Load ``tools/<module>.py`` and call its `run`, which answers an exit code or a `Job`; click's commands do it."""
     listening: AbstractContextManager[None] = nullcontext()
     if "network" in arguments:
         listening = import_module(f"{__name__}.session").listening(arguments["network"])
     try:
         with listening:
-            code = import_module(f"{__name__}.{module}").run(**arguments)
+            answer = import_module(f"{__name__}.{module}").run(**arguments)
+            code = run_job(answer) if isinstance(answer, Job) else answer
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read our output has enough; click would end with 1
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -126,17 +140,13 @@ def run_command(module: str, **arguments: Any) -> None:
         raise click.exceptions.Exit(code)
 
 
-def run_async(main: Coroutine[Any, Any, int], *, endless: bool = False) -> int:
-    """Run a command's coroutine; the exit code it returns, or what a signal makes of it.
-
-    Args:
-        endless: the command goes on until it is interrupted, so that this is its usual end.
-    """
+def run_job(job: Job) -> int:
+    """Run it; the exit code it returns, or what a signal makes of it."""
     from rosidl_py_gen.runtime import run
 
-    code = run(main)
+    code = run(job.main)
     if code is None:  # a signal
-        return 0 if endless else 130
+        return 0 if job.endless else 130
     return code
 
 
@@ -152,10 +162,17 @@ def main(arguments: list[str] | None = None) -> None:
         if getattr(sys, name) is None:  # closed; a socket would get its number
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
     warnings.showwarning = _show_warning
-    try:
+    with reporting():
         code = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
         if isinstance(code, int) and code:
             sys.exit(code)
+
+
+@contextmanager
+def reporting() -> Iterator[None]:
+    """Say on standard error why something could not be done, and exit with a code as the head of this file says."""
+    try:
+        yield
     except click.ClickException as wrong:
         wrong.show()
         sys.exit(wrong.exit_code)

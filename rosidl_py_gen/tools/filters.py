@@ -92,7 +92,9 @@ def _compiled(tree: ast.Expression, cls: type[Message]) -> Callable[[Message], A
     def value(message: Message) -> Any:
         try:
             return function(message)
-        except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        except IndexError:
+            raise FilterError("there is no such element") from None
+        except (ArithmeticError, TypeError, ValueError) as error:
             raise FilterError(str(error)) from None
 
     return value

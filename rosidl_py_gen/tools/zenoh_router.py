@@ -10,16 +10,16 @@ import click
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter, show_log
-from rosidl_py_gen.tools import run_async
+from rosidl_py_gen.tools import Job
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-def run(listen: Sequence[str], connect: Sequence[str]) -> int:
+def run(listen: Sequence[str], connect: Sequence[str]) -> Job:
     """The command; ends with 0 when it is interrupted."""
     show_log("error")
-    return run_async(_serve(listen, connect), endless=True)
+    return Job(_serve(listen, connect), endless=True)
 
 
 async def _serve(listen: Sequence[str], connect: Sequence[str]) -> int:

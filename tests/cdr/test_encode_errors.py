@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scale import examples
 from strategies import values, worlds
 
 from rosidl_py_gen import EncodeError, compile_text, decode, encode, get_message, to_dict, validate
@@ -270,7 +271,7 @@ def test_instances_of_subclasses_are_welcome_anywhere() -> None:
     assert type(decode(MyPart, encode(Part("q")))) is MyPart
 
 
-@settings(max_examples=400)
+@settings(max_examples=examples(400))
 @given(worlds(), st.data())
 def test_validate_and_encode_refuse_the_same_messages_for_the_same_reason(world: Any, data: st.DataObject) -> None:
     reference = world.reference()

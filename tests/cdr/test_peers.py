@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from pycdr2 import IdlStruct, types
 from reference_cdr import Reference, same
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scale import examples
 from strategies import World, values, worlds
 
 from rosidl_py_gen import decode, encode
@@ -19,7 +20,7 @@ from rosidl_py_gen.fieldtype import Arity, FieldType
 # --- rosbags: no wstrings; bounds and defaults are read and ignored --------------------------------------------------
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(worlds(nasty=False, wide=False), st.data())
 def test_rosbags_writes_the_same_bytes_and_reads_ours(world: World, data: st.DataObject) -> None:
     reference = world.reference()
@@ -58,7 +59,7 @@ def _rosbags(store: Any, reference: Reference, name: str, value: dict[str, Any])
 _PYCDR2 = {"bool": bool, "byte": types.uint8, "char": types.uint8, "string": str}
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(worlds(nasty=False, wide=False, exotic=False), st.data())
 def test_pycdr2_writes_the_same_bytes_and_reads_ours(world: World, data: st.DataObject) -> None:
     reference = world.reference()

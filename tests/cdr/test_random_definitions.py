@@ -9,6 +9,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference_cdr import Reference, ReferenceError, same
+from scale import examples
 from strategies import World, values, worlds
 
 from rosidl_py_gen import (
@@ -40,7 +41,7 @@ def garbage(seed: int) -> Any:
     return random.Random(seed).randbytes
 
 
-@settings(max_examples=600)
+@settings(max_examples=examples(600))
 @given(worlds_and_values())
 def test_bytes_are_those_of_the_reference(case: tuple[World, Reference, dict[str, Any]]) -> None:
     world, reference, value = case
@@ -49,7 +50,7 @@ def test_bytes_are_those_of_the_reference(case: tuple[World, Reference, dict[str
     assert encode(message).hex() == reference.encode(world.top, value).hex()
 
 
-@settings(max_examples=600)
+@settings(max_examples=examples(600))
 @given(worlds_and_values(), st.integers(0, 2**32), st.binary(max_size=9))
 def test_every_byte_order_and_any_garbage_between_fields_decode_to_the_value(
     case: tuple[World, Reference, dict[str, Any]], seed: int, behind: bytes
@@ -89,7 +90,7 @@ def _check_arrays(message: Message, reference: Reference, writeable: bool) -> No
             assert held.flags.writeable == writeable
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(worlds_and_values())
 def test_dicts_and_json_carry_every_value_both_ways(case: tuple[World, Reference, dict[str, Any]]) -> None:
     world, reference, value = case
@@ -103,7 +104,7 @@ def test_dicts_and_json_carry_every_value_both_ways(case: tuple[World, Reference
     assert "NaN," not in to_json(message).replace('"NaN"', "")
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(worlds())
 def test_a_new_message_holds_zeros_and_the_defaults_of_its_definition(world: World) -> None:
     reference = world.reference()
@@ -132,7 +133,7 @@ def _zero(kind: FieldType) -> Any:
     return [one] * (kind.capacity if kind.arity is Arity.ARRAY else 0)
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(worlds_and_values(), st.data())
 def test_damaged_bytes_are_read_as_the_reference_reads_them(
     case: tuple[World, Reference, dict[str, Any]], data: st.DataObject
@@ -157,7 +158,7 @@ def test_damaged_bytes_are_read_as_the_reference_reads_them(
     assert same(found, wanted)
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(worlds(nasty=False), st.data())
 def test_the_same_definitions_as_idl_have_the_same_bytes_and_hash_form(world: World, data: st.DataObject) -> None:
     reference = world.reference()

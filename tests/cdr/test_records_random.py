@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference_cdr import NUMBERS, Reference, same
+from scale import examples
 from strategies import World, values
 
 from rosidl_py_gen import (
@@ -124,7 +125,7 @@ def with_arrays(message: Message, change: Any = lambda array: array) -> Message:
     return clone
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(cases(), st.integers(0, 2**32), st.binary(max_size=9))
 def test_arrays_hold_what_the_reference_wrote(case: Case, seed: int, behind: bytes) -> None:
     world, reference, value = case
@@ -145,7 +146,7 @@ def test_arrays_hold_what_the_reference_wrote(case: Case, seed: int, behind: byt
         assert same(reference.plain(decode(cls, memoryview(bytearray(data)), arrays=True)), value)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(cases())
 def test_writing_into_own_arrays_changes_nothing_else(case: Case) -> None:
     world, reference, value = case
@@ -157,7 +158,7 @@ def test_writing_into_own_arrays_changes_nothing_else(case: Case) -> None:
         assert [pickle.dumps(other) for other in arrays[index + 1 :]] == others
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(cases())
 def test_every_cut_is_refused_exactly_where_lists_are(case: Case) -> None:
     world, reference, value = case
@@ -197,7 +198,7 @@ def assign(target: np.ndarray[Any, Any], source: np.ndarray[Any, Any]) -> None:
         assign(target[name], source[name])
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(cases())
 def test_arrays_of_any_layout_are_written_as_lists_are(case: Case) -> None:
     world, reference, value = case
@@ -210,7 +211,7 @@ def test_arrays_of_any_layout_are_written_as_lists_are(case: Case) -> None:
         assert same(to_dict(held), value)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(cases())
 def test_garbage_in_the_padding_of_memory_is_not_written(case: Case) -> None:
     def soiled(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -223,7 +224,7 @@ def test_garbage_in_the_padding_of_memory_is_not_written(case: Case) -> None:
     assert encode(held).hex() == reference.encode(world.top, value).hex()
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(cases())
 def test_both_forms_are_the_same_to_every_function(case: Case) -> None:
     world, reference, value = case
@@ -242,7 +243,7 @@ def test_both_forms_are_the_same_to_every_function(case: Case) -> None:
         assert [encode(one) for one in messages(inner, back)] == [encode(one) for one in messages(inner, array)]
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(cases())
 def test_dicts_may_hold_arrays(case: Case) -> None:
     world, reference, value = case

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from bundled import INTERFACES, TESTS, library, message_names
 from hypothesis import given, settings
+from scale import examples
 from strategies import World, worlds
 
 from rosidl_py_gen import (
@@ -109,7 +110,7 @@ def test_the_one_wrong_description_of_the_reference_is_matched() -> None:
     assert found == [(118, 5, 5, ""), (165, 0, 5, ""), (117, 4, 3, ""), (70, 2, 3, "")]
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(worlds())
 def test_the_description_of_a_random_type_gives_its_hash(world: World) -> None:
     cls = world.compile()

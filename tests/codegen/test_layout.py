@@ -8,6 +8,7 @@ import pytest
 from compiler_worlds import texts
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scale import examples
 
 from rosidl_py_gen.codegen.plan import (
     Block,
@@ -192,7 +193,7 @@ _TYPE = st.one_of(
 _FLAT = st.lists(st.one_of(_PRIMITIVE, st.sampled_from(["string<=1", "uint8[3]", "float64[<=1]"])), max_size=4)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(inner=_FLAT, outer=st.lists(_TYPE, min_size=1, max_size=5))
 def test_sizes_are_those_of_a_brute_force_count(inner: list[str], outer: list[str]) -> None:
     def lines(kinds: list[str]) -> str:

@@ -9,6 +9,7 @@ import pytest
 from compiler_worlds import assert_clean, write
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scale import examples
 
 from rosidl_py_gen.codegen.fold import WIDTH, Folder
 from rosidl_py_gen.codegen.literals import docstring, py_literal, py_string, visible
@@ -18,7 +19,7 @@ NASTY = st.text(st.sampled_from("ab \"'\\\n\r\t\0\x1b{}%#é ハ😀\u2028\u202e\
 TEXT = st.one_of(st.text(max_size=40), NASTY)
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=examples(500), deadline=None)
 @given(TEXT)
 def test_a_string_literal_means_the_string(text: str) -> None:
     literal = py_string(text)
@@ -79,7 +80,7 @@ def body(doc: str) -> ast.Module:
     return ast.parse(f"class A:\n    {doc}\n    x = 1\n")
 
 
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=examples(500), deadline=None)
 @given(st.lists(TEXT, max_size=4))
 def test_a_docstring_stays_a_docstring(lines: list[str]) -> None:
     (cls,) = body(docstring(lines, "    ")).body
@@ -98,7 +99,7 @@ def test_a_docstring_stays_a_docstring(lines: list[str]) -> None:
 def test_docstrings_of_any_text_are_left_alone_by_the_formatter(tmp_path: object) -> None:
     found: list[str] = []
 
-    @settings(max_examples=300, deadline=None, database=None)
+    @settings(max_examples=examples(300), deadline=None, database=None)
     @given(
         st.lists(
             st.one_of(TEXT, st.sampled_from(["", " ", "  two", "    four", '"', '"a"', "\\", "'''", "a\\"])), max_size=4

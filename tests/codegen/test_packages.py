@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from compiler_worlds import REPOSITORY, TEST_INTERFACES, assert_clean, importable, mypy, python, run, write
 from hypothesis import HealthCheck, Phase, given, settings
+from scale import examples
 from strategies import World, worlds
 
 from rosidl_py_gen import type_hash
@@ -130,7 +131,11 @@ def test_random_definitions_become_clean_code(tmp_path: Path) -> None:
     files: dict[str, str] = {}
 
     @settings(
-        max_examples=150, deadline=None, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck)
+        max_examples=examples(150),
+        deadline=None,
+        database=None,
+        phases=[Phase.generate],
+        suppress_health_check=list(HealthCheck),
     )
     @given(worlds())
     def collect(world: World) -> None:  # one run of ruff for all of them

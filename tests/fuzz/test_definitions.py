@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
+from scale import examples
 
 from rosidl_py_gen import compile_text, decode, encode, from_dict, to_dict
 from rosidl_py_gen.described import compile_described, definition_text
@@ -301,7 +302,7 @@ class Definitions(RuleBasedStateMachine):
 
 TestDefinitions = Definitions.TestCase
 TestDefinitions.settings = settings(
-    max_examples=60,
+    max_examples=examples(60),
     stateful_step_count=12,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],

@@ -18,6 +18,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from reference_cdr import NUMBERS, Reference, same
+from scale import examples
 from strategies import values
 
 from rosidl_py_gen import compile_text, decode, encode
@@ -141,7 +142,7 @@ def without_nul(value: Any) -> Any:
 
 
 @pytest.mark.parametrize("shape", [shape for shape in SHAPES if shape != "Stamp"])
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(max_examples=examples(60), suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(data=st.data())
 def test_fastcdr_reads_what_we_write_and_we_read_what_it_writes(peer: Peer, shape: str, data: st.DataObject) -> None:
     name = f"fastcdr/msg/{shape}"

@@ -15,6 +15,7 @@ import pytest
 from compiler_worlds import write
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scale import examples
 
 from rosidl_py_gen.spec.find import Package, search_path
 from rosidl_py_gen.spec.listed import read_listing
@@ -122,7 +123,7 @@ BLOCKS = st.recursive(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(text=st.one_of(BLOCKS, st.text(max_size=200), st.lists(COMMANDS, max_size=12).map("\n".join)))
 def test_any_text_gives_files_of_the_package_or_a_note(text: str, tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.getbasetemp() / "any"

@@ -13,6 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosidl_deviations import compare_or_explain
 from rosidl_oracle import compare
+from scale import examples
 
 from rosidl_py_gen.fieldtype import Arity
 from rosidl_py_gen.spec.model import MessageDef
@@ -359,21 +360,21 @@ _CONSTANT = st.builds(
 _LINE = st.one_of(_FIELD, _FIELD, _CONSTANT, st.sampled_from(["", "# text", "   # indented", "---", "#"]), _SOUP)
 
 
-@settings(max_examples=500, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(500), deadline=None, suppress_health_check=list(HealthCheck))
 @given(lines=st.lists(_legal(), min_size=1, max_size=3))
 def test_rosidl_agrees_about_messages_that_are_mostly_right(rosidl: Rosidl, lines: list[str]) -> None:
     text = "\n".join(lines)
     compare_or_explain(rosidl, ("a_msgs/msg/Sample", text, "msg"))
 
 
-@settings(max_examples=500, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(500), deadline=None, suppress_health_check=list(HealthCheck))
 @given(lines=st.lists(_LINE, min_size=1, max_size=2))
 def test_rosidl_agrees_about_random_messages(rosidl: Rosidl, lines: list[str]) -> None:
     text = "\n".join(lines)
     compare_or_explain(rosidl, ("a_msgs/msg/Sample", text, "msg"))
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(300), deadline=None, suppress_health_check=list(HealthCheck))
 @given(
     base=st.sampled_from(["string", "wstring", "string<=4", "string[]", "wstring[<=2]", "string<=3[]"]), value=_VALUE
 )
@@ -382,7 +383,7 @@ def test_rosidl_agrees_about_random_strings(rosidl: Rosidl, base: str, value: st
         compare_or_explain(rosidl, ("a_msgs/msg/Sample", text, "msg"))
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(100), deadline=None, suppress_health_check=list(HealthCheck))
 @given(kind=st.sampled_from(["srv", "action"]), lines=st.lists(st.one_of(_FIELD, st.just("---")), max_size=4))
 def test_rosidl_agrees_about_random_services_and_actions(rosidl: Rosidl, kind: str, lines: list[str]) -> None:
     text = "\n".join(lines)

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosidl_deviations import DEVIATIONS, Deviation, compare_or_explain, explained, in_modules
 from rosidl_oracle import OTHERS, Rosidl, accepted, different, ours
+from scale import examples
 
 _EXAMPLES = [(row, text) for row in DEVIATIONS for text in row.examples]
 
@@ -204,7 +205,7 @@ def broken(draw: st.DrawFn) -> tuple[str, str]:
     return name, draw(spelled(tokens))
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(st.data())
 def test_rosidl_agrees_about_random_files(rosidl: Rosidl, data: st.DataObject) -> None:
     name, tokens = data.draw(files())
@@ -217,7 +218,7 @@ def test_rosidl_agrees_about_random_files(rosidl: Rosidl, data: st.DataObject) -
         assert not difference, f"{release}: {difference}, in {text!r}"
 
 
-@settings(max_examples=400)
+@settings(max_examples=examples(400))
 @given(broken())
 def test_rosidl_agrees_about_hostile_files(rosidl: Rosidl, file: tuple[str, str]) -> None:
     compare_or_explain(rosidl, (*file, "idl"))

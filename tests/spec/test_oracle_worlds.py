@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosidl_deviations import compare_or_explain
 from rosidl_oracle import Definition, Rosidl, compare_world, ours
+from scale import examples
 from strategies import World, worlds
 
 from rosidl_py_gen.resources import interfaces_dir
@@ -107,7 +108,7 @@ def _definitions(world: World) -> list[Definition]:
     return [(name, _no_backslash(text), "msg") for name, text in world.texts]
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(worlds())
 def test_rosidl_agrees_about_random_worlds(rosidl: Rosidl, world: World) -> None:
     assert "types" in compare_world(rosidl, _definitions(world))
@@ -128,7 +129,7 @@ def _services(draw: st.DrawFn) -> list[Definition]:
     return [*_definitions(world), (f"{package}/{kind}/Sample", _no_backslash(text), kind)]
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(_services())
 def test_rosidl_agrees_about_random_services_and_actions(rosidl: Rosidl, definitions: list[Definition]) -> None:
     assert "types" in compare_world(rosidl, definitions)
@@ -212,7 +213,7 @@ _LINES = (
 )
 
 
-@settings(max_examples=500)
+@settings(max_examples=examples(500))
 @given(damaged())
 def test_rosidl_agrees_about_damaged_files(rosidl: Rosidl, definition: Definition) -> None:
     compare_or_explain(rosidl, definition)

@@ -9,8 +9,9 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import in_process
 import pytest
 from worlds import (
     GENERATED,
@@ -29,6 +30,8 @@ from rosidl_py_gen import tools
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from worlds import World
+
 __all__ = ["dds", "memory", "network", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call"]
 
 PATIENCE_S = 25
@@ -44,14 +47,20 @@ class Ended:
 
 
 class Tool:
-    """Runs ``rosidl-py`` in processes of their own."""
+    """Runs ``rosidl-py``: in processes of their own, or on the test's event loop beside a `world` in memory."""
 
-    async def start(
-        self, *arguments: str, within: tuple[str, ...] = (), **environment: str
-    ) -> asyncio.subprocess.Process:
+    def __init__(self, world: World | None, patch: pytest.MonkeyPatch) -> None:
+        self._world, self._patch = world, patch
+
+    async def start(self, *arguments: str, within: tuple[str, ...] = (), stdin: str = "", **environment: str) -> Any:
         """Begin a command; the test ends it, or its failure does. `within` is a command that takes it as its last
         arguments.
         """
+        if self._world is not None:
+            assert not within
+            for name, value in environment.items():
+                self._patch.setenv(name, value)
+            return in_process.start(self._world, self._patch, arguments, stdin)
         return await start_process(
             *(*within, sys.executable, "-m", "rosidl_py_gen.tools", *arguments),
             stdin=asyncio.subprocess.PIPE,
@@ -63,9 +72,9 @@ class Tool:
 
     async def __call__(self, *arguments: str, stdin: str = "", **environment: str) -> Ended:
         """Run a command to its end."""
-        return await self.end(await self.start(*arguments, **environment), stdin)
+        return await self.end(await self.start(*arguments, stdin=stdin, **environment), stdin)
 
-    async def end(self, process: asyncio.subprocess.Process, stdin: str = "") -> Ended:
+    async def end(self, process: Any, stdin: str = "") -> Ended:
         """What a command that was begun said until its end; it is killed when that takes too long."""
         try:
             out, err = await asyncio.wait_for(process.communicate(stdin.encode()), PATIENCE_S)
@@ -77,9 +86,9 @@ class Tool:
 
 
 @pytest.fixture
-def tool() -> Tool:
+def tool(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Tool:
     """See `Tool`."""
-    return Tool()
+    return Tool(request.getfixturevalue("memory") if "memory" in request.fixturenames else None, monkeypatch)
 
 
 @pytest.fixture(scope="module")

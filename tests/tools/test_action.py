@@ -59,16 +59,16 @@ async def test_a_goal_is_followed_to_its_result(network: World, tool: Tool) -> N
     assert (ended.code, ended.err) == (0, "")
 
 
-async def test_a_goal_is_followed_as_lines_of_json(dds: World, tool: Tool) -> None:
-    Counter(dds)
+async def test_a_goal_is_followed_as_lines_of_json(memory: World, tool: Tool) -> None:
+    Counter(memory)
     ended = await tool("action", "send_goal", "count", TYPE, "{order: 1}", "--feedback", "--json")
     feedback, end = map(json.loads, ended.out.splitlines())
     assert feedback == {"feedback": {"sequence": [0]}}
     assert (end["status"], end["result"], len(end["goal_id"])) == ("SUCCEEDED", {"sequence": [0, 1]}, 32)
 
 
-async def test_ctrl_c_cancels_the_goal_and_waits_for_its_end(dds: World, tool: Tool) -> None:
-    counter = Counter(dds)
+async def test_ctrl_c_cancels_the_goal_and_waits_for_its_end(memory: World, tool: Tool) -> None:
+    counter = Counter(memory)
     process = await tool.start("action", "send_goal", "/count", "{order: 99}")
     await until(lambda: bool(counter.goals), 15)
     process.send_signal(signal.SIGINT)
@@ -77,7 +77,7 @@ async def test_ctrl_c_cancels_the_goal_and_waits_for_its_end(dds: World, tool: T
     assert ended.out.endswith("Result:\n    sequence:\n    - 7\n\nGoal finished with status: CANCELED\n")
 
 
-async def test_ctrl_c_cancels_a_goal_that_is_not_accepted_yet(dds: World, tool: Tool) -> None:
+async def test_ctrl_c_cancels_a_goal_that_is_not_accepted_yet(memory: World, tool: Tool) -> None:
     asked = asyncio.Event()
 
     async def accept(goal: Fibonacci.Goal) -> bool:
@@ -85,7 +85,7 @@ async def test_ctrl_c_cancels_a_goal_that_is_not_accepted_yet(dds: World, tool: 
         await asyncio.sleep(0.5)
         return True
 
-    counter = Counter(dds, accept=accept)
+    counter = Counter(memory, accept=accept)
     process = await tool.start("action", "send_goal", "/count", "{order: 99}")
     await asyncio.wait_for(asked.wait(), 15)
     process.send_signal(signal.SIGINT)
@@ -94,8 +94,8 @@ async def test_ctrl_c_cancels_a_goal_that_is_not_accepted_yet(dds: World, tool: 
     assert counter.goals
 
 
-async def test_a_goal_that_cannot_be_canceled_may_still_be_running(dds: World, tool: Tool) -> None:
-    counter = Counter(dds, on_cancel=False)
+async def test_a_goal_that_cannot_be_canceled_may_still_be_running(memory: World, tool: Tool) -> None:
+    counter = Counter(memory, on_cancel=False)
     process = await tool.start("action", "send_goal", "/count", "{order: 99}", "--timeout", "1.5")
     await until(lambda: bool(counter.goals), 15)
     process.send_signal(signal.SIGINT)
@@ -116,8 +116,10 @@ async def test_a_goal_that_cannot_be_canceled_may_still_be_running(dds: World, t
         (["/cont", "--timeout", "1"], 'did you mean "/count"?'),
     ],
 )
-async def test_a_goal_that_does_not_succeed_is_a_failure(dds: World, tool: Tool, words: list[str], said: str) -> None:
-    Counter(dds)
+async def test_a_goal_that_does_not_succeed_is_a_failure(
+    memory: World, tool: Tool, words: list[str], said: str
+) -> None:
+    Counter(memory)
     ended = await tool("action", "send_goal", *words)
     assert ended.code == 1
     assert said in ended.err
@@ -125,19 +127,19 @@ async def test_a_goal_that_does_not_succeed_is_a_failure(dds: World, tool: Tool,
     assert said or ended.out.endswith("Goal finished with status: ABORTED\n")
 
 
-async def test_a_server_that_answers_no_goal_is_an_error(dds: World, tool: Tool) -> None:
+async def test_a_server_that_answers_no_goal_is_an_error(memory: World, tool: Tool) -> None:
     async def accept(goal: Fibonacci.Goal) -> bool:
         await asyncio.sleep(60)
         return True
 
-    Counter(dds, accept=accept)
+    Counter(memory, accept=accept)
     ended = await tool("action", "send_goal", "/count", "--timeout", "1.5")
     assert (ended.code, ended.err) == (1, "error: goal not answered by action /count in 1.5 s\n")
 
 
-async def test_list_type_find_and_info_know_actions(dds: World, tool: Tool) -> None:
-    counter = Counter(dds)
-    dds.node("asker").create_action_client(Fibonacci, "/count")
+async def test_list_type_find_and_info_know_actions(memory: World, tool: Tool) -> None:
+    counter = Counter(memory)
+    memory.node("asker").create_action_client(Fibonacci, "/count")
     listed, found, typed, info, as_json = await asyncio.gather(
         tool("action", "list", "-t", "--spin-time", "1.5"),
         tool("action", "find", TYPE, "--spin-time", "1.5"),

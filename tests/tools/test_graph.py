@@ -48,8 +48,8 @@ def with_names(answer: dict[str, Any], node: str, role: str) -> list[tuple[str, 
     return [(row["kind"], row["name"], row["with"]) for row in found[role]]
 
 
-async def test_the_graph_shows_who_is_connected_through_what(dds: World, tool: Tool) -> None:
-    await robot(dds)
+async def test_the_graph_shows_who_is_connected_through_what(memory: World, tool: Tool) -> None:
+    await robot(memory)
     answer = json.loads((await tool("graph", "--json", "--spin-time", "3")).out)
     assert [one["name"] for one in answer["nodes"]] == ["/base", "/cockpit/pilot", "/idle"]
     assert with_names(answer, "/base", "publishes") == [("topic", "/bumper", [])]
@@ -69,8 +69,8 @@ async def test_the_graph_shows_who_is_connected_through_what(dds: World, tool: T
     assert answer["nodes"][2] == {"name": "/idle", "publishes": [], "subscribes": [], "serves": [], "calls": []}
 
 
-async def test_all_shows_hidden_names_and_what_every_node_has(dds: World, tool: Tool) -> None:
-    await robot(dds)
+async def test_all_shows_hidden_names_and_what_every_node_has(memory: World, tool: Tool) -> None:
+    await robot(memory)
     answer = json.loads((await tool("graph", "--json", "--all", "--spin-time", "3")).out)
     names = {name for _, name, _ in with_names(answer, "/base", "publishes")}
     assert names == {"/bumper", "/_hidden", "/rosout", "/parameter_events"}
@@ -78,8 +78,8 @@ async def test_all_shows_hidden_names_and_what_every_node_has(dds: World, tool: 
     assert not any("_rosidl_py" in one["name"] for one in answer["nodes"])
 
 
-async def test_filters_leave_the_chosen_and_their_counterparts(dds: World, tool: Tool, tmp_path: Path) -> None:
-    await robot(dds)
+async def test_filters_leave_the_chosen_and_their_counterparts(memory: World, tool: Tool, tmp_path: Path) -> None:
+    await robot(memory)
     text, mermaid, wrong = await asyncio.gather(
         tool("graph", "--node", "cockpit/*", "--topic", "/speed", "--spin-time", "3"),
         tool("graph", "--topic", "/enable", "--format", "mermaid", "--spin-time", "3"),
@@ -93,8 +93,8 @@ async def test_filters_leave_the_chosen_and_their_counterparts(dds: World, tool:
     assert (wrong.code, wrong.err) == (1, 'error: no node /bse; did you mean "/base"?\n')
 
 
-async def test_files_are_drawn_by_their_ending(dds: World, tool: Tool, tmp_path: Path) -> None:
-    await robot(dds)
+async def test_files_are_drawn_by_their_ending(memory: World, tool: Tool, tmp_path: Path) -> None:
+    await robot(memory)
     endings = ("svg", "md", "json", "txt")
     files = [str(tmp_path / f"g.{ending}") for ending in endings]
     done = await asyncio.gather(*(tool("graph", "-o", file, "--spin-time", "1") for file in files))
@@ -105,7 +105,7 @@ async def test_files_are_drawn_by_their_ending(dds: World, tool: Tool, tmp_path:
     assert json.loads(texts["json"])["nodes"] and texts["txt"].startswith("/base\n")
 
 
-async def test_files_that_cannot_be_written_are_told(dds: World, tool: Tool, tmp_path: Path) -> None:
+async def test_files_that_cannot_be_written_are_told(memory: World, tool: Tool, tmp_path: Path) -> None:
     ending, missing = await asyncio.gather(
         tool("graph", "-o", str(tmp_path / "g.png")), tool("graph", "-o", str(tmp_path / "no" / "g.svg"))
     )

@@ -36,9 +36,9 @@ async def test_a_node_is_led_through_its_states(network: World, tool: Tool) -> N
         assert (failed.code, failed.err) == (1, "error: Transitioning failed\n")
 
 
-async def test_what_cannot_be_done_says_why(dds: World, tool: Tool) -> None:
-    dds.node("plain")
-    async with Camera("camera", context=dds.context()):
+async def test_what_cannot_be_done_says_why(memory: World, tool: Tool) -> None:
+    memory.node("plain")
+    async with Camera("camera", context=memory.context()):
         unknown, plain, missing, every = await asyncio.gather(
             tool("lifecycle", "set", "/camera", "activate"),
             tool("lifecycle", "get", "/plain"),
@@ -52,10 +52,10 @@ async def test_what_cannot_be_done_says_why(dds: World, tool: Tool) -> None:
     assert len(json.loads(every.out)) > 20
 
 
-async def test_all_lifecycle_nodes_are_asked_at_once(dds: World, tool: Tool) -> None:
-    silent = dds.node("silent")
+async def test_all_lifecycle_nodes_are_asked_at_once(memory: World, tool: Tool) -> None:
+    silent = memory.node("silent")
     servers = [silent.create_service(GetState, "/silent/get_state"), silent.create_client(GetState, "/gone/get_state")]
-    async with Camera("camera", context=dds.context()), Camera("_hidden", context=dds.context()):
+    async with Camera("camera", context=memory.context()), Camera("_hidden", context=memory.context()):
         nodes, states = await asyncio.gather(
             tool("lifecycle", "nodes", "--spin-time", "1.25"),
             tool("lifecycle", "get", "--timeout", "1.25", "--spin-time", "1.25"),

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from worlds import World
 
 
-async def test_list_shows_names_and_leaves_hidden_ones_out(dds: World, tool: Tool) -> None:
-    dds.node("talker", "/left"), dds.node("_secret"), dds.node("twin"), dds.node("twin")
+async def test_list_shows_names_and_leaves_hidden_ones_out(memory: World, tool: Tool) -> None:
+    memory.node("talker", "/left"), memory.node("_secret"), memory.node("twin"), memory.node("twin")
     plain, count, every = await asyncio.gather(
         *(tool("node", "list", *words, "--spin-time", "1.5") for words in ([], ["-c"], ["-a", "--json"]))
     )
@@ -50,8 +50,8 @@ async def test_info_shows_what_a_node_has(network: World, tool: Tool) -> None:
     assert found["action_clients"] == {"/ask": ["example_interfaces/action/Fibonacci"]}
 
 
-async def test_an_unknown_node_is_an_error_that_names_another(dds: World, tool: Tool) -> None:
-    dds.node("talker")
+async def test_an_unknown_node_is_an_error_that_names_another(memory: World, tool: Tool) -> None:
+    memory.node("talker")
     ended = await tool("node", "info", "/tolker", "--spin-time", "1")
     assert (ended.code, ended.out) == (1, "")
     assert 'did you mean "/talker"?' in ended.err

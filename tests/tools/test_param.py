@@ -27,8 +27,8 @@ def drive(world: World) -> Node:
     return node
 
 
-async def test_values_are_printed_with_their_type_or_alone(dds: World, tool: Tool) -> None:
-    drive(dds)
+async def test_values_are_printed_with_their_type_or_alone(memory: World, tool: Tool) -> None:
+    drive(memory)
     speed, names, alone, as_json = await asyncio.gather(
         tool("param", "get", "/drive", "speed"),
         tool("param", "get", "drive", "arm.names"),
@@ -47,22 +47,22 @@ async def test_values_are_printed_with_their_type_or_alone(dds: World, tool: Too
         (["/drive/", "speed"], "error: "),
     ],
 )
-async def test_what_cannot_be_read_says_why(dds: World, tool: Tool, words: list[str], said: str) -> None:
-    drive(dds)
+async def test_what_cannot_be_read_says_why(memory: World, tool: Tool, words: list[str], said: str) -> None:
+    drive(memory)
     ended = await tool("param", "get", *words)
     assert (ended.code, ended.out) == (1, "")
     assert said in ended.err
     assert "Traceback" not in ended.err
 
 
-async def test_a_node_without_parameter_services_says_so(dds: World, tool: Tool) -> None:
-    dds.node("bare", start_services=False)
+async def test_a_node_without_parameter_services_says_so(memory: World, tool: Tool) -> None:
+    memory.node("bare", start_services=False)
     ended = await tool("param", "get", "/bare", "speed", "--timeout", "1")
     assert ended.err == "error: node /bare is there, but offered no parameter services in 1 s\n"
 
 
-async def test_set_reads_values_as_parameter_files_do(dds: World, tool: Tool) -> None:
-    node = drive(dds)
+async def test_set_reads_values_as_parameter_files_do(memory: World, tool: Tool) -> None:
+    node = drive(memory)
     for name, value, expected in [
         *(("speed", "2.5", 2.5), ("on", "off", False)),
         *(("arm.names", "[c, '1']", ("c", "1")), ("arm.names", "[]", ())),
@@ -72,8 +72,8 @@ async def test_set_reads_values_as_parameter_files_do(dds: World, tool: Tool) ->
         assert node.get_parameter(name) == expected
 
 
-async def test_a_set_that_fails_is_a_failure_with_the_reason_of_the_node(dds: World, tool: Tool) -> None:
-    drive(dds)
+async def test_a_set_that_fails_is_a_failure_with_the_reason_of_the_node(memory: World, tool: Tool) -> None:
+    drive(memory)
     negative, text, yaml, as_json = await asyncio.gather(
         tool("param", "set", "/drive", "speed", "-1.5"),
         tool("param", "set", "/drive", "speed", "fast"),
@@ -88,8 +88,8 @@ async def test_a_set_that_fails_is_a_failure_with_the_reason_of_the_node(dds: Wo
     assert json.loads(as_json.out)["successful"] is False
 
 
-async def test_delete_undeclares_what_may_go(dds: World, tool: Tool) -> None:
-    node = drive(dds)
+async def test_delete_undeclares_what_may_go(memory: World, tool: Tool) -> None:
+    node = drive(memory)
     node.declare_parameter("label", "x", ParameterDescriptor(dynamic_typing=True))
     gone, kept = await asyncio.gather(
         tool("param", "delete", "/drive", "label"), tool("param", "delete", "/drive", "speed")
@@ -98,8 +98,8 @@ async def test_delete_undeclares_what_may_go(dds: World, tool: Tool) -> None:
     assert (kept.code, kept.err[:35]) == (1, "error: Deleting parameter failed: S")
 
 
-async def test_describe_shows_limits(dds: World, tool: Tool) -> None:
-    drive(dds)
+async def test_describe_shows_limits(memory: World, tool: Tool) -> None:
+    drive(memory)
     ended, as_json = await asyncio.gather(
         tool("param", "describe", "/drive", "speed", "on"), tool("param", "describe", "/drive", "speed", "--json")
     )
@@ -130,8 +130,8 @@ async def test_what_is_dumped_can_be_loaded(network: World, tool: Tool, tmp_path
     assert "failed: it is read-only and stays True, the file says False" in differs.err
 
 
-async def test_a_file_that_sets_what_it_must_not_fails(dds: World, tool: Tool, tmp_path: Path) -> None:
-    drive(dds)
+async def test_a_file_that_sets_what_it_must_not_fails(memory: World, tool: Tool, tmp_path: Path) -> None:
+    drive(memory)
     other, wrong = tmp_path / "other.yaml", tmp_path / "wrong.yaml"
     other.write_text("/other:\n  ros__parameters: {speed: 1.0}\n")
     wrong.write_text("/drive:\n  ros__parameters: {speed: 0.5, on: 3}\n")
@@ -143,9 +143,9 @@ async def test_a_file_that_sets_what_it_must_not_fails(dds: World, tool: Tool, t
     assert partly.err.startswith("error: Set parameter on failed: ")
 
 
-async def test_list_asks_all_nodes_and_one_that_never_answers_holds_up_no_other(dds: World, tool: Tool) -> None:
-    drive(dds)
-    silent = dds.node("silent", start_services=False)
+async def test_list_asks_all_nodes_and_one_that_never_answers_holds_up_no_other(memory: World, tool: Tool) -> None:
+    drive(memory)
+    silent = memory.node("silent", start_services=False)
     servers = [silent.create_service(ListParameters, "/silent/list_parameters")]
     clients = [silent.create_client(ListParameters, "/gone/list_parameters")]
     every, one, typed = await asyncio.gather(

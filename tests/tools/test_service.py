@@ -49,8 +49,8 @@ async def test_a_call_prints_request_and_response(network: World, tool: Tool) ->
     assert (ended.code, ended.err) == (0, "")
 
 
-async def test_a_call_prints_the_response_alone_as_json(dds: World, tool: Tool) -> None:
-    serve(dds)
+async def test_a_call_prints_the_response_alone_as_json(memory: World, tool: Tool) -> None:
+    serve(memory)
     ended = await tool("service", "call", "add", TYPE, "--stdin", "--json", stdin='{"a": 40, "b": 2}')
     assert (ended.code, json.loads(ended.out)) == (0, {"sum": 42})
 
@@ -67,8 +67,8 @@ async def test_a_call_goes_by_the_definition_of_the_server_when_the_local_one_di
     assert (ended.code, ended.out, ended.err) == (0, '{"sum": 3}\n', "")
 
 
-async def test_calls_go_on_at_a_rate_until_they_are_interrupted(dds: World, tool: Tool) -> None:
-    serve(dds)
+async def test_calls_go_on_at_a_rate_until_they_are_interrupted(memory: World, tool: Tool) -> None:
+    serve(memory)
     process = await tool.start("service", "call", "/add", "{a: 1}", "--rate", "50", "--json")
     assert process.stdout is not None
     assert [await process.stdout.readline() for _ in range(3)] == [b'{"sum": 1}\n'] * 3
@@ -76,8 +76,8 @@ async def test_calls_go_on_at_a_rate_until_they_are_interrupted(dds: World, tool
     assert (await tool.end(process)).code == 0
 
 
-async def test_a_server_that_never_answers_is_an_error(dds: World, tool: Tool) -> None:
-    node = dds.node("silent")
+async def test_a_server_that_never_answers_is_an_error(memory: World, tool: Tool) -> None:
+    node = memory.node("silent")
     server = node.create_service(AddTwoInts, "/never")
     ended = await tool("service", "call", "/never", "--timeout", "1")
     assert ended.code == 1
@@ -85,8 +85,8 @@ async def test_a_server_that_never_answers_is_an_error(dds: World, tool: Tool) -
     assert server is not None
 
 
-async def test_ctrl_c_ends_a_call_that_waits(dds: World, tool: Tool) -> None:
-    server = dds.node("silent").create_service(AddTwoInts, "/never")
+async def test_ctrl_c_ends_a_call_that_waits(memory: World, tool: Tool) -> None:
+    server = memory.node("silent").create_service(AddTwoInts, "/never")
     process = await tool.start("service", "call", "/never")
     await asyncio.wait_for(server.__anext__(), 10)
     process.send_signal(signal.SIGINT)
@@ -104,16 +104,16 @@ async def test_ctrl_c_ends_a_call_that_waits(dds: World, tool: Tool) -> None:
         (["/ad", "--timeout", "1"], 'did you mean "/add"?'),
     ],
 )
-async def test_a_wrong_call_says_why(dds: World, tool: Tool, words: list[str], said: str) -> None:
-    serve(dds)
+async def test_a_wrong_call_says_why(memory: World, tool: Tool, words: list[str], said: str) -> None:
+    serve(memory)
     ended = await tool("service", "call", *words)
     assert (ended.code, ended.out) == (1, "")
     assert said in ended.err
     assert "Traceback" not in ended.err
 
 
-async def test_list_shows_services_and_hides_those_of_actions(dds: World, tool: Tool) -> None:
-    node, _ = serve(dds)
+async def test_list_shows_services_and_hides_those_of_actions(memory: World, tool: Tool) -> None:
+    node, _ = serve(memory)
     node.create_action_server("example_interfaces/action/Fibonacci", "/count", lambda goal: {})
     ended = await tool("service", "list", "-t")
     assert f"/add [{TYPE}]" in ended.out.splitlines()
@@ -123,14 +123,14 @@ async def test_list_shows_services_and_hides_those_of_actions(dds: World, tool: 
     assert "/count/_action/send_goal" in found
 
 
-async def test_find_and_type_are_each_others_inverse(dds: World, tool: Tool) -> None:
-    serve(dds)
+async def test_find_and_type_are_each_others_inverse(memory: World, tool: Tool) -> None:
+    serve(memory)
     assert (await tool("service", "type", "/add")).out == f"{TYPE}\n"
     assert (await tool("service", "find", "example_interfaces/AddTwoInts")).out == "/add\n"
 
 
-async def test_info_counts_and_names_both_ends(dds: World, tool: Tool) -> None:
-    node, _ = serve(dds)
+async def test_info_counts_and_names_both_ends(memory: World, tool: Tool) -> None:
+    node, _ = serve(memory)
     node.create_client(AddTwoInts, "/add")
     ended = await tool("service", "info", "/add", "-v")
     assert ended.out.startswith(f"Type: {TYPE}\nClients count: 1\nServices count: 1\n\nNode: /adder\n")
@@ -154,8 +154,8 @@ async def test_echo_shows_what_passes(network: World, tool: Tool) -> None:
     assert (events[0]["request"], events[1]["response"]) == ([{"a": 2, "b": 3}], [{"sum": 5}])
 
 
-async def test_echo_says_when_introspection_is_off(dds: World, tool: Tool) -> None:
-    serve(dds)
+async def test_echo_says_when_introspection_is_off(memory: World, tool: Tool) -> None:
+    serve(memory)
     process = await tool.start("service", "echo", "/add")
     assert process.stderr is not None
     assert b"introspection is off at all servers and clients of /add" in await process.stderr.readline()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import to_dict
 from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError, GoalStatus, WaitTimeoutError
-from rosidl_py_gen.tools import ToolError, messages, printing, run_async, types
+from rosidl_py_gen.tools import Job, ToolError, messages, printing, types
 from rosidl_py_gen.tools.action.list import find_action
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import ActionClient, ClientGoal
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_send_goal(network, **arguments))
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_send_goal(network, **arguments))
 
 
 async def _send_goal(

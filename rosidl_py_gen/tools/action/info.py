@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.action.list import actions, find_action
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 
-def run(network: Network, **shown: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_info(network, **shown))
+def run(network: Network, **shown: Any) -> Job:
+    """What the command does."""
+    return Job(_info(network, **shown))
 
 
 async def _info(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import run_async
+from rosidl_py_gen.tools import Job
 from rosidl_py_gen.tools.service.list import is_one_of, print_names
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 _TOPIC, _TYPE, _SERVICE = "/_action/feedback", "_FeedbackMessage", "/_action/send_goal"
 
 
-def run(network: Network, **shown: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_list(network, **shown))
+def run(network: Network, **shown: Any) -> Job:
+    """What the command does."""
+    return Job(_list(network, **shown))
 
 
 async def _list(network: Network, count: bool, as_json: bool, show_types: bool = False, of_type: str = "") -> int:

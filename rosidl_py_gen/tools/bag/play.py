@@ -20,7 +20,7 @@ from rosidl_py_gen.mcap.pacing import paced
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError
 from rosidl_py_gen.runtime.names.validation import validate_full_name
-from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.bag.described import wrong
 from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress
 from rosidl_py_gen.tools.session import Network, Session, now_s
@@ -53,12 +53,16 @@ class _Wanted:
     paths: Sequence[str]
 
 
-def run(network: Network, path: str, **wanted: Any) -> int:
-    """Returns the exit code."""
+def run(network: Network, path: str, **wanted: Any) -> Job:
+    """What the command does."""
     asked = _Wanted(**wanted)
-    with BagReader(path, search_path=asked.paths) as reader:
-        part = _playable(reader, part_of(reader, asked.topics, asked.offset_s, asked.duration_s))
-        return run_async(_play(network, reader, part, asked), endless=asked.loop)
+    return Job(_open(network, path, asked), endless=asked.loop)
+
+
+async def _open(network: Network, path: str, wanted: _Wanted) -> int:
+    with BagReader(path, search_path=wanted.paths) as reader:
+        part = _playable(reader, part_of(reader, wanted.topics, wanted.offset_s, wanted.duration_s))
+        return await _play(network, reader, part, wanted)
 
 
 def _playable(reader: BagReader, part: Part) -> Part:

@@ -23,7 +23,7 @@ from rosidl_py_gen.mcap import BagTopic, BagWriter
 from rosidl_py_gen.mcap.metadata import qos_text
 from rosidl_py_gen.mcap.writer import topic_of
 from rosidl_py_gen.runtime import Subscription
-from rosidl_py_gen.tools import ToolError, printing, run_async, types
+from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.bag.part import progress, size_text
 from rosidl_py_gen.tools.bag.writer import WriterThread
 from rosidl_py_gen.tools.session import Network, Session, now_s
@@ -68,14 +68,14 @@ def run(
     exclude: Sequence[str],
     duration_s: float | None,
     **wanted: Any,
-) -> int:
-    """Returns the exit code."""
+) -> Job:
+    """What the command does."""
     patterns = [_pattern(text) for text in exclude]
     asked = _Wanted(regex=_pattern(regex) if regex else None, exclude=patterns, **wanted)
     path = output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}"
     inside = "" if compression == "none" else compression
     bag = BagWriter(path, compression=inside, split_bytes=split_bytes, split_s=split_s)
-    return run_async(_record(network, bag, asked, duration_s), endless=True)
+    return Job(_record(network, bag, asked, duration_s), endless=True)
 
 
 def _pattern(text: str) -> re.Pattern[str]:

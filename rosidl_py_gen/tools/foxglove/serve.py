@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.foxglove.access import Access
 from rosidl_py_gen.tools.foxglove.clock import TOPIC as CLOCK
 from rosidl_py_gen.tools.foxglove.clock import Clock
@@ -48,9 +48,9 @@ class _Wanted:
     as_json: bool
 
 
-def run(network: Network, **wanted: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_serve(network, _Wanted(**wanted)), endless=True)
+def run(network: Network, **wanted: Any) -> Job:
+    """What the command does."""
+    return Job(_serve(network, _Wanted(**wanted)), endless=True)
 
 
 async def _serve(network: Network, wanted: _Wanted) -> int:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.names import did_you_mean
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
-from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.graph.picture import Edge, Picture
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -30,8 +30,8 @@ _EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 _STRANGERS = {BARE_DDS_NODE: "(DDS program without node)", UNKNOWN_NODE: "(unknown node)"}
 
 
-def run(network: Network, kind: str | None, as_json: bool, output: str | None, **chosen: Any) -> int:
-    """Returns the exit code."""
+def run(network: Network, kind: str | None, as_json: bool, output: str | None, **chosen: Any) -> Job:
+    """What the command does."""
     if as_json:
         kind = "json"
     if output is not None and kind is None:
@@ -40,7 +40,7 @@ def run(network: Network, kind: str | None, as_json: bool, output: str | None, *
             known = ", ".join(_ENDINGS)
             raise ToolError(f"{output}: the ending says how to draw; expected one of {known}, or --format")
         kind = _ENDINGS[ending]
-    return run_async(_show(network, kind or "text", output, **chosen))
+    return Job(_show(network, kind or "text", output, **chosen))
 
 
 async def _show(

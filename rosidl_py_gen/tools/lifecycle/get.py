@@ -9,7 +9,7 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import RosidlError
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.lifecycle.remote import RemoteLifecycle, lifecycle_nodes, lifecycle_of
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.msgs.lifecycle_msgs.msg import State
 
 
-def run(network: Network, node: str | None, hidden: bool, timeout_s: float, as_json: bool) -> int:
-    """Returns the exit code."""
+def run(network: Network, node: str | None, hidden: bool, timeout_s: float, as_json: bool) -> Job:
+    """What the command does."""
     if node:
-        return run_async(_of_one(network, node, timeout_s, as_json))
-    return run_async(_of_all(network, hidden, timeout_s, as_json))
+        return Job(_of_one(network, node, timeout_s, as_json))
+    return Job(_of_all(network, hidden, timeout_s, as_json))
 
 
 async def _of_one(network: Network, node: str, timeout_s: float, as_json: bool) -> int:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from rosidl_py_gen import to_dict
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
 from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_list(network, **arguments))
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_list(network, **arguments))
 
 
 async def _list(network: Network, node: str, show_all: bool, timeout_s: float, as_json: bool) -> int:

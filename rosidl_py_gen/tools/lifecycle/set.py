@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
 from rosidl_py_gen.tools.session import Network
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_set(network, **arguments))
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_set(network, **arguments))
 
 
 async def _set(network: Network, node: str, transition: str, timeout_s: float, as_json: bool) -> int:

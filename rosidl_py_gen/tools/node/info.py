@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.action.list import actions
 from rosidl_py_gen.tools.node.list import find_node
 from rosidl_py_gen.tools.session import Network, Session
@@ -23,9 +23,9 @@ _HEADINGS = {
 }
 
 
-def run(network: Network, **shown: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_info(network, **shown))
+def run(network: Network, **shown: Any) -> Job:
+    """What the command does."""
+    return Job(_info(network, **shown))
 
 
 async def _info(network: Network, node: str, hidden: bool, as_json: bool) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:
@@ -15,9 +15,9 @@ LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
 """How the name of a service ends that every node with parameters has, and its type."""
 
 
-def run(network: Network, **shown: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_list(network, **shown))
+def run(network: Network, **shown: Any) -> Job:
+    """What the command does."""
+    return Job(_list(network, **shown))
 
 
 async def _list(network: Network, hidden: bool, count: bool, as_json: bool) -> int:

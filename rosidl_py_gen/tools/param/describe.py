@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
 from rosidl_py_gen.tools.session import Network
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import ParameterDescriptor
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_describe(network, **arguments))
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_describe(network, **arguments))
 
 
 async def _describe(network: Network, node: str, names: tuple[str, ...], timeout_s: float, as_json: bool) -> int:

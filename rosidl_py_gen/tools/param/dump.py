@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_dump(network, **arguments))
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_dump(network, **arguments))
 
 
 async def _dump(network: Network, node: str, output: str | None, timeout_s: float, as_json: bool) -> int:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from rosidl_py_gen.runtime import parameter_value
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_get(network, **arguments))
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_get(network, **arguments))
 
 
 async def _get(network: Network, node: str, name: str, hide_type: bool, timeout_s: float, as_json: bool) -> int:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime import RosidlError
-from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.node.list import LIST_PARAMETERS, nodes_that_serve
 from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
 from rosidl_py_gen.tools.session import Network, Session
@@ -49,14 +49,14 @@ def run(
     hidden: bool,
     timeout_s: float,
     as_json: bool,
-) -> int:
-    """Returns the exit code."""
+) -> Job:
+    """What the command does."""
     try:
         compiled = re.compile(pattern or "")
     except re.error as error:
         raise ToolError(f"--filter {pattern!r} is no regular expression: {error}") from None
     wish = _Wish(compiled, prefixes, show_types, timeout_s)
-    return run_async(_of_one(network, node, wish, as_json) if node else _of_all(network, hidden, wish, as_json))
+    return Job(_of_one(network, node, wish, as_json) if node else _of_all(network, hidden, wish, as_json))
 
 
 async def _of_one(network: Network, node: str, wish: _Wish, as_json: bool) -> int:

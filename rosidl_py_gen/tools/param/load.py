@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from rosidl_py_gen.tools import printing, report, run_async
+from rosidl_py_gen.tools import Job, printing, report
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_load(network, **arguments))
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_load(network, **arguments))
 
 
 async def _load(network: Network, node: str, file: str, timeout_s: float, as_json: bool) -> int:

@@ -6,15 +6,15 @@ from typing import Any
 
 from rosidl_py_gen.runtime import Parameter, ParameterValue
 from rosidl_py_gen.runtime.parameters.files import parse_parameter_value
-from rosidl_py_gen.tools import ToolError, printing, run_async
+from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, value: str | None, **arguments: Any) -> int:
-    """Returns the exit code."""
+def run(network: Network, value: str | None, **arguments: Any) -> Job:
+    """What the command does."""
     wanted = ParameterValue() if value is None else parse_parameter_value(value)
-    return run_async(_set(network, value=wanted, **arguments))
+    return Job(_set(network, value=wanted, **arguments))
 
 
 async def _set(network: Network, node: str, name: str, value: ParameterValue, timeout_s: float, as_json: bool) -> int:

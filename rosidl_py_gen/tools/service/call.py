@@ -9,7 +9,7 @@ import asyncio
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import to_dict
-from rosidl_py_gen.tools import messages, printing, run_async, types
+from rosidl_py_gen.tools import Job, messages, printing, types
 from rosidl_py_gen.tools.service.info import find_service
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Client
 
 
-def run(network: Network, rate: float | None, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_call(network, rate, **arguments), endless=rate is not None)
+def run(network: Network, rate: float | None, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_call(network, rate, **arguments), endless=rate is not None)
 
 
 async def _call(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime.endpoints.introspection import ServiceEventType
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
-from rosidl_py_gen.tools import messages, printing, run_async, types
+from rosidl_py_gen.tools import Job, messages, printing, types
 from rosidl_py_gen.tools.service.info import find_service
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -22,9 +22,9 @@ _PATIENCE_S = 1.0
 """Whoever publishes events is discovered together with the service."""
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_echo(network, **arguments), endless=True)
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_echo(network, **arguments), endless=True)
 
 
 async def _echo(

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime.names.dds import reply_name, request_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 _PATIENCE_S = 1.0
 
 
-def run(network: Network, **shown: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_info(network, **shown))
+def run(network: Network, **shown: Any) -> Job:
+    """What the command does."""
+    return Job(_info(network, **shown))
 
 
 async def _info(network: Network, service: str, as_json: bool, only_type: bool = False, verbose: bool = False) -> int:

@@ -14,7 +14,7 @@ from typing import Any
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import Subscription, WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
-from rosidl_py_gen.tools import ToolError, printing, run_async, types
+from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.filters import FilterError, compile_filter, compile_path
 from rosidl_py_gen.tools.session import Network, Session, now_s
 from rosidl_py_gen.tools.topic import qos as topic_qos
@@ -50,10 +50,10 @@ def run(
     arrays: bool,
     strings: bool,
     **wanted: Any,
-) -> int:
-    """Returns the exit code."""
+) -> Job:
+    """What the command does."""
     shown = Format(style, full_length, truncate_length, arrays, strings)
-    return run_async(_echo(network, _Wanted(format=shown, **wanted)), endless=not wanted["once"])
+    return Job(_echo(network, _Wanted(format=shown, **wanted)), endless=not wanted["once"])
 
 
 async def _echo(network: Network, wanted: _Wanted) -> int:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import History
 from rosidl_py_gen.runtime.transport.qos import INFINITE_NS
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic.wait import found
 
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile, TopicEndpointInfo
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_info(network, **arguments))
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_info(network, **arguments))
 
 
 async def _info(

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.tools import printing, run_async
+from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.session import Network, Session
 
 
-def run(network: Network, **shown: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_list(network, **shown))
+def run(network: Network, **shown: Any) -> Job:
+    """What the command does."""
+    return Job(_list(network, **shown))
 
 
 async def _list(

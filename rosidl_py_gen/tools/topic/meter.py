@@ -17,7 +17,7 @@ from typing import Any
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import Subscription
 from rosidl_py_gen.runtime import qos as presets
-from rosidl_py_gen.tools import ToolError, printing, run_async, types
+from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.filters import FilterError, compile_filter
 from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic.figures import Bandwidth, Delay, Figures, Rate
@@ -49,9 +49,9 @@ class _Meter:
                 add(info.received_timestamp_ns, found)
 
 
-def run(network: Network, **arguments: Any) -> int:
-    """Returns the exit code."""
-    return run_async(_measure(network, **arguments), endless=arguments["times"] is None)
+def run(network: Network, **arguments: Any) -> Job:
+    """What the command does."""
+    return Job(_measure(network, **arguments), endless=arguments["times"] is None)
 
 
 async def _measure(

@@ -14,7 +14,7 @@ from typing import Any
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import Publisher, WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
-from rosidl_py_gen.tools import ToolError, messages, printing, run_async, types
+from rosidl_py_gen.tools import Job, ToolError, messages, printing, types
 from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic import qos as topic_qos
 from rosidl_py_gen.tools.topic.stdin import documents
@@ -41,11 +41,11 @@ class _Wanted:
     as_json: bool
 
 
-def run(network: Network, *, words: Sequence[str], once: bool, times: int | None, **wanted: Any) -> int:
-    """Returns the exit code."""
+def run(network: Network, *, words: Sequence[str], once: bool, times: int | None, **wanted: Any) -> Job:
+    """What the command does."""
     type_name, text = messages.type_and_values(words)
     asked = _Wanted(times=1 if once else times, **wanted)
-    return run_async(_publish(network, type_name, text, asked), endless=asked.times is None and text != _STDIN)
+    return Job(_publish(network, type_name, text, asked), endless=asked.times is None and text != _STDIN)
 
 
 async def _publish(network: Network, type_name: str | None, text: str, wanted: _Wanted) -> int:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from scale import examples
 
 from rosidl_py_gen.runtime.actions.states import (
     ZERO_ID,
@@ -278,4 +279,4 @@ class BookAgainstModel(RuleBasedStateMachine):
 
 
 TestBookAgainstModel = BookAgainstModel.TestCase
-TestBookAgainstModel.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
+TestBookAgainstModel.settings = settings(max_examples=examples(80), stateful_step_count=40, deadline=None)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+from scale import examples
 
 from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.values import (
@@ -201,4 +202,4 @@ class StoreAgainstModel(RuleBasedStateMachine):
 
 
 TestStoreAgainstModel = StoreAgainstModel.TestCase
-TestStoreAgainstModel.settings = settings(max_examples=80, stateful_step_count=25, deadline=None)
+TestStoreAgainstModel.settings = settings(max_examples=examples(80), stateful_step_count=25, deadline=None)

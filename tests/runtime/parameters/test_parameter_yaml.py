@@ -7,6 +7,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scale import examples
 
 from rosidl_py_gen.runtime.parameters.files import (
     dump_parameters,
@@ -310,7 +311,7 @@ LIST = st.one_of(
 NAME = st.text("abc_.1", min_size=1, max_size=6)
 
 
-@settings(max_examples=400)
+@settings(max_examples=examples(400))
 @given(st.dictionaries(NAME, st.one_of(SCALAR, LIST, st.binary(max_size=8)), min_size=1, max_size=6))
 def test_what_is_dumped_is_read_back(raw: dict[str, object]) -> None:
     values = {name: parameter_value(value) for name, value in raw.items()}
