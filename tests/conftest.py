@@ -1,18 +1,38 @@
-"""Settings all tests share: hypothesis without deadlines, how long the fuzzers run, and Ctrl-C as in a terminal."""
+"""Settings all tests share: hypothesis without deadlines, how long the fuzzers run, Ctrl-C as in a terminal, and which
+tests are quick: those without processes, DDS, Zenoh and oracles, with a tenth of the examples.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import signal
+import subprocess
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import HealthCheck, settings
 from scale import examples
 
+NOT_QUICK = re.compile(
+    r"interop|oracle|test_code_blocks|test_site|test_stress|test_wheel|test_environments|test_two_processes|test_examples"
+    r"|test_notebooks|test_scale|test_packages|test_seeds|_typing|test_plugin|process|test_runner|transport/|test_foxglove"
+    r"|test_zenoh|test_stdin|test_command_line|test_install_hints|test_completion|cli/|cmake_agrees|type_checkers|importing"
+    r"|forked_child|broken_cyclonedds_uri|cyclonedds_itself|ctrl_c|prototypes_survive|comes_from_standard_input"
+    r"|needs_neither_lark|foreign_package_of_the_same_name|clean_code|formatted_and_clean|left_alone_by_the_formatter"
+    r"|every_byte|need_little_memory|ten_thousand_fields|every_error_class|bytes_of_a_database_may_be_wrong"
+    r"|without_the_extra|without_network_or_proc|forgotten_node_lives|starts_without_what|killed_server|during_a_flood"
+)
+"""Tests and files of tests that start processes, or take long by themselves."""
+OF_PROCESSES = {"dds", "network", "start_peer", "topic_peer", "run_page", "clean", "tool", "run_here", "pytester"}
+"""Fixtures that do."""
+
 
 @pytest.hookimpl(tryfirst=True)  # before hypothesis looks at --hypothesis-profile
 def pytest_configure(config: pytest.Config) -> None:
     """Let SIGINT interrupt. A shell starts background jobs with SIGINT ignored, and every child inherits that."""
+    if _is_quick(config):
+        os.environ.setdefault("ROSIDL_TEST_EXAMPLES", "0.1")
     settings.register_profile(
         "project",
         max_examples=examples(100),
@@ -30,3 +50,29 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--fuzz-rounds", type=int, default=examples(100_000), help="inputs the codec fuzzers try")
+
+
+def _is_quick(config: pytest.Config) -> bool:
+    return str(config.getoption("-m")) == "quick"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        fixtures = set(getattr(item, "fixturenames", ()))
+        if "memory" in fixtures:
+            fixtures.discard("tool")
+        transport = getattr(getattr(item, "callspec", None), "params", {}).get("world", "memory")
+        if transport == "memory" and not fixtures & OF_PROCESSES and not NOT_QUICK.search(item.nodeid):
+            item.add_marker(pytest.mark.quick)
+
+
+@pytest.fixture(autouse=True)
+def no_processes_in_quick_runs(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A test that starts one does not belong there."""
+    if _is_quick(request.config):
+
+        def refuse(self: object, *arguments: object, **options: object) -> None:
+            raise AssertionError(f"{request.node.nodeid} starts a process and is marked as quick: {arguments}")
+
+        monkeypatch.setattr(subprocess.Popen, "__init__", refuse)
+    yield
