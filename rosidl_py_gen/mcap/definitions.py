@@ -170,6 +170,20 @@ def described(topic: BagTopic, found: TopicDefinition) -> BagTopic:
     return replace(topic, definition=text, encoding=encoding, type_hash=found.type_hash)
 
 
+def same_definition(one: BagTopic, other: BagTopic) -> bool:
+    """Whether messages of both are read alike, as far as is known."""
+    if one.type_hash and other.type_hash:
+        return one.type_hash == other.type_hash
+    if one.definition == other.definition:
+        return True
+    try:
+        return (
+            has_definition(one) and has_definition(other) and type_hash(_compiled(one)) == type_hash(_compiled(other))
+        )
+    except RosidlError:
+        return False
+
+
 def is_empty(data: bytes | memoryview) -> bool:
     """Whether this is a message without fields: in CDR it has a byte, and perhaps padding."""
     return _EMPTY_BYTES[0] <= len(data) <= _EMPTY_BYTES[1] and not any(data[4:])

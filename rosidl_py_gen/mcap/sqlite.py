@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.mcap.common import BagError, BagTopic, checked_time
+from rosidl_py_gen.mcap.definitions import same_definition
 from rosidl_py_gen.mcap.metadata import FILE, FileStatistics, metadata_text
 
 if TYPE_CHECKING:
@@ -77,6 +78,12 @@ class SqliteWriter:
             )
         if before is not None:
             return
+        alike = next((one for one in self._topics.values() if one.type_name == known.type_name), known)
+        if not same_definition(alike, known):
+            raise BagError(
+                f"{self.path}: {topic} and {alike.name} have messages of two definitions of {known.type_name}; bags of "
+                "SQLite files have one for each type, those of MCAP files as many as there are"
+            )
         with self._told():
             added = self._base.execute(
                 "insert into topics(name, type, serialization_format, offered_qos_profiles, type_description_hash) "

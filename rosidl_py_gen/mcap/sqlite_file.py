@@ -97,15 +97,15 @@ class SqliteFile:
         found = {}
         for row in rows.fetchall():
             key, (name, kind, how, qos, told) = row[0], map(str, row[1:])
-            text, encoding = texts.get((kind, told)) or texts.get((kind, "")) or ("", "")
+            text, encoding = _chosen(texts.get(kind, []), told)
             found[key] = BagTopic(name, kind, text, encoding, how, told, qos, counts.get(key, 0))
         return found
 
     def _columns(self, table: str) -> set[str]:
         return {row[1] for row in self._base.execute(f"pragma table_info({table})")}
 
-    def _definitions(self) -> dict[tuple[str, str], tuple[str, str]]:
-        """Text and encoding by name and hash, and by name alone; a type may have been recorded in two versions."""
+    def _definitions(self) -> dict[str, list[tuple[str, str, str]]]:
+        """Hash, text and encoding by name; a type may have been recorded in two versions."""
         columns = self._columns("message_definitions")
         if not columns:
             return {}
@@ -113,9 +113,9 @@ class SqliteFile:
         rows = self._base.execute(
             f"select topic_type, {hashes}, encoded_message_definition, encoding from message_definitions"
         )
-        found: dict[tuple[str, str], tuple[str, str]] = {}
+        found: dict[str, list[tuple[str, str, str]]] = {}
         for name, told, text, encoding in rows:
-            found[str(name), str(told)] = found[str(name), ""] = str(text), str(encoding)
+            found.setdefault(str(name), []).append((str(told), str(text), str(encoding)))
         return found
 
     def span(self) -> tuple[int, int] | None:
@@ -150,6 +150,12 @@ class SqliteFile:
         self._base.close()
         if self._copy is not None:
             self._copy.cleanup()
+
+
+def _chosen(texts: list[tuple[str, str, str]], wanted: str) -> tuple[str, str]:
+    """Text and encoding of the definition with a hash; of that without one only where there is no other."""
+    fitting = [one for one in texts if one[0] == wanted] or [one for one in texts if not (one[0] and wanted)]
+    return fitting[0][1:] if len({one[1:] for one in fitting}) == 1 else ("", "")
 
 
 def _nameless(key: object, count: int | None = None) -> BagTopic:

@@ -135,6 +135,10 @@ class ServerGoal(Generic[ActionT_co]):
         """Its handler has returned; whether the result, None for a default one, is what was sent. On the loop."""
         return self._goals.complete(self, result)
 
+    def failed_to_return(self) -> None:
+        """Its handler raised after it ended the goal; the goal is ABORTED then if its result was still to come."""
+        self._goals.abort_returning(self)
+
     async def encoded_result(self) -> bytes:
         """What get_result answers, once the goal has ended; the server asks this."""
         await self._changed.wait(lambda: self._result is not None)
@@ -329,6 +333,15 @@ class ServerGoals:
         self.book.replace_result(goal.goal_id, data)
         goal.mark_ended(data)
         return True
+
+    def abort_returning(self, goal: ServerGoal[Any]) -> None:
+        """No result comes of the handler of a goal that has ended without one: what the status said was wrong."""
+        if self.returning.pop(goal.goal_id, None) is not None:
+            data = self._type.encode_result(GoalStatus.ABORTED, None)
+            self.book.replace_result(goal.goal_id, data, GoalStatus.ABORTED)
+            self._status.rows.set_status(goal.goal_id, GoalStatus.ABORTED)
+            goal.mark_ended(data)
+            self._status.publish()
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
         """From any thread."""

@@ -113,14 +113,29 @@ async def test_the_status_changes_at_once_and_the_result_comes_when_the_handler_
     assert list((await handle.result(timeout_s=5))[1].sequence) == [9]
 
 
-async def test_a_handler_that_fails_behind_the_end_leaves_a_default_result(world: World) -> None:
-    async def execute(handle: ServerGoal[Fibonacci]) -> Any:
-        handle.succeed()
-        raise ValueError("too late")
+async def raise_behind_the_end(handle: ServerGoal[Fibonacci]) -> Any:
+    handle.succeed()
+    raise ValueError("too late")
 
-    _, client = await pair(world, execute)
-    got, answer = await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
-    assert (got, list(answer.sequence)) == (S.SUCCEEDED, [])
+
+def return_no_result(handle: ServerGoal[Fibonacci]) -> Any:
+    handle.succeed()
+    return 5
+
+
+def return_what_cannot_be_sent(handle: ServerGoal[Fibonacci]) -> Any:
+    handle.succeed()
+    return result("one", None)
+
+
+@pytest.mark.parametrize("execute", [raise_behind_the_end, return_no_result, return_what_cannot_be_sent])
+async def test_a_handler_that_fails_behind_the_end_aborts_its_goal(world: World, execute: Callable[..., Any]) -> None:
+    server, client = await pair(world, execute)
+    sent = await client.send_goal(goal(), timeout_s=5)
+    got, answer = await sent.result(timeout_s=5)
+    assert (got, list(answer.sequence)) == (S.ABORTED, [])
+    assert await sent.result(timeout_s=5) == (got, answer)
+    assert server is not None
 
 
 async def test_whoever_else_ends_a_goal_sends_its_result_and_what_is_returned_is_warned_about(
