@@ -33,13 +33,18 @@ Values: TypeAlias = "dict[str, bool]"
 _TOKEN = re.compile(
     r'#\[(=*)\[|#[^\n]*|\[(=*)\[|"([^"\\]*(?:\\.[^"\\]*)*)"|[()]|(?:[^\s()#"\\]+|\\.)+|\s+|.', re.DOTALL
 )
+_NAME = re.compile(r"[\w./+-]+")
 _ALONE = re.compile(r"\$\{([\w./+-]+)\}")
 _BLOCKS = ("if", "foreach", "while", "function", "macro", "block")
 _HARMLESS = ("message", "install", "find_package", "return", "if", "elseif", "else", "endif", "endforeach", GENERATE)
 _HARMLESS_PREFIXES = ("target_", "add_", "ament_", "link_", "rosidl_", "rclcpp_", "catkin_", "include_", "set_")
 _FOLDERS = "CMAKE_SOURCE_DIR", "PROJECT_SOURCE_DIR", "CMAKE_CURRENT_SOURCE_DIR", "CMAKE_CURRENT_LIST_DIR"
+MAX_BYTES = 1 << 20
 _MAX_LENGTH = 4096
 _MAX_DEPTH = 12
+_MAX_STARS = 4
+_LOOK = 500
+"""What one look at a folder or a listed file counts in characters: it is a call of the system or several."""
 _MAX_WORK = 2_000_000
 """Characters of values and names of files that one CMakeLists.txt may make this look at."""
 
@@ -119,6 +124,9 @@ class Script:
         self._level = 0
         self._may_change = False
         """Whether there may be more files when a pattern is looked at than there are now."""
+        self._may_set_any = False
+        """Whether a variable was set whose name cannot be known."""
+        self._functions: set[str] = set()
         self._values: dict[str, Values | None] = {name: {ROOT: True} for name in _FOLDERS}
         everything = list(commands(text))
         self._own = {words[index].text for name, _, words in everything for index in _sets(name, words)}
@@ -130,41 +138,73 @@ class Script:
     def _read(self, name: str, offset: int, words: list[Word]) -> None:
         first = words[0].text if words else ""
         if name == GENERATE:
-            arguments = tuple((word, self._expanded(word)) for word in words[1:])
+            arguments = tuple((word, dict(self._expanded(word))) for word in words[1:])
+            self._spend(_LOOK // 5 * sum(len(values) for _, values in arguments))
             self.calls.append(Call(offset, self._level == 0, arguments))
         elif name == "project":
             self._values.update({"PROJECT_NAME": {first: True}, f"{first}_SOURCE_DIR": {ROOT: True}})
         elif name == "set" and self._level == 0 and words[-1:] and words[-1].text == "PARENT_SCOPE":
             pass  # there is no scope around this one
         elif name == "set":
-            self._set(first, self._all(takewhile(_is_value, words[1:])))
+            self._set(words[:1], self._all(takewhile(_is_value, words[1:])))
         elif name == "unset":
-            self._set(first, {})
+            self._set(words[:1], {})
         elif name == "list" and len(words) > 1 and first.upper() in ("APPEND", "PREPEND", "INSERT"):
-            self._add(words[1].text, self._all(words[3 if first.upper() == "INSERT" else 2 :]))
+            self._add(words[1], self._all(words[3 if first.upper() == "INSERT" else 2 :]))
         elif name == "list" and first.upper() in ("SORT", "REVERSE", "REMOVE_DUPLICATES"):
             pass  # the order does not matter
         elif name == "file" and len(words) > 1 and first.upper() in ("GLOB", "GLOB_RECURSE"):
-            self._set(words[1].text, self._globbed(words[2:], is_deep=first.upper() == "GLOB_RECURSE"))
+            self._set(words[1:2], self._globbed(words[2:], is_deep=first.upper() == "GLOB_RECURSE"))
         elif name == "file" and first.upper() in ("COPY", "DOWNLOAD", "WRITE", "GENERATE"):
             self._may_change = True
-        elif name not in _HARMLESS and not name.startswith(_HARMLESS_PREFIXES):
+        elif name in ("include", "add_subdirectory"):
+            self._include(words[:1], "CMakeLists.txt" if name == "add_subdirectory" else "")
+        elif name in self._functions or (name not in _HARMLESS and not name.startswith(_HARMLESS_PREFIXES)):
+            if name in ("function", "macro"):
+                self._functions.add(first.lower())
             for word in words[:1] if name == "foreach" else words:
-                if word.is_plain and word.text in self._own:
-                    self._values[word.text] = None
+                named = self._expanded(word) if word.is_plain else ()
+                self._values.update(dict.fromkeys(self._own.intersection(named)))
 
     # ------------------------------------------------------------------------------------------------------ variables
 
-    def _set(self, name: str, values: Values) -> None:
+    def _set(self, target: Sequence[Word], values: Values) -> None:
         """Outside of blocks the values are these; inside, the old ones may stay."""
+        name = self._name(target)
         before = self._value(name) if self._level and name in self._values else {}
+        self._spend(len(before))
         kept = {text: sure and text in values for text, sure in before.items()}
         self._values[name] = kept | self._here(values) | kept
 
-    def _add(self, name: str, values: Values) -> None:
-        before = self._values.get(name, {})
+    def _add(self, target: Word, values: Values) -> None:
+        before = self._values.setdefault(self._name([target]), {})
         if before is not None:
-            self._values[name] = before | self._here(values) | before
+            for text, sure in self._here(values).items():
+                before.setdefault(text, sure)
+
+    def _name(self, target: Sequence[Word]) -> str:
+        """The variable that a command sets. When that cannot be known, it may be any from here on."""
+        names = list(self._all(target))
+        if len(names) == 1 and UNKNOWN not in names[0]:
+            return names[0]
+        self._may_set_any = self._may_set_any or bool(target)
+        return ""
+
+    def _include(self, target: Sequence[Word], file: str) -> None:
+        """Variables that another file of the package names may have more elements behind it."""
+        names = list(self._all(target))
+        whole = inside(posixpath.join(names[0], file)) if len(names) == 1 else None
+        if whole is None:  # of CMake, or of another package
+            return
+        self._spend(_LOOK)
+        try:
+            text = read_text(self._folder, whole[len(ROOT) + 1 :])
+        except UnreadableError:
+            return
+        self._spend(len(text))
+        for name in self._own.intersection(_NAME.findall(text)):
+            before = self._values.get(name, {})
+            self._values[name] = None if before is None else before | {UNKNOWN: False}
 
     def _here(self, values: Values) -> Values:
         return values if self._level == 0 else dict.fromkeys(values, False)
@@ -189,7 +229,9 @@ class Script:
     def _value(self, name: str) -> Values:
         """Of a variable: nothing before the file sets it, unknown when it never does."""
         found = self._values.get(name, {} if name in self._own else None)
-        return {UNKNOWN: True} if found is None else found
+        if found is None:
+            return {UNKNOWN: True}
+        return found | {UNKNOWN: False} if self._may_set_any and name in self._own else found
 
     def _replaced(self, text: str) -> tuple[str, bool]:
         """A text with the variables in it that have one value, and whether every build has that."""
@@ -202,6 +244,7 @@ class Script:
                 return "" if not found else UNKNOWN
             ((one, certain),) = found.items()
             sure = sure and certain
+            self._spend(len(one))
             return one
 
         text = _ALONE.sub(value, text)
@@ -228,7 +271,7 @@ class Script:
         found: Values = {UNKNOWN: True} if start is None or self._may_change else {}
         for pattern in patterns:
             whole = inside(pattern)
-            if whole is None:
+            if whole is None or any(part.count("*") > _MAX_STARS for part in whole.split("/")):
                 return {UNKNOWN: True}
             paths = [f"{ROOT}/{path}" for path in self._matching(whole[len(ROOT) + 1 :].split("/"), is_deep)]
             found |= {posixpath.relpath(path, start) if start else path: True for path in paths}
@@ -252,6 +295,7 @@ class Script:
 
     def _names(self, place: str) -> list[tuple[str, bool]]:
         """What is in a folder, and which are folders; nothing when it cannot be read or lies elsewhere."""
+        self._spend(_LOOK)
         try:
             real = os.path.realpath(self._folder / place)
             if place not in KINDS and os.path.commonpath([real, home := os.path.realpath(self._folder)]) != home:
@@ -260,8 +304,25 @@ class Script:
                 found = [(one.name, one.is_dir(follow_symlinks=False)) for one in entries if one.name[0] != "."]
         except (OSError, ValueError):
             return []
-        self._spend(500 + 50 * len(found))
+        self._spend(_LOOK // 10 * len(found))
         return found
+
+
+def read_text(folder: Path, name: str) -> str:
+    """What a file of the package holds. Raises `UnreadableError`."""
+    try:
+        real, home = os.path.realpath(folder / name), os.path.realpath(folder)
+        if os.path.commonpath([real, home]) != home:
+            raise UnreadableError("the file lies outside the package folder")
+        if not os.path.isfile(real):  # opening a pipe would wait for who writes into it
+            raise UnreadableError("there is no such file")
+        with open(real, "rb") as file:
+            raw = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        raise UnreadableError(f"the file cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if len(raw) > MAX_BYTES:
+        raise UnreadableError(f"the file is longer than {MAX_BYTES} bytes")
+    return raw.decode(errors="replace").replace("\0", "\ufffd").replace("\1", "\ufffd")
 
 
 def inside(path: str) -> str | None:

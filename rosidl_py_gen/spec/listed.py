@@ -18,13 +18,23 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import Problem, shown_path
 from rosidl_py_gen.names import KINDS, RosName, did_you_mean
 from rosidl_py_gen.ownership import owns
-from rosidl_py_gen.spec.cmake import GENERATE, ROOT, UNKNOWN, Call, Script, UnreadableError, Word, inside
+from rosidl_py_gen.spec.cmake import (
+    GENERATE,
+    MAX_BYTES,
+    ROOT,
+    UNKNOWN,
+    Call,
+    Script,
+    UnreadableError,
+    Word,
+    inside,
+    read_text,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _MENTIONED = re.compile(rb"\brosidl_(generate_interfaces|default_generators)\b", re.IGNORECASE)
-_MAX_BYTES = 1 << 20
 _SUFFIXES = (".msg", ".srv", ".action", ".idl")
 _WORD = re.compile(r'[^\s()"#;]+')
 _LIST_WORDS = ("DEPENDENCIES",)
@@ -54,7 +64,7 @@ def mentions_interfaces(folder: Path) -> bool:
     """Whether there is a CMakeLists.txt that has to do with making interfaces."""
     try:
         with open(folder / "CMakeLists.txt", "rb") as file:
-            return _MENTIONED.search(file.read(_MAX_BYTES + 1)) is not None
+            return _MENTIONED.search(file.read(MAX_BYTES + 1)) is not None
     except OSError:
         return False
 
@@ -99,18 +109,12 @@ class _Reader:
         self.text = ""
         self.places: dict[str, int] = {}
         self.starts = [0]  # of lines
+        self.lines: dict[int, str] = {}
         self.doubtful: list[_Entry] = []
 
     def read(self) -> str:
         """The text; raises `UnreadableError`."""
-        try:
-            with open(self.folder / "CMakeLists.txt", "rb") as file:
-                raw = file.read(_MAX_BYTES + 1)
-        except OSError as error:
-            raise UnreadableError(f"the file cannot be read: {error.strerror or error}") from error
-        if len(raw) > _MAX_BYTES:
-            raise UnreadableError(f"the file is longer than {_MAX_BYTES} bytes")
-        self.text = raw.decode(errors="replace").replace("\0", "\ufffd").replace("\1", "\ufffd")
+        self.text = read_text(self.folder, "CMakeLists.txt")
         for found in _WORD.finditer(self.text):
             if found[0].endswith(_SUFFIXES):
                 self.places.setdefault(posixpath.basename(found[0]), found.start())
@@ -214,9 +218,10 @@ class _Reader:
             return Problem(path, 0, 0, text)
         line = bisect_right(self.starts, offset)
         start = self.starts[line - 1]
-        end = self.text.find("\n", start)
-        source = self.text[start : end if end >= 0 else len(self.text)].rstrip("\r").replace("\t", " ")
-        return Problem(path, line, offset - start + 1, text, source)
+        if line not in self.lines:  # one text for all that is wrong in a line
+            end = self.text.find("\n", start)
+            self.lines[line] = self.text[start : end if end >= 0 else len(self.text)].rstrip("\r").replace("\t", " ")
+        return Problem(path, line, offset - start + 1, text, self.lines[line])
 
 
 def _is_for_tests(call: Call) -> bool:

@@ -50,10 +50,20 @@ HOSTILE = {
     "brackets": "[" + "=" * 100_000 + "[" + CALL,
     "bracket comments": "#[[" * 80_000 + CALL,
     "backslashes": "set(x " + "\\" * 100_001 + ")\n" + CALL,
-    "longer than it may be": "#" * (1 << 19) + "\n" + CALL,
+    "longer than it may be": "#" * (1 << 20) + "\n" + CALL,
     "control characters": "set(x \0 \1 \x1b[31m /\1/../../etc)\n" + CALL,
     "not text": b"rosidl_generate_interfaces(\xff\xfe\x00 ${x} \x80)",
     "own folder changed": "set(CMAKE_CURRENT_SOURCE_DIR /etc ${u})\nfile(GLOB x *)\ninclude(passwd)\n" + CALL,
+    "one list, element by element": "".join(f"list(APPEND x m{i})\n" for i in range(45_000)) + CALL,
+    "one list in a block": "if(u)\n" + "".join(f"set(x m{i})\n" for i in range(45_000)) + "endif()\n" + CALL,
+    "one text many times": f"set(v [[{'a' * 500_000}]])\nset(x z{'${v}' * 100_000})\n" + CALL,
+    "one text many times, quoted": f'set(v [[{"a" * 500_000}]])\nset(x "z{"${v}" * 100_000}")\n' + CALL,
+    "one long line below another": "\nrosidl_generate_interfaces(a_msgs " + " ".join(f"{i}.msg" for i in range(10_000)) + ")\n",
+    "as many files as it can name": "rosidl_generate_interfaces(a_msgs " + " ".join(f"{i}.msg" for i in range(95_000)) + ")",
+    "a long path": f"rosidl_generate_interfaces(a_msgs [[{'a/' * 500_000}X.msg]])",
+    "patterns in no folder": "".join(f"file(GLOB x q/{i}*)\n" for i in range(45_000)) + CALL,
+    "patterns of stars": "".join(f"file(GLOB x {i}{'*a' * 1900})\n" for i in range(250)) + CALL,
+    "the same file again": "include(CMakeLists.txt)\nadd_subdirectory(.)\n" * 20_000 + CALL,
     "heads without arguments": "foreach()\nendforeach()\nset()\nlist()\nfile()\nlist(APPEND)\nfile(GLOB)\nunset()\nproject()\n"
     "find_package()\noption()\ninclude()\nfunction()\nendfunction()\nif()\nendif()\nlist(FILTER x)\nlist(TRANSFORM x)\n"
     "file(GLOB x RELATIVE)\nset(x PARENT_SCOPE)\nset(x CACHE)\nadd_subdirectory()\nbreak()\ncontinue()\nmessage()\n" + CALL,
@@ -68,7 +78,17 @@ def test_hostile_files_end_soon(tmp_path: Path, case: str) -> None:
     assert time.process_time() - start < MOST_S
 
 
-BIG = ("doubling", "doubling a list", "references that multiply", "many calls", "many missing files", "parentheses")
+BIG = (
+    "doubling",
+    "doubling a list",
+    "references that multiply",
+    "many calls",
+    "many missing files",
+    "parentheses",
+    "one text many times",
+    "one text many times, quoted",
+    "one long line below another",
+)
 
 
 @pytest.mark.parametrize("case", BIG)
@@ -150,6 +170,19 @@ OUTSIDE = [
     "set(CMAKE_CURRENT_SOURCE_DIR {secret})\nfile(GLOB x *)\ninclude(x.cmake)",
     "set(x ../../secret/msg/A.msg {secret}/msg/A.msg {secret}:msg/A.msg link/msg/A.msg link:msg/B.msg)",
 ]
+
+
+def test_a_list_that_is_a_link_out_of_the_package_is_not_read(tmp_path: Path) -> None:
+    secret = write(tmp_path / "secret", {"CMakeLists.txt": f"rosidl_generate_interfaces(a msg/Secret.msg)\n{CALL}"})
+    found = package(tmp_path / "in", "")
+    (found.folder / "CMakeLists.txt").unlink()
+    (found.folder / "CMakeLists.txt").symlink_to(secret / "CMakeLists.txt")
+    listing = read_listing("a_msgs", found.folder)
+    assert listing is not None
+    assert [note.text for note in listing.notes] == [
+        "the file lies outside the package folder; all files in msg, srv and action are taken"
+    ]
+    assert not listing.problems
 
 
 @pytest.mark.parametrize("cmake", OUTSIDE)

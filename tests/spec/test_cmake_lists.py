@@ -61,6 +61,7 @@ CERTAIN = {
     "a line that goes on": (f'set(files "msg/A.msg;\\\nmsg/B.msg")\n{CALL}', {A, B}),
     "set twice": (f"set(files msg/C.msg)\nset(files msg/A.msg ${{files}})\n{CALL}", {A, C}),
     "unset": (f"set(files msg/C.msg)\nunset(files)\nlist(APPEND files msg/A.msg)\n{CALL}", {A}),
+    "a name in a variable": (f"set(n files)\nset(${{n}} msg/A.msg)\nlist(APPEND ${{n}} msg/B.msg)\n{CALL}", {A, B}),
     "append": (f"set(files msg/A.msg)\nlist(APPEND files msg/B.msg ${{none}})\n{CALL}\nset(none)", {A, B}),
     "prepend and insert": (f"list(PREPEND files msg/A.msg)\nlist(INSERT files 0 msg/B.msg)\n{CALL}", {A, B}),
     "sort": (f"set(files msg/B.msg msg/A.msg)\nlist(SORT files)\nlist(REMOVE_DUPLICATES files)\n{CALL}", {A, B}),
@@ -146,6 +147,43 @@ COMPOSED = {
     "a macro": "macro(make first)\n rosidl_generate_interfaces(${PROJECT_NAME} msg/${first}.msg ${ARGN})\nendmacro()\nmake(A msg/B.msg)",
     "a file of the package": "include(more.cmake)\ninclude(${CMAKE_CURRENT_LIST_DIR}/more.cmake)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
 }
+
+
+# What another file or a function adds to a list, behind set(files msg/A.msg): the list, and more.
+ADDED = {
+    "a file of the package": "include(add.cmake)",
+    "a file of the package, with its folder": 'include("${CMAKE_CURRENT_LIST_DIR}/add.cmake")',
+    "a folder of the package": "add_subdirectory(lists)",
+    "a function of a name that is harmless elsewhere": (
+        "function(add_b x)\nset(files ${files} msg/B.msg PARENT_SCOPE)\nendfunction()\nset(files msg/A.msg)\nadd_b(files)"
+    ),
+    "a variable of a name nobody can know": "list(APPEND ${CMAKE_ARGV0} msg/B.msg)",
+    "a variable that a function is given": (
+        "function(add_b x)\nlist(APPEND ${x} msg/B.msg)\nset(${x} ${${x}} PARENT_SCOPE)\nendfunction()\nadd_b(files)"
+    ),
+    "a command that is given its name in a variable": "set(n files)\ncollect(${n} msg/B.msg)",
+}
+ADDING = {
+    "add.cmake": "list(APPEND files msg/B.msg)\n",
+    "lists/CMakeLists.txt": "list(APPEND files msg/B.msg)\nset(files ${files} PARENT_SCOPE)\n",
+}
+
+
+@pytest.mark.parametrize("case", ADDED)
+def test_what_is_added_where_it_cannot_be_followed_is_never_lost_without_a_note(tmp_path: Path, case: str) -> None:
+    cmake = f"project(a_msgs)\nset(files msg/A.msg)\n{ADDED[case]}\n{CALL}\n"
+    found = package(tmp_path, cmake, ADDING)
+    assert taken(found) == ALL
+    assert [note.partition(": ")[2] for note in notes(found)] == [
+        f"what ${{files}} brings cannot be known from this file; {EVERYTHING}"
+    ]
+
+
+def test_other_files_that_do_not_name_a_list_leave_it_as_it_is(tmp_path: Path) -> None:
+    more = {"add.cmake": "find_package(std_msgs)\n", "src/CMakeLists.txt": "add_library(b b.cpp)\n"}
+    cmake = f"set(files msg/A.msg)\ninclude(add.cmake)\ninclude(CTest)\nadd_subdirectory(src)\n{CALL}"
+    found = package(tmp_path, f"project(a_msgs)\n{cmake}\n", more)
+    assert (taken(found), notes(found)) == ({A}, [])
 
 
 @pytest.mark.parametrize("case", COMPOSED)
