@@ -88,7 +88,11 @@ def _generated(search: SearchPath, packages: list[str]) -> tuple[dict[str, dict[
             wanted |= more
             continue
         with TemporaryDirectory(prefix="rosidl-py-gen-wheel-") as top:
-            run = generate(search, sorted(wanted), Path(top))
+            try:
+                run = generate(search, sorted(wanted), Path(top))
+            except DefinitionError as error:
+                error.partial = False  # a wheel is whole or not made
+                raise
             found = {name.package for name in run.names}
             if found <= wanted:
                 return _read(Path(top), found)

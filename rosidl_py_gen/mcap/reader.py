@@ -133,6 +133,8 @@ class BagReader:
         if path.suffix == SUFFIX:
             folder = self._unpacked.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-"))
             path = unpack_file(path, Path(folder), max_unpacked_bytes)
+        if not path.exists():
+            raise BagError(f"{path}: there is no such file")
         if path.suffix == ".db3":
             return SqliteFile(path)
         if path.suffix == ".mcap":

@@ -98,6 +98,8 @@ class BagWriter:
             )
         if not self._is_folder and (split_bytes or split_s):
             raise BagError(f"{self.path} is one file; a folder can be split")
+        if self.path.suffix == ".db3":
+            raise BagError(f"{self.path}: this writes MCAP files: a name that ends with .mcap, or a folder's")
         if self.path.exists():
             raise BagError(f"{self.path} exists already")
         self._compression = _Compression(_COMPRESSIONS[compression])

@@ -5,16 +5,19 @@ from __future__ import annotations
 import sqlite3
 import struct
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from mcap.writer import Writer
 
 from rosidl_py_gen import compile_text, get_message, type_hash
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.mcap import BagError, BagReader, BagTopic, BagWarning, BagWriter
+from rosidl_py_gen.mcap import BagError, BagReader, BagTopic, BagWarning, BagWriter, SqliteWriter
 from rosidl_py_gen.mcap.definitions import WrongDefinitionError
+from rosidl_py_gen.mcap.writer import topic_of
 
 String: Any = get_message("std_msgs/msg/String")
 NAME = "old_msgs/msg/Reading"
@@ -177,3 +180,41 @@ def test_the_hash_of_a_channel_decides_too(tmp_path: Path) -> None:
         assert [item.message.data for item in reader.messages("/s")] == ["a"]
         with pytest.raises(RosidlError, match="/t: the bag has no definition of std_msgs/msg/String, but its hash"):
             list(reader.messages("/t"))
+
+
+def two_definitions(path: Path) -> Path:
+    """Two topics whose types have one name, as a stranger writes them."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "somebody")
+        for topic, text in (("/one", b"int32 a\nint32 b"), ("/two", b"int32 b\nint32 a")):
+            channel = writer.register_channel(topic, "cdr", writer.register_schema("my/msg/Pair", "ros2msg", text))
+            cls: Any = compile_text("my/msg/Pair", text.decode())
+            writer.add_message(channel, 1, cls(a=1, b=2).encode(), 1)
+        writer.finish()
+    return path
+
+
+def test_sqlite_bags_have_one_definition_for_a_type(tmp_path: Path) -> None:
+    with BagReader(two_definitions(tmp_path / "two.mcap")) as reader:
+        assert {(item.message.a, item.message.b) for item in reader} == {(1, 2)}
+        with SqliteWriter(tmp_path / "bag") as writer:
+            one, two = reader.channels
+            writer.add_raw_topic(one)
+            with pytest.raises(BagError, match="/two and /one have messages of two definitions of my/msg/Pair"):
+                writer.add_raw_topic(two)
+            writer.add_topic("/three", replace(one, name="/three", definition=f"# the same\n{one.definition}"))
+
+
+@pytest.mark.filterwarnings("ignore::rosidl_py_gen.mcap.BagWarning")
+def test_a_definition_with_another_hash_is_not_that_of_a_topic(tmp_path: Path) -> None:
+    right: Any = compile_text("my/msg/Pair", "int32 a\nint32 b")
+    with SqliteWriter(tmp_path / "bag") as writer:
+        for topic in ("/one", "/two"):
+            writer.add_topic(topic, topic_of(topic, right))
+            writer.write(topic, right(a=1, b=2).encode(), 1)
+    with sqlite3.connect(tmp_path / "bag" / "bag_0.db3") as base:
+        base.execute("update topics set type_description_hash = ? where name = '/two'", ("RIHS01_" + "0" * 64,))
+    with BagReader(tmp_path / "bag" / "bag_0.db3") as reader:
+        assert [item.topic for item in reader] == ["/one"]
+        assert reader.left_out["/two"].count == 1

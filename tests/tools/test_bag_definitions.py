@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from mcap.writer import Writer
 
 from rosidl_py_gen import compile_text, get_message, type_hash
 from rosidl_py_gen.mcap import BagReader, BagTopic, BagWriter, RawMessage
@@ -165,3 +166,19 @@ async def test_messages_are_played_without_a_definition_that_is_not_theirs(
     assert (await heard.receive(timeout_s=20)).weight == 2.0
     ended = await tool.end(process)
     assert ended.code == 0 and "4 of 12 bytes of a message are behind its last field" in ended.err, ended.err
+
+
+def test_a_copy_that_cannot_be_made_leaves_nothing(run_here: Any, tmp_path: Path) -> None:
+    source = tmp_path / "two.mcap"
+    with source.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "somebody")
+        for topic, text in (("/one", b"int32 a\nint32 b"), ("/two", b"int32 b\nint32 a")):
+            channel = writer.register_channel(topic, "cdr", writer.register_schema("my/msg/Pair", "ros2msg", text))
+            writer.add_message(channel, 1, bytes(12), 1)
+        writer.finish()
+    code, _, err = run_here("bag", "convert", str(source), str(tmp_path / "copy"), "--storage", "sqlite3")
+    assert code == 1 and "two definitions of my/msg/Pair" in err
+    assert not (tmp_path / "copy").exists()
+    code, _, err = run_here("bag", "convert", str(source), str(tmp_path / "copy.db3"))
+    assert code == 1 and "copy.db3: this writes MCAP files" in err

@@ -11,10 +11,11 @@ from xml.etree import ElementTree
 
 import pytest
 from std_msgs.msg import Bool, String
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 from worlds import until
 
 from rosidl_py_gen import get_action
+from rosidl_py_gen.runtime.qos import SENSOR_DATA
 from rosidl_py_gen.tools.graph import svg as graph_svg
 from rosidl_py_gen.tools.graph import text as graph_text
 from rosidl_py_gen.tools.graph.picture import Edge, Picture
@@ -67,6 +68,31 @@ async def test_the_graph_shows_who_is_connected_through_what(memory: World, tool
         ["std_srvs/srv/SetBool"],
     ]
     assert answer["nodes"][2] == {"name": "/idle", "publishes": [], "subscribes": [], "serves": [], "calls": []}
+
+
+async def test_what_does_not_match_is_not_connected(memory: World, tool: Tool) -> None:
+    base, pilot = memory.node("base"), memory.node("pilot")
+    base.create_publisher(String, "/best_effort", SENSOR_DATA)
+    pilot.create_subscription(String, "/best_effort", qos=10)
+    base.create_publisher(String, "/typed")
+    pilot.create_subscription(Bool, "/typed")
+    base.create_service(SetBool, "/served", lambda request: SetBool.Response())
+    pilot.create_client(Trigger, "/served")
+    base.create_publisher(String, "/twice")
+    pilot.create_subscription(Bool, "/twice")
+    pilot.create_subscription(String, "/twice")
+    answer = json.loads((await tool("graph", "--json", "--spin-time", "3")).out)
+    assert with_names(answer, "/base", "publishes") == [
+        ("topic", "/best_effort", []),
+        ("topic", "/twice", ["/pilot"]),
+        ("topic", "/typed", []),
+    ]
+    assert with_names(answer, "/base", "serves") == [("service", "/served", [])]
+    assert with_names(answer, "/pilot", "subscribes") == [
+        ("topic", "/best_effort", []),
+        ("topic", "/twice", ["/base"]),
+        ("topic", "/typed", []),
+    ]
 
 
 async def test_all_shows_hidden_names_and_what_every_node_has(memory: World, tool: Tool) -> None:

@@ -93,7 +93,7 @@ class HandlerRunner:
         if goal.is_active:
             goal.abort()
         else:
-            goal.failed_to_return()
+            goal.returned(None, failed=True)
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
         goal.handler = caller()

@@ -131,13 +131,9 @@ class ServerGoal(Generic[ActionT_co]):
         for answer in tuple(self.cancel_answers):  # another thread may close while a cancel comes
             settle_threadsafe(answer, False)
 
-    def returned(self, result: object | None) -> bool:
-        """Its handler has returned; whether the result, None for a default one, is what was sent. On the loop."""
-        return self._goals.complete(self, result)
-
-    def failed_to_return(self) -> None:
-        """Its handler raised after it ended the goal; the goal is ABORTED then if its result was still to come."""
-        self._goals.abort_returning(self)
+    def returned(self, result: object | None, *, failed: bool = False) -> bool:
+        """Its handler returned or `failed`; whether the result, None for a default one, was sent. On the loop."""
+        return self._goals.complete(self, result, failed=failed)
 
     async def encoded_result(self) -> bytes:
         """What get_result answers, once the goal has ended; the server asks this."""
@@ -321,27 +317,25 @@ class ServerGoals:
             self._start(self._queue.popleft())
         self.expire()
 
-    def complete(self, goal: ServerGoal[Any], result: object | None) -> bool:
-        """The handler of a goal that has ended returned this; False when another result was sent before."""
+    def complete(self, goal: ServerGoal[Any], result: object | None, *, failed: bool = False) -> bool:
+        """The handler of a goal that has ended returned this; False when another result was sent before.
+
+        When it `failed` instead, no result comes any more, and the end that it told of was wrong: ABORTED.
+        """
         _, event = self.returning.get(goal.goal_id, (goal, None))
         if event is None:
             status = self.book.status(goal.goal_id)
             sent = self.book.result(goal.goal_id)
             return result is None or sent is None or sent == self._type.encode_result(status, result)
-        data = self._type.encode_result(ENDS[event], result)
+        status = GoalStatus.ABORTED if failed else ENDS[event]
+        data = self._type.encode_result(status, result)
         del self.returning[goal.goal_id]
-        self.book.replace_result(goal.goal_id, data)
+        self.book.replace_result(goal.goal_id, data, status)
         goal.mark_ended(data)
-        return True
-
-    def abort_returning(self, goal: ServerGoal[Any]) -> None:
-        """No result comes of the handler of a goal that has ended without one: what the status said was wrong."""
-        if self.returning.pop(goal.goal_id, None) is not None:
-            data = self._type.encode_result(GoalStatus.ABORTED, None)
-            self.book.replace_result(goal.goal_id, data, GoalStatus.ABORTED)
-            self._status.rows.set_status(goal.goal_id, GoalStatus.ABORTED)
-            goal.mark_ended(data)
+        if failed:
+            self._status.rows.set_status(goal.goal_id, status)
             self._status.publish()
+        return True
 
     def publish_feedback(self, goal_id: bytes, feedback: object) -> None:
         """From any thread."""

@@ -201,11 +201,11 @@ class GoalBook(Generic[ResultT]):
             self._ended_ns = {known: min(ended_ns, now_ns) for known, ended_ns in self._ended_ns.items()}
         self._ended_ns[goal_id] = now_ns
 
-    def replace_result(self, goal_id: bytes, result: ResultT, status: GoalStatus | None = None) -> None:
-        """Another result, and perhaps end, for a goal that has ended; nothing happens when it is forgotten already."""
+    def replace_result(self, goal_id: bytes, result: ResultT, status: GoalStatus) -> None:
+        """Another result and end for a goal that has ended; nothing happens when it is forgotten already."""
         goal = self._goals.get(goal_id)
         if goal is not None:
-            goal.status, goal.result = goal.status if status is None else status, result
+            goal.status, goal.result = status, result
 
     def result(self, goal_id: bytes) -> ResultT | None:
         """None for goals that have not ended, and for those not in the book."""

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.graph.definitions import definitions_differ
+from rosidl_py_gen.runtime.names.dds import demangle_service_type
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
@@ -76,5 +78,9 @@ class WriterCheck:
         found = (one for one in graph.on_topic(topic, writers=False) if not self.agrees(one, type_hash))
         if (other := next(found, None)) is None:
             return ""
+        own = graph.endpoints.get(self._reader.guid)
+        theirs = demangle_service_type(other.type)
+        if own is not None and theirs not in (None, demangle_service_type(own.type)):
+            return f" (that of {graph.describe_node(other)} has another type, {printable(str(theirs))})"
         told = other.type_hash or other.service_hash
-        return f"; that of {graph.describe_node(other)} has another definition of its type, {told}"
+        return f" (that of {graph.describe_node(other)} has another definition of its type, {told})"

@@ -14,11 +14,18 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
-from rosidl_py_gen.runtime.names.dds import demangle_service_type, demangle_type, reply_name, request_name, topic_name
+from rosidl_py_gen.runtime.names.dds import (
+    REQUEST_PREFIX,
+    demangle_service_type,
+    demangle_type,
+    reply_name,
+    request_name,
+    topic_name,
+)
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Collection, Iterable
 
     from rosidl_py_gen.runtime.graph.state import Graph
     from rosidl_py_gen.runtime.transport.interface import EndpointFound
@@ -113,12 +120,28 @@ class Announced:
         return lines
 
 
-def announced(graph: Graph, subject: Subject) -> dict[str, Announced]:
-    """By type name, all that is announced; a type of another kind has the name that DDS gives it."""
+def givers(graph: Graph, subject: Subject) -> Collection[bytes]:
+    """The participants that others get messages, answers or results from; empty when there is none."""
+    return {
+        endpoint.participant_guid
+        for topic in subject.needed
+        if not topic.startswith(REQUEST_PREFIX)  # what clients write
+        for endpoint in graph.on_topic(topic, writers=True)
+    }
+
+
+def announced(graph: Graph, subject: Subject, only: Collection[bytes] = ()) -> dict[str, Announced]:
+    """By type name, all that is announced; a type of another kind has the name that DDS gives it.
+
+    Args:
+        only: participants that count; all when it is empty.
+    """
     found: dict[str, Announced] = {}
     for topic, part in (*subject.needed.items(), *subject.extra.items()):
         for writers in (True, False):
             for endpoint in graph.on_topic(topic, writers=writers):
+                if only and endpoint.participant_guid not in only:
+                    continue
                 told = demangle_type(endpoint.type) or endpoint.type
                 name = told[: len(told) - len(part)] if told.endswith(part) else told
                 hashes, node = found.setdefault(name, Announced(name)).hashes, _node_of(graph, endpoint)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant
 
+_USED = "; they are used all the same, as type_check says"
 _NAME_PATIENCE_S = 1.0
 """A node's name usually arrives some milliseconds after its endpoints; a warning waits this long for it."""
 
@@ -189,7 +190,7 @@ class Discovery:
                 if modes == {"off"}:
                     continue
                 if reader in ours and "error" not in modes:
-                    reason += "; they are used all the same, as type_check says"
+                    reason += _USED
                 else:
                     reason += (
                         ". Bring both to one, or take that of the other side: `await node.resolve_type(topic)`, or "
@@ -219,7 +220,8 @@ class Discovery:
                 continue
             own = writer if writer.participant_guid == self._participant.guid else reader
             name = demangle_topic(own.topic) or demangle_service(own.topic) or own.topic
-            text = f"no messages on {name} from {words[0]} to {words[1]}: {reason}"
+            what = "messages that may be read wrong" if reason.endswith(_USED) else "no messages"
+            text = f"{what} on {name} from {words[0]} to {words[1]}: {reason}"
             if self.on_mismatch is not None:
                 self.on_mismatch(text)
                 continue

@@ -23,7 +23,7 @@ from rosidl_py_gen.errors import (
 )
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
-from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, announced, is_complete, some
+from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, announced, givers, is_complete, some
 from rosidl_py_gen.runtime.names.dds import reply_name
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError, ask_type_description, described_by
 from rosidl_py_gen.runtime.time.deadline import Deadline
@@ -119,12 +119,12 @@ class _Resolution:
 
     # ------------------------------------------------------------------------------------------------ announcements
 
-    def _all(self) -> dict[str, Announced]:
-        return announced(self._scope.graph, self._subject)
+    def _all(self, only: Collection[bytes] = ()) -> dict[str, Announced]:
+        return announced(self._scope.graph, self._subject, only)
 
-    def _candidates(self) -> list[Announced]:
+    def _candidates(self, only: Collection[bytes] = ()) -> list[Announced]:
         """The types of which everything is announced that is needed, the wanted one only if one is."""
-        found = self._all()
+        found = self._all(only)
         wanted = self._request.type_name
         return [one for one in found.values() if is_complete(one, self._subject) and wanted in (None, one.type_name)]
 
@@ -134,6 +134,11 @@ class _Resolution:
         if not await scope.wait_until(lambda: bool(self._candidates()), timeout_s, lambda: scope.closed):
             raise CallTimeoutError(self._nobody(timeout_s))
         found = self._candidates()
+        if len(found) > 1 or (self._request.type_hash is None and found[0].is_ambiguous()):
+            # Whoever asks wants to understand, or to be understood by, those who publish or serve.
+            graph, own = scope.graph, {scope.participant.guid}
+            there = {*givers(graph, self._subject)}
+            found = self._candidates(there - own or there) or found
         if len(found) > 1:
             raise self._several("types", found, "type_name")
         if self._request.type_hash is None and found[0].is_ambiguous():

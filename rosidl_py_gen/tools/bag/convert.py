@@ -5,7 +5,9 @@ What the copy says its messages are is decided in described.py.
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
+from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -48,13 +50,24 @@ def run(
             raise ToolError("only MCAP bags are split: leave out --max-bag-size and --max-bag-duration")
         else:
             writer = SqliteWriter(output)
-        with writer:
-            count = _copy(reader, writer, part, channels)
+        try:
+            with writer:
+                count = _copy(reader, writer, part, channels)
+        except BaseException:
+            _remove(Path(output))  # part of a bag would look like all of it
+            raise
     if as_json:
         printing.document({"path": output, "messages": count, "topics": len(part.topics)})
     else:
         printing.line(f"{count} messages of {len(part.topics)} topics in {output}")
     return 0
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def _copy(

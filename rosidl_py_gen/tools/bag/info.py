@@ -98,7 +98,10 @@ def _show(reader: BagReader, is_verbose: bool) -> None:
         ("Messages", str(_messages(reader))),
     ]
     if not reader.has_index:
-        rows.append(("Index", "missing: the recorder did not end; `rosidl-py bag convert` makes a whole bag of this"))
+        advice = (
+            "`rosidl-py bag convert` makes a whole bag of this" if _messages(reader) else "there is no message in it"
+        )
+        rows.append(("Index", f"missing: the recorder did not end; {advice}"))
     if reader.unread_bytes:
         rows.append(("Lost", f"{size_text(reader.unread_bytes)} of an unfinished record at the end"))
     missing = sum(not topic.definition for topic in reader.channels)

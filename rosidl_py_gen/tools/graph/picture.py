@@ -30,17 +30,25 @@ class Picture:
     Attributes:
         nodes: those with something to show, and in an unfiltered picture also those without.
         edges: of these nodes and of their counterparts.
+        apart: publisher's node, topic and subscriber's node, where nothing passes between the two.
     """
 
     domain_id: int
     nodes: list[str]
     edges: list[Edge]
+    apart: frozenset[tuple[str, str, str]] = frozenset()
 
     def of(self, node: str) -> list[Edge]:
         """What a node has."""
         return [edge for edge in self.edges if edge.node == node]
 
     def counterparts(self, edge: Edge) -> list[str]:
-        """The nodes on the other side."""
+        """The nodes on the other side that it is connected with."""
         wanted = (COUNTERPARTS[edge.role], edge.kind, edge.name)
-        return [other.node for other in self.edges if (other.role, other.kind, other.name) == wanted]
+        return [
+            other.node
+            for other in self.edges
+            if (other.role, other.kind, other.name) == wanted
+            and not set(edge.types).isdisjoint(other.types)
+            and not self.apart & {(edge.node, edge.name, other.node), (other.node, edge.name, edge.node)}
+        ]

@@ -7,7 +7,9 @@ is left out. How it is drawn is in `graph/text.py` and `graph/svg.py`.
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from fnmatch import fnmatchcase
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from rosidl_py_gen.runtime import Node
-    from rosidl_py_gen.runtime.graph.state import NamesAndTypes
+    from rosidl_py_gen.runtime.graph.state import NamesAndTypes, TopicEndpointInfo
 
 _ENDINGS = {".svg": "svg", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
 _ACTION, _GOAL = "/_action/", "/_action/send_goal"
@@ -91,7 +93,27 @@ def _picture(session: Session, everything: bool) -> Picture:
             found.update(_edges_of(node, info.name, info.namespace, full, everything))
     found.update(_edges_of_strangers(node, everything))
     strangers = {edge.node for edge in found} - set(names)
-    return Picture(session.context.domain_id, sorted({*names, *strangers}), sorted(found))
+    return Picture(session.context.domain_id, sorted({*names, *strangers}), sorted(found), _apart(node, found))
+
+
+def _apart(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, str, str]]:
+    """Publisher's node, topic and subscriber's node of those whose endpoints all do not match."""
+    endpoints, why_apart = node.scope.graph.endpoints, node.scope.discovery.why_apart
+    match: dict[tuple[str, str, str], bool] = {}
+    for topic in {edge.name for edge in edges if edge.kind == "topic"}:
+        for writer, reader in product(
+            node.get_publishers_info_by_topic(topic), node.get_subscriptions_info_by_topic(topic)
+        ):
+            one, other = endpoints.get(writer.endpoint_gid), endpoints.get(reader.endpoint_gid)
+            pair = _name_of(writer), topic, _name_of(reader)
+            apart = one is not None and other is not None and why_apart(one, other)
+            match[pair] = match.get(pair, False) or not apart
+    return frozenset(pair for pair, are_connected in match.items() if not are_connected)
+
+
+def _name_of(info: TopicEndpointInfo) -> str:
+    known = info.node_namespace, info.node_name
+    return _STRANGERS.get(known) or f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool) -> Iterator[Edge]:
@@ -154,7 +176,7 @@ def _filtered(picture: Picture, nodes: tuple[str, ...], topics: tuple[str, ...])
     }
     edges = [edge for edge in picture.edges if (edge.kind, edge.name) in names]
     shown = chosen_nodes if nodes else {edge.node for edge in edges}
-    return Picture(picture.domain_id, sorted(shown), edges)
+    return replace(picture, nodes=sorted(shown), edges=edges)
 
 
 def _matching(patterns: tuple[str, ...], known: list[str], what: str) -> set[str]:

@@ -223,6 +223,17 @@ async def test_several_definitions_of_one_type_are_told_apart_by_their_hash(worl
         assert type_hash(await asker.resolve_type("t", type_hash=told.hash, timeout_s=5)) == told.hash
 
 
+async def test_the_definition_of_those_who_publish_counts_more(world: World) -> None:
+    one = fresh()
+    told_by(world, one)
+    asker = world.node("asker")
+    cls = compile_text(one.name, "int32 y")
+    asker.create_subscription(cls, "t")
+    world.node("other").create_subscription(cls, "t")
+    await until(lambda: (asker.count_publishers("t"), asker.count_subscribers("t")) == (1, 2))
+    assert type_hash(await asker.resolve_type("t", timeout_s=5)) == one.hash
+
+
 async def test_nobody_is_waited_for_in_vain(world: World) -> None:
     asker = world.node("asker")
     with pytest.raises(CallTimeoutError, match=r"nobody announced a type for the topic /t in 0\.2 s"):
