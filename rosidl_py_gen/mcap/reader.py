@@ -133,19 +133,17 @@ class BagReader:
         if path.suffix == SUFFIX:
             folder = self._unpacked.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-"))
             path = unpack_file(path, Path(folder), max_unpacked_bytes)
-        if not path.exists():
-            raise BagError(f"{path}: there is no such file")
         if path.suffix == ".db3":
             return SqliteFile(path)
         if path.suffix == ".mcap":
             return McapFile(path, validate_crcs, max_unpacked_bytes)
-        raise BagError(f"{path}: neither .mcap nor .db3 nor a folder")
+        raise BagError(f"{path}: {'neither .mcap nor .db3 nor a folder' if path.exists() else 'there is no such file'}")
 
     def _tell_of_unread(self) -> None:
-        for path, file in zip(self.files, self._files, strict=True):
-            if file.unread_bytes:
-                text = f"{path} breaks off within a record: what its last {file.unread_bytes} bytes hold is lost"
-                warnings.warn(text, BagWarning, stacklevel=3)
+        for path, lost in zip(self.files, (file.unread_bytes for file in self._files), strict=True):
+            if lost:
+                said = f"{path} breaks off within a record: what its last {lost} bytes hold is lost"
+                warnings.warn(said, BagWarning, stacklevel=3)
 
     def _all_topics(self) -> dict[str, BagTopic]:
         found: dict[str, BagTopic] = {}

@@ -312,7 +312,7 @@ def test_info_tells_what_a_bag_holds(run_here: Any, tmp_path: Path) -> None:
     out = run_here("bag", "info", str(path))[1]
     assert "Duration:   0.950 s\n" in out and "/map\tstd_msgs/msg/String\t1\treliable, transient local\n" in out
     (tmp_path / "no.mcap").write_bytes(b"no bag")
-    for name, text in (("no.mcap", "damaged"), ("nowhere", "no such file"), ("nowhere.mcap", "no such file")):
+    for name, text in (("no.mcap", "damaged"), ("nowhere", "no such file"), ("nowhere.mcap", "No such file")):
         code, _, err = run_here("bag", "info", str(tmp_path / name))
         assert (code, text in err, "Traceback" in err) == (1, True, False), err
 
