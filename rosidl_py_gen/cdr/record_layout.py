@@ -21,9 +21,9 @@ from rosidl_py_gen.fieldtype import Arity, FieldType
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from rosidl_py_gen.cdr.message import Field, Message
+    from rosidl_py_gen.cdr.fields import FieldLike, MessageLike
 
-    MessageClass = type[Message]
+    MessageClass = type[MessageLike]
 
 _MAX_ALIGN = 8
 P = ParamSpec("P")
@@ -103,7 +103,7 @@ def end_of_many(cls: MessageClass, position: int, count: int) -> int:
     return first + (count - 1) * (end_of(cls, first) - first) if count > 1 else first
 
 
-def _members(cls: MessageClass, position: int) -> Iterator[tuple[Field, int, int]]:
+def _members(cls: MessageClass, position: int) -> Iterator[tuple[FieldLike, int, int]]:
     """Each field of a message with the positions where its values begin and end."""
     for field in cls._TYPE.fields:
         count = _count(field.type)
@@ -139,7 +139,7 @@ def _exact_dtype(cls: MessageClass, position: int, itemsize: int) -> np.dtype[np
     return _struct(cls, formats, offsets, itemsize)
 
 
-def _exact_element(field: Field, begin: int) -> np.dtype[Any] | None:
+def _exact_element(field: FieldLike, begin: int) -> np.dtype[Any] | None:
     if field.cls is None:
         assert field.type.primitive is not None
         return DTYPES[field.type.primitive.code]
@@ -164,7 +164,7 @@ def loose_dtype(cls: MessageClass) -> np.dtype[np.void]:
     return _struct(cls, formats, offsets, size)
 
 
-def _nested(field: Field) -> MessageClass:
+def _nested(field: FieldLike) -> MessageClass:
     assert field.cls is not None
     return field.cls
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from rosidl_py_gen.cdr.message import Message
+    from rosidl_py_gen.cdr.fields import MessageLike
     from rosidl_py_gen.cdr.record_layout import Piece
 
     Array = NDArray[Any]
@@ -56,7 +56,7 @@ class RecordType:
         plain: besides, no byte of `dtype` is padding.
     """
 
-    def __init__(self, cls: type[Message]) -> None:
+    def __init__(self, cls: type[MessageLike]) -> None:
         self.cls = cls
         self.dtype = record_dtype(cls)
         self.align, self.largest = alignments(cls)
@@ -191,7 +191,7 @@ class RecordType:
 
     # --- messages -----------------------------------------------------------------------------------------------------
 
-    def from_messages(self, values: Sequence[Message]) -> Array:
+    def from_messages(self, values: Sequence[MessageLike]) -> Array:
         """The elements of a list; raises EncodeError, of the first wrong element."""
         raw = b"".join([_encoded(message, index) for index, message in enumerate(values)])
         found = np.zeros(len(values), self.dtype)
@@ -217,7 +217,7 @@ class RecordType:
             return False
 
 
-def _encoded(message: Message, index: int) -> bytes:
+def _encoded(message: MessageLike, index: int) -> bytes:
     try:
         return message._encode()
     except EncodeError as error:
@@ -228,7 +228,7 @@ def _encoded(message: Message, index: int) -> bytes:
 record_type = remembered(RecordType)
 
 
-def known_record_type(cls: type[Message]) -> RecordType | None:
+def known_record_type(cls: type[MessageLike]) -> RecordType | None:
     """The record type of a class; None when its messages vary in size or are too large for numpy."""
     try:
         return None if varying_field(cls) else record_type(cls)
@@ -236,12 +236,12 @@ def known_record_type(cls: type[Message]) -> RecordType | None:
         return None
 
 
-def read_records(cls: type[Message], data: Buffer, pos: int, count: int) -> tuple[Any, int]:
+def read_records(cls: type[MessageLike], data: Buffer, pos: int, count: int) -> tuple[Any, int]:
     """What generated code calls for a sequence of fixed-size messages: see `RecordType.read`."""
     return record_type(cls).read(data, pos, count)
 
 
-def write_records(cls: type[Message], values: Any, append: Callable[[Any], object], pos: int) -> int:
+def write_records(cls: type[MessageLike], values: Any, append: Callable[[Any], object], pos: int) -> int:
     """What generated code calls for an array in the place of a list of messages: see `RecordType.write`."""
     return record_type(cls).write(values, append, pos)
 
