@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool, Trigger
 from worlds import until
 
 from rosidl_py_gen.runtime import QoSProfile
@@ -63,7 +64,10 @@ async def test_what_does_not_fit_together_is_told(network: World, tool: Tool) ->
     twin.create_subscription(String, "/scan")
     node.create_publisher(String, "/mixed")
     twin.create_subscription(Bool, "/mixed")
+    node.create_service(SetBool, "/stop", lambda request: SetBool.Response())
+    twin.create_client(Trigger, "/stop")
     await until(lambda: twin.count_publishers("/scan") == 1 and twin.count_publishers("/mixed") == 1)
+    await until(lambda: twin.count_services("/stop") == 1 and node.count_clients("/stop") == 1)
     done, report = await asyncio.gather(
         tool("doctor", "--spin-time", "1.25"), tool("doctor", "--report", "--spin-time", "1.25")
     )
@@ -71,6 +75,7 @@ async def test_what_does_not_fit_together_is_told(network: World, tool: Tool) ->
     refused = "no messages on /scan from /same to /same: their quality of service is incompatible. ERROR: Best effort"
     assert (refused in done.out) == (network.kind == "dds")  # on Zenoh they connect
     assert "types differ, std_msgs/msg/String and std_msgs/msg/Bool" in done.out
+    assert "no calls of /stop from node /same to node /same: types differ, " in done.out
     assert "2 nodes have the same name" in report.out
     assert "/same" not in report.out and "/scan" not in report.out
 

@@ -10,13 +10,14 @@ import os
 import subprocess
 import sys
 from collections import Counter, defaultdict
-from itertools import islice
+from itertools import chain, islice
 from time import monotonic
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.runtime import WaitTimeoutError
+from rosidl_py_gen.runtime.names.dds import request_name
 from rosidl_py_gen.tools.doctor.echo import topics
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding
 
@@ -185,7 +186,7 @@ def twins(node: Node) -> Iterator[Finding]:
 
 
 def mismatches(node: Node) -> Iterator[Finding]:
-    """Publishers and subscriptions that do not connect, at most 20."""
+    """Publishers and subscriptions, clients and servers that do not connect, at most 20."""
     found = (
         finding
         for topic, _ in node.get_topic_names_and_types()
@@ -193,7 +194,20 @@ def mismatches(node: Node) -> Iterator[Finding]:
         for reader in node.get_subscriptions_info_by_topic(topic)
         for finding in _mismatch(node, topic, writer, reader)
     )
-    yield from islice(found, _MOST_MISMATCHES)
+    yield from islice(chain(found, _service_mismatches(node)), _MOST_MISMATCHES)
+
+
+def _service_mismatches(node: Node) -> Iterator[Finding]:
+    graph, why_apart = node.scope.graph, node.scope.discovery.why_apart
+    for service, _ in node.get_service_names_and_types():
+        requests = request_name(service)
+        for client in graph.on_topic(requests, writers=True):
+            for server in graph.on_topic(requests, writers=False):
+                if reason := why_apart(client, server):
+                    who = f"{graph.describe_node(client)} to {graph.describe_node(server)}"
+                    advice = "give both one type by one definition" if "quality" not in reason else ""
+                    public = "a client and a server of one name do not connect"
+                    yield Finding(WARNING, f"no calls of {service} from {who}: {reason}", advice, public=public)
 
 
 def _mismatch(node: Node, topic: str, writer: TopicEndpointInfo, reader: TopicEndpointInfo) -> Iterator[Finding]:
