@@ -1,9 +1,8 @@
 """Expressions over a message: conditions such as ``m.pose.position.x > 1``, and paths such as ``poses[0].position``.
 
-Decides what an expression may do: read fields and elements, compute with numbers, compare, and call `FUNCTIONS`.
-Python parses it; what is not listed here is refused before the first message, and so is every name that is no field.
-What is left runs as Python's own. It can neither call anything else nor take long: powers have bounds, and what takes
-as long as an array may not be asked again for each element of another.
+Decides which part of Python they may be: the nodes of `_IN_FILTERS`, fields of messages, and calls of `FUNCTIONS`.
+Anything else is refused before the first message; what is left is compiled and run by Python. Lengths and numbers come
+from strangers, so products and powers are kept small, and loops end when the time for one message has passed.
 """
 
 from __future__ import annotations
@@ -12,7 +11,8 @@ import ast
 import math
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from time import perf_counter
 from typing import Any, NoReturn, TypeAlias, cast
 
 import numpy as np
@@ -22,14 +22,14 @@ from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.fieldtype import Arity
 from rosidl_py_gen.names import did_you_mean, py_name
 
-_MAX_TEXT, _MAX_DEPTH, _MAX_EXPONENT, _MAX_DIGITS, _MAX_ARGUMENTS = 1000, 40, 64, 20, 100
-_Shape: TypeAlias = "type[Message] | Field | None"
-"""What an expression is: a message, a field that is none, or something that has no fields."""
-_ALLOWED = (
-    *(ast.BoolOp, ast.boolop, ast.UnaryOp, ast.unaryop, ast.IfExp, ast.Tuple, ast.List, ast.Set, ast.Slice),
-    ast.expr_context,
+_MAX_TEXT, _MAX_DEPTH, _MAX_BITS, _MAX_CONSTANT, _MAX_S = 1000, 40, 256, 64, 1.0
+_IN_PATHS = (ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Slice, ast.UnaryOp, ast.USub)
+_IN_FILTERS = (
+    *(*_IN_PATHS, ast.BinOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Tuple, ast.List, ast.Set, ast.Call),
+    *(ast.GeneratorExp, ast.comprehension, ast.operator, ast.unaryop, ast.boolop, ast.cmpop),
 )
-_IN_PATHS = (ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Slice, ast.UnaryOp, ast.USub, ast.Load)
+_Shape: TypeAlias = "type[Message] | Field | None"
+"""What is known of a value before the first message: its class, the field it is or is an element of, or nothing."""
 
 
 class FilterError(RosidlError, ValueError):
@@ -43,7 +43,7 @@ def compile_filter(text: str, cls: type[Message]) -> Callable[[Message], bool]:
         FilterError: says what is wrong, and in which column. The condition itself raises it when it has no value for
             a message, such as for an element that is not there.
     """
-    value = _compiled(_parse(text, text), cls)
+    value = _compiled(_Check(text.strip(), cls).checked(_IN_FILTERS))
     return lambda message: bool(value(message))
 
 
@@ -54,209 +54,241 @@ def compile_path(text: str, cls: type[Message]) -> Callable[[Message], Any]:
         FilterError: as `compile_filter`.
     """
     spelled = re.sub(r"[^\W\d]\w*", lambda found: py_name(found[0]), text.strip().strip("."))
-    tree = _parse(f"m.{spelled}", text)
-    if not all(isinstance(node, _IN_PATHS) for node in ast.walk(tree.body)):
-        raise FilterError(f'"{text}" is not the path of a field; expected names with . and [index] between them')
     try:
-        value = _compiled(tree, cls)
+        return _compiled(_bare(_Check(f"m.{spelled}", cls).checked(_IN_PATHS)))
     except FilterError as error:
-        raise FilterError(f'"{text}": {str(error).partition(": ")[2] or error}') from None
-    return lambda message: np.asarray(found) if isinstance(found := value(message), memoryview) else found
+        reason = re.sub(r"^column \d+: ", "", str(error))
+        raise FilterError(f'"{text[:_MAX_TEXT]}" is not the path of a field: {reason}') from None
 
 
-def _parse(text: str, shown: str) -> ast.Expression:
+def _compiled(body: ast.expr) -> Callable[[Message], Any]:
+    names = ast.arguments([], [ast.arg("m"), ast.arg("_end")], None, [], [], None, [])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        code = compile(ast.fix_missing_locations(ast.Expression(ast.Lambda(names, body))), "<expression>", "eval")
+    function = eval(code, {"__builtins__": {}, **FUNCTIONS, **_HELPERS})
+
+    def value(message: Message) -> Any:
+        try:
+            return function(message, perf_counter() + _MAX_S)
+        except FilterError:
+            raise
+        except (ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError) as error:
+            raise FilterError(str(error) or type(error).__name__) from None
+
+    return value
+
+
+# ------------------------------------------------------------------------------------------- before the first message
+
+
+class _Check(ast.NodeTransformer):
+    """Refuses what is not allowed, and puts in the `_HELPERS` that decide about what only a message shows.
+
+    Arrays of numpy become lists, which are true, equal and ordered as Python's are, but where they are taken `_bare`.
+    """
+
+    def __init__(self, text: str, cls: type[Message]) -> None:
+        self._text = text
+        self._known: dict[str, _Shape] = {"m": cls}
+
+    def checked(self, allowed: tuple[type[ast.AST], ...]) -> Any:
+        """The expression as it is to be run."""
+        body = _parsed(self._text)
+        level: list[ast.AST] = [body]
+        for _ in range(_MAX_DEPTH):
+            for node in level:
+                if not isinstance(node, allowed) or isinstance(getattr(node, "op", None), ast.MatMult):
+                    self._refuse(node, f"`{self._shown(node)}` is not allowed")
+            children = (child for node in level for child in ast.iter_child_nodes(node))
+            level = [child for child in children if not isinstance(child, ast.expr_context)]
+        if level:
+            self._refuse(body, "nested too deeply")
+        return self.visit(body)
+
+    def _refuse(self, node: ast.AST, reason: str) -> NoReturn:
+        column = len(self._text.encode()[: getattr(node, "col_offset", 0)].decode(errors="ignore")) + 1
+        raise FilterError(f"column {column}: {reason}")
+
+    def _shown(self, node: ast.AST) -> str:
+        return (ast.get_source_segment(self._text, node) or "")[:80]
+
+    def _shape(self, node: ast.expr) -> _Shape:
+        match node:
+            case ast.Name():
+                return self._known.get(node.id)
+            case ast.Attribute() if field := self._known_field(node):
+                return field.cls if field.cls is not None and field.type.arity is Arity.SCALAR else field
+            case ast.Subscript():
+                shape = self._shape(node.value)
+                element = self._element(node.value, shape)
+                return shape if isinstance(node.slice, ast.Slice) else element
+        return None
+
+    def _element(self, node: ast.expr, shape: _Shape) -> _Shape:
+        if isinstance(shape, type):
+            self._refuse(node, f"{self._shown(node)} is {shape._TYPE.name}, which has no elements")
+        return shape and (shape.cls or shape._replace(type=shape.type.element))
+
+    def _known_field(self, node: ast.Attribute) -> Field | None:
+        """The field that is read, if that is known."""
+        shape, name = self._shape(node.value), node.attr
+        if shape is None and not name.startswith("_"):
+            return None
+        text = self._shown(node.value)
+        if shape is None or isinstance(shape, Field):
+            self._refuse(node, f"{text} is {shape.type if shape else 'no message'}, which has no fields")
+        if field := _field(shape, name):
+            return field
+        names = [field.ros_name for field in shape._TYPE.fields]
+        hint = did_you_mean(name, names) or f"; it has {', '.join(names) or 'none'}"
+        self._refuse(node, f'{text} is {shape._TYPE.name}, which has no field "{name}"{hint}')
+
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
+        if not (node.value is None or isinstance(node.value, int | float | str)):
+            self._refuse(node, f"`{self._shown(node)}` is not allowed")
+        if isinstance(node.value, int) and node.value.bit_length() > _MAX_BITS:
+            self._refuse(node, f"a number of more than {_MAX_BITS} bits")
+        return node
+
+    def visit_Name(self, node: ast.Name) -> ast.expr:
+        if node.id not in self._known:
+            hint = f"; {node.id}(...) is a function" if node.id in FUNCTIONS else "; the message is m"
+            self._refuse(node, f'there is no "{node.id}"{hint}')
+        return node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        field = self._known_field(node)
+        node.value = self.visit(node.value)
+        if field is None:
+            return _call("_read", node.value, ast.Constant(node.attr))
+        node.attr = field.py_name
+        return node if field.type.arity is Arity.SCALAR else _timed("_list", node)
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
+        if isinstance(node.slice, ast.Slice) and node.slice.step is not None:
+            self._refuse(node, "a step between elements is not allowed")
+        self._shape(node)
+        node.value, node.slice = _bare(self.visit(node.value)), self.visit(node.slice)
+        return _timed("_list", node) if isinstance(node.slice, ast.Slice) else _call("_at", node.value, node.slice)
+
+    def visit_Tuple(self, node: ast.Tuple | ast.List | ast.Set) -> ast.expr:
+        return ast.List([self.visit(item) for item in node.elts], ast.Load())
+
+    visit_List = visit_Set = visit_Tuple
+
+    def visit_Compare(self, node: ast.Compare) -> ast.AST:
+        shapes = [self._shape(value) for value in (node.left, *node.comparators)]
+        if any(shape if not isinstance(shape, Field) else shape.cls for shape in shapes):
+            self._refuse(node, "messages cannot be compared; compare their fields")
+        return self.generic_visit(node)
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        if isinstance(node.op, ast.Pow | ast.LShift):
+            self._require_small(node.right)
+        node.left, node.right = self._as_number(node.left), self._as_number(node.right)
+        return _call("_limited", node) if isinstance(node.op, ast.Mult | ast.Pow | ast.LShift) else node
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        name = node.func.id if isinstance(node.func, ast.Name) else ""
+        if name not in FUNCTIONS:
+            self._refuse(node, f"{self._shown(node.func)}(...) is not allowed; there are {', '.join(FUNCTIONS)}")
+        most = {"max": 100, "min": 100, "round": 2}.get(name, 1)
+        if not 0 < len(node.args) <= most:
+            self._refuse(node, f"{name} takes {'one value' if most == 1 else f'1 to {most} values'}")
+        for digits in node.args[1:] if name == "round" else ():
+            self._require_small(digits)
+        visit = self._as_number if FUNCTIONS[name] in _OF_NUMBERS else self.visit
+        node.args = [visit(value) for value in node.args]
+        if name in _OF_ARRAYS and len(node.args) == 1:
+            node.args = [_bare(node.args[0])]
+        return node
+
+    def visit_GeneratorExp(self, node: ast.GeneratorExp) -> ast.expr:
+        (loop, *more) = node.generators
+        if more or not isinstance(loop.target, ast.Name) or len(self._known) > 1 or loop.is_async:
+            self._refuse(node, "only one `for name in ...` is allowed, none inside another")
+        name, element = loop.target.id, self._element(loop.iter, self._shape(loop.iter))
+        if name in self._known or name in FUNCTIONS or (name[0] == "_" and name != "_"):
+            self._refuse(loop.target, f"`for {name}`: the name means something already")
+        loop.iter = _timed("_each", _bare(self.visit(loop.iter)))
+        self._known[name] = element
+        node.elt, loop.ifs = self.visit(node.elt), [self.visit(test) for test in loop.ifs]
+        del self._known[name]
+        return node
+
+    def _as_number(self, node: ast.expr) -> ast.expr:
+        shape, made = self._shape(node), self.visit(node)
+        is_number = isinstance(node, ast.BinOp) or isinstance(getattr(node, "value", None), int | float)
+        if isinstance(shape, Field):
+            is_number = shape.type.arity is Arity.SCALAR and shape.type.primitive is not None
+        return cast("ast.expr", made) if is_number else _call("_number", made)
+
+    def _require_small(self, node: ast.expr) -> None:
+        value = node.operand if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) else node
+        number = value.value if isinstance(value, ast.Constant) else None
+        if not isinstance(number, int | float) or number > _MAX_CONSTANT:
+            self._refuse(node, f"expected a constant up to {_MAX_CONSTANT}")
+
+
+def _parsed(text: str) -> ast.expr:
     if len(text) > _MAX_TEXT:
         raise FilterError(f"an expression of {len(text)} characters; at most {_MAX_TEXT} are taken")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return ast.parse(text.strip(), mode="eval")
+            return ast.parse(text, mode="eval").body
     except SyntaxError as error:
-        raise FilterError(
-            f'"{shown}" is not an expression: column {error.offset or len(text) + 1}: {error.msg}'
-        ) from None
+        reason = f"column {error.offset or len(text) + 1}: {error.msg}"
     except (ValueError, RecursionError, MemoryError) as error:
-        raise FilterError(f'"{shown}" is not an expression: {error or "nested too deeply"}') from None
+        reason = str(error) or "nested too deeply"
+    raise FilterError(f'"{text}" is not an expression: {reason}')
 
 
-def _compiled(tree: ast.Expression, cls: type[Message]) -> Callable[[Message], Any]:
-    try:
-        body = _Checker(cls).visit(tree.body)
-    except RecursionError:  # while the refused part was to be shown
-        raise FilterError("nested too deeply") from None
-    tree.body = ast.parse("lambda m: 0", mode="eval").body
-    tree.body.body = body  # type: ignore[attr-defined]
-    names = {"__builtins__": {}, **FUNCTIONS, **_PUT_IN}
-    function = eval(compile(ast.fix_missing_locations(tree), "<filter>", "eval"), names)
-
-    def value(message: Message) -> Any:
-        try:
-            return function(message)
-        except IndexError:
-            raise FilterError("there is no such element") from None
-        except (ArithmeticError, TypeError, ValueError) as error:
-            raise FilterError(str(error)) from None
-
-    return value
+def _field(cls: type[Message], name: str) -> Field | None:
+    return next((field for field in cls._TYPE.fields if name in (field.ros_name, field.py_name)), None)
 
 
-class _Checker(ast.NodeTransformer):
-    """Refuses what is not allowed, and lets arrays be read as `memoryview`: its elements are Python's own numbers."""
-
-    def __init__(self, cls: type[Message]) -> None:
-        self._known: dict[str, _Shape] = {"m": cls}
-        self._depth = 0
-        self._is_looked_at = ast.expr()
-        """Of this an element or the length is asked for, not all."""
-
-    def visit(self, node: ast.AST) -> Any:
-        """Check a node; what is known of its value is left in its `shape`."""
-        method = getattr(self, f"visit_{type(node).__name__}", None)
-        if method is None and not isinstance(node, _ALLOWED):
-            _refuse(node, f"`{ast.unparse(node)}` is not allowed in an expression")
-        self._depth += 1
-        if self._depth > _MAX_DEPTH:
-            _refuse(node, "nested too deeply")
-        made = self.generic_visit(node) if method is None else method(node)
-        self._depth -= 1
-        return made
-
-    def visit_Constant(self, node: ast.Constant) -> ast.AST:
-        if not (node.value is None or isinstance(node.value, bool | int | float | str)):
-            _refuse(node, f"`{ast.unparse(node)}` is not allowed in an expression")
-        return node
-
-    def visit_Name(self, node: ast.Name) -> ast.AST:
-        if node.id not in self._known:
-            hint = f"; {node.id}(...) is a function" if node.id in FUNCTIONS else "; the message is m"
-            _refuse(node, f'there is no "{node.id}"{hint}')
-        return _shaped(node, self._known[node.id])
-
-    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
-        is_looked_at = node is self._is_looked_at
-        text, node.value = ast.unparse(node.value), self.visit(node.value)
-        shape = _shape(node.value)
-        if shape is None or isinstance(shape, Field):
-            _refuse(node, f"{text}{f' is {shape.type}, which' if shape else ''} has no fields")
-        field = next((one for one in shape._TYPE.fields if node.attr in (one.ros_name, one.py_name)), None)
-        if field is None:
-            names = [one.ros_name for one in shape._TYPE.fields]
-            hint = did_you_mean(node.attr, names) or f"; it has {', '.join(names) or 'none'}"
-            _refuse(node, f'{text} is {shape._TYPE.name}, which has no field "{node.attr}"{hint}')
-        node.attr = field.py_name
-        if field.type.arity is Arity.SCALAR:
-            return _shaped(node, field.cls or field)
-        if len(self._known) > 1 and _root(node) == "m" and not is_looked_at:
-            _refuse(node, f"all of {text}.{node.attr} for each element of another array takes too long")
-        return _shaped(_call("_view", node), field)
-
-    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
-        text, is_part = ast.unparse(node.value), isinstance(node.slice, ast.Slice)
-        if isinstance(node.slice, ast.Slice) and node.slice.step is not None:
-            _refuse(node, "a step between elements is not allowed")
-        if not is_part:
-            self._is_looked_at = node.value
-        node.value = self.visit(node.value)
-        shape = _shape(node.value)
-        if isinstance(shape, type):
-            _refuse(node, f"{text} is {shape._TYPE.name}, which has no elements")
-        node.slice = self.visit(node.slice)
-        return _shaped(node, shape if is_part or shape is None else shape.cls)
-
-    def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        if isinstance(node.op, ast.Pow | ast.LShift):
-            _require_small(node.right, _MAX_EXPONENT, "what stands right of ** and <<")
-            if any(isinstance(one, ast.Pow | ast.LShift) for one in ast.walk(node.left)):
-                _refuse(node, "** and << of what has one of them already is not allowed")
-        elif isinstance(node.op, ast.MatMult):
-            _refuse(node, f"`{ast.unparse(node)}` is not allowed in an expression")
-        # Of texts and lists some take memory, and some answer what nobody asked for.
-        node.left, node.right = _call("_number", self.visit(node.left)), _call("_number", self.visit(node.right))
-        return node
-
-    def visit_Compare(self, node: ast.Compare) -> ast.AST:
-        node.left = _call("_plain", self.visit(node.left))
-        node.comparators = [_call("_plain", self.visit(one)) for one in node.comparators]
-        return node
-
-    def visit_Call(self, node: ast.Call) -> ast.AST:
-        name = node.func.id if isinstance(node.func, ast.Name) else ""
-        if name not in FUNCTIONS:
-            _refuse(node, f"{ast.unparse(node.func)}(...) is not allowed; there are {', '.join(FUNCTIONS)}")
-        most = {"max": _MAX_ARGUMENTS, "min": _MAX_ARGUMENTS, "round": 2}.get(name, 1)
-        if node.keywords or not 0 < len(node.args) <= most or any(isinstance(one, ast.Starred) for one in node.args):
-            _refuse(node, f"{name} takes {'one value' if most == 1 else f'1 to {most} values'}")
-        if name == "round" and len(node.args) == 2:
-            _require_small(node.args[1], _MAX_DIGITS, "the digits of round")
-        if name == "len":
-            self._is_looked_at = node.args[0]
-        is_loop = len(node.args) == 1 and isinstance(node.args[0], ast.GeneratorExp)
-        node.args = [self._loop(node.args[0])] if is_loop else [self.visit(one) for one in node.args]
-        return node
-
-    def _loop(self, node: Any) -> Any:
-        """``... for x in m.field if ...`` as the argument of a function; one deep, so that its cost is seen."""
-        (loop, *more) = node.generators
-        if more or not isinstance(loop.target, ast.Name) or len(self._known) > 1 or loop.is_async:
-            _refuse(node, "only one `for name in ...` is allowed, none inside another")
-        name, loop.iter = loop.target.id, self.visit(loop.iter)
-        if name in self._known or name in FUNCTIONS:
-            _refuse(loop.target, f"`for {name}`: the name means something already")
-        shape = _shape(loop.iter)
-        self._known[name] = shape.cls if isinstance(shape, Field) else None
-        node.elt, loop.ifs = self.visit(node.elt), [self.visit(test) for test in loop.ifs]
-        del self._known[name]
-        return node
-
-
-def _refuse(node: Any, reason: str) -> NoReturn:
-    raise FilterError(f"column {getattr(node, 'col_offset', 0) + 1}: {reason}")
-
-
-def _require_small(node: ast.expr, most: int, what: str) -> None:
-    try:
-        value = ast.literal_eval(node)
-    except ValueError:
-        value = None
-    if not isinstance(value, int | float) or not abs(value) <= most:
-        _refuse(node, f"{what} has to be a number up to {most}")
-
-
-def _shape(node: ast.AST) -> _Shape:
-    return getattr(node, "shape", None)
-
-
-def _shaped(node: ast.AST, shape: _Shape) -> ast.AST:
-    node.shape = shape  # type: ignore[attr-defined]
-    return node
-
-
-def _root(node: Any) -> str:
-    """The name that a path begins with."""
-    while not isinstance(node, ast.Name):
-        node = node.args[0] if isinstance(node, ast.Call) else getattr(node, "value", None)
-        if node is None:
-            return ""
-    return str(node.id)
-
-
-def _call(name: str, *values: Any) -> ast.Call:
+def _call(name: str, *values: ast.expr) -> ast.Call:
     return ast.Call(ast.Name(name, ast.Load()), list(values), [])
 
 
-# ------------------------------------------------------------------------------------------------------- what it calls
+def _timed(name: str, made: ast.expr) -> ast.expr:
+    return _call(name, made, ast.Name("_end", ast.Load()))
 
 
-def _view(array: Any) -> Any:
-    """Numbers of arrays as those of Python: one of numpy with 8 bits would begin again behind 255."""
-    if not isinstance(array, np.ndarray):
-        return array
-    return memoryview(cast("Any", array.astype(array.dtype.newbyteorder("="), copy=False)))
+def _bare(made: ast.expr) -> ast.expr:
+    is_list = isinstance(made, ast.Call) and isinstance(made.func, ast.Name) and made.func.id == "_list"
+    return cast("ast.Call", made).args[0] if is_list else made
 
 
-def _plain(value: Any) -> Any:
-    """What can be compared with a list."""
-    return value.tolist() if isinstance(value, memoryview) else value
+# --------------------------------------------------------------------------------------------------- for each message
+
+
+def _list(value: Any, end: float) -> Any:
+    if perf_counter() > end:
+        raise FilterError(f"takes longer than {_MAX_S:g} s for one message")
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _each(items: Any, end: float) -> Iterator[Any]:
+    for item in _list(items, end):
+        if perf_counter() > end:
+            _list(items, end)
+        yield item
+
+
+def _at(items: Any, index: Any) -> Any:
+    if not isinstance(index, int) or not -len(items) <= index < len(items):
+        raise FilterError(f"there is no element {index!r:.50} among {len(items)}")
+    return items.item(int(index)) if isinstance(items, np.ndarray) else items[index]
+
+
+def _read(value: Any, name: str) -> Any:
+    field = _field(type(value), name) if isinstance(value, Message) else None
+    if field is None:
+        raise FilterError(f'{type(value).__name__} has no field "{name}"')
+    return _list(getattr(value, field.py_name), math.inf)
 
 
 def _number(value: Any) -> Any:
@@ -265,32 +297,30 @@ def _number(value: Any) -> Any:
     return value
 
 
-def _of_all(function: Callable[..., Any], of_array: Callable[[Any], Any]) -> Callable[..., Any]:
-    """A function of elements, with numpy's for arrays."""
-
-    def call(*values: Any) -> Any:
-        is_array = len(values) == 1 and isinstance(values[0], memoryview) and len(values[0]) > 0
-        return of_array(np.asarray(values[0])).item() if is_array else function(*values)
-
-    return call
+def _limited(value: Any) -> Any:
+    if isinstance(value, complex):
+        raise FilterError("the root of a negative number")
+    if isinstance(value, int) and value.bit_length() > _MAX_BITS:
+        raise FilterError(f"a number of more than {_MAX_BITS} bits")
+    return value
 
 
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "abs": abs,
-    "all": _of_all(all, np.all),
-    "any": _of_all(any, np.any),
-    "bool": bool,
-    "float": float,
-    "int": int,
-    "isfinite": math.isfinite,
-    "isinf": math.isinf,
-    "isnan": math.isnan,
-    "len": len,
-    "max": _of_all(max, np.max),
-    "min": _of_all(min, np.min),
-    "round": round,
-    "sqrt": math.sqrt,
-    "sum": _of_all(sum, lambda values: values.sum(dtype="f8" if values.dtype.kind == "f" else None)),
+def _of_array(function: Callable[..., Any], of_array: Callable[[Any], Any]) -> Callable[..., Any]:
+    """The same of an array, which would take long as a list."""
+    return lambda *values: of_array(values[0]).item() if isinstance(values[0], np.ndarray) else function(*values)
+
+
+def _sum(values: Any) -> Any:
+    with np.errstate(all="ignore"):  # numpy would write of a stranger's infinities on the terminal
+        return values.sum(dtype="f8" if values.dtype.kind == "f" else None)
+
+
+_HELPERS = {"_at": _at, "_each": _each, "_limited": _limited, "_list": _list, "_number": _number, "_read": _read}
+_OF_NUMBERS = (abs, float, int, math.isfinite, math.isinf, math.isnan, round, math.sqrt)
+_OF_ARRAYS: dict[str, Callable[..., Any]] = {
+    "len": lambda items: sum(1 for _ in items) if isinstance(items, Iterator) else len(items),
+    "max": _of_array(max, np.max),
+    "min": _of_array(min, np.min),
+    "sum": _of_array(sum, _sum),
 }
-"""What an expression may call."""
-_PUT_IN = {"_view": _view, "_plain": _plain, "_number": _number}
+FUNCTIONS = dict(sorted({**_OF_ARRAYS, **{one.__name__: one for one in (*_OF_NUMBERS, all, any, bool)}}.items()))
