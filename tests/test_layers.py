@@ -123,6 +123,26 @@ SEAMS = {
     "websockets": ("tools.foxglove.own_viewer", "tools.foxglove.front"),
     "pytest": ("runtime.pytest_plugin",),
 }
+# Who may ask the machine what time it is; everybody else asks the loop, or the clocks of the transport, which stand
+# still in tests. The second half is about what takes place outside of the loop: other threads, processes, files.
+KNOW_THE_TIME = (
+    "runtime.transport.clocks",
+    "runtime.transport.cyclone",
+    "runtime.transport.zenoh",
+    "runtime.logs",
+    "runtime.time.clock",
+    "runtime.loop.portal",
+    "runtime.loop.virtual_time",
+    "tools.doctor.peers",
+    "tools.bag.writer",
+    "tools.bag.convert",
+    "tools.foxglove",
+    "tools.filters",
+    "tools.messages",
+    "tools.topic.figures",
+    "mcap.writer",
+    "cli.generate",
+)
 # Only these may import the node: everything else gets a transport and a resolved name.
 NODE_USERS = ("runtime", "runtime.lifecycle.node", "runtime.pytest_plugin", "cli")
 # Never, not even for type checkers.
@@ -432,6 +452,19 @@ def test_imports_form_no_circle() -> None:
         # The package itself loads what a name needs when it is used, so nothing hangs on importing it.
         edges[own] = {target for target in targets if target not in ("", own) and _is_module(f"{NAME}.{target}")}
     assert circles(edges) == []
+
+
+@pytest.mark.parametrize("path", WRITTEN, ids=module_of)
+def test_time_comes_from_the_loop_or_the_transport(path: Path) -> None:
+    if module_of(path).startswith(KNOW_THE_TIME):
+        return
+    names = {"monotonic", "monotonic_ns", "time", "time_ns", "perf_counter", "perf_counter_ns"}
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        is_asked = isinstance(node, ast.Attribute) and ast.unparse(node.value) == "time" and node.attr in names
+        is_taken = (
+            isinstance(node, ast.ImportFrom) and node.module == "time" and names & {one.name for one in node.names}
+        )
+        assert not (is_asked or is_taken), f"{module_of(path)}:{node.lineno}: {ast.unparse(node)}"
 
 
 @pytest.mark.parametrize("path", WRITTEN, ids=module_of)
