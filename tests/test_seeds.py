@@ -30,7 +30,8 @@ def tried(folder: Path, *arguments: str) -> list[str]:
 
 
 def test_a_seed_gives_new_examples_where_ci_has_the_same_ones(tmp_path: Path) -> None:
-    shutil.copy(TESTS / "conftest.py", tmp_path)
+    for name in ("conftest.py", "scale.py"):
+        shutil.copy(TESTS / name, tmp_path)
     (tmp_path / "test_property.py").write_text(PROPERTY)
     usual, seeded = tried(tmp_path), tried(tmp_path, "-m", "hypothesis", "--hypothesis-seed=5")
     assert len(usual) > 50 and usual == tried(tmp_path)

@@ -70,6 +70,7 @@ class Client(ServersOfClient[RequestT, ResponseT]):
         """Those that were sent with an identity, by the middleware's numbers."""
         self._sent = 0
         self._limits: TimeLimits | None = None
+        self._is_told = scope.participant.ends_requests
         self._was_asked = False
         """Replies go to functions that may be the user's, and not only to futures."""
         self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
@@ -284,13 +285,16 @@ class Client(ServersOfClient[RequestT, ResponseT]):
 
     def _look_for_lost(self) -> None:
         """Let requests fail that nobody is left to answer. What was answered before is read before."""
-        if self._closed or not any(pending.is_lost(self._presence.now()) for pending in self._pending.values()):
+        if self._closed or not self._lost():
             return
         self._reader.fetch()
         self._read_all()
-        for pending in list(self._pending.values()):
-            if pending.is_lost(self._presence.now()):
-                self._fail(pending, ServerLostError(f"the server of {self.name} went away before it answered"))
+        for pending in self._lost():
+            self._fail(pending, ServerLostError(f"the server of {self.name} went away before it answered"))
+
+    def _lost(self) -> list[PendingRequest[ResponseT]]:
+        present = self._presence.now()
+        return [pending for pending in self._pending.values() if pending.is_lost(present, self._is_told)]
 
     def _lose(self, number: int, reason: str) -> None:
         pending = self._by_number.get(number)

@@ -80,9 +80,15 @@ class PendingRequest(Generic[ResponseT]):
         self.limits: TimeLimits | None = None
         self.servers: frozenset[bytes] = frozenset()
 
-    def is_lost(self, present: frozenset[bytes]) -> bool:
-        """Whether there were servers, and none of these endpoints belongs to one that could answer."""
-        return bool(self.servers) and (self.servers.isdisjoint(present) if self.is_sent else not present)
+    def is_lost(self, present: frozenset[bytes], is_told: bool) -> bool:
+        """Whether there were servers, and none of these endpoints belongs to one that could answer.
+
+        Args:
+            is_told: the middleware itself ends requests that were sent (`Participant.ends_requests`).
+        """
+        if self.is_sent:
+            return not is_told and bool(self.servers) and self.servers.isdisjoint(present)
+        return bool(self.servers) and not present
 
 
 def kept_by(participant: Participant, servers: Iterable[EndpointFound], clients: Iterable[EndpointFound]) -> int:

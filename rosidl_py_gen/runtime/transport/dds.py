@@ -153,6 +153,7 @@ class DdsParticipant:
     """The part of a `transport.Participant` that is the same for all of DDS."""
 
     middleware = "DDS"
+    ends_requests = False
     guid: bytes
 
     def __init__(self) -> None:

@@ -324,6 +324,13 @@ class Participant(Protocol):
     def identity_refusal(self) -> str | None:
         """Why services of peers that want an `Identity` cannot be used; None when they can."""
 
+    @property
+    def ends_requests(self) -> bool:
+        """Whether a request that was sent and that nobody will answer any more is told as such (`unanswered`).
+
+        Then what discovery says of its servers is no news of it: that may arrive before their last responses do.
+        """
+
     def identifies(self, guid: bytes) -> bool:
         """Whether a service with that endpoint has an `Identity` beside its samples, and not a header in them."""
 

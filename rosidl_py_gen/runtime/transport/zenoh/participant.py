@@ -68,6 +68,8 @@ class ZenohParticipant:
 
     middleware = "Zenoh"
     identity_refusal: str | None = None
+    ends_requests = True
+    """A query does; tokens overtake its replies, for which Zenoh has a queue of its own."""
 
     def __init__(self, session: Any, domain_id: int, enclave: str, *, is_humble: bool = False) -> None:
         """`is_humble`: keys and tokens as in Humble, so without hashes."""

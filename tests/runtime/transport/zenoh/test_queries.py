@@ -124,6 +124,23 @@ async def test_only_calls_without_a_limit_have_that_of_zenoh_and_results_of_acti
     assert list((await goal.result())[1].sequence) == [1]
 
 
+async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_gone(pair: Pair) -> None:
+    """Zenoh sends tokens before replies, whichever was first."""
+    calling = pair.call()
+    await until(lambda: pair.reader._queries)
+    caller: Any = pair.client._scope.participant
+    (token,) = (
+        text for text, ends in caller.graph._tokens.items() if pair.server._reader.guid in {e.guid for e in ends}
+    )
+    caller.graph.hear(False, token)
+    caller.report_discovery()
+    await until(lambda: not pair.client.servers())
+    await asyncio.sleep(0.05)
+    request = await anext(pair.server)
+    request.respond(AddTwoInts.Response(sum=3))
+    assert (await calling).sum == 3
+
+
 @pytest.mark.parametrize(
     ("data", "error"), [(b"\0\1\0\0", DecodeError), (b"\0\1\0", ServerLostError), (b"", ServerLostError)]
 )
