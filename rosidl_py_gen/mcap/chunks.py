@@ -7,6 +7,7 @@ the reader allows. A large one is unpacked in pieces: whole records, about a meg
 from __future__ import annotations
 
 import struct
+import threading
 import zlib
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -58,6 +59,13 @@ class Head(NamedTuple):
     where: str
 
 
+class Zstd(threading.local):
+    """A decompressor for each thread: one that several use at once mixes up what they unpack."""
+
+    def __init__(self) -> None:
+        self.own = ZstdDecompressor()
+
+
 class Unpacker:
     """Unpacks the chunks of one file.
 
@@ -71,7 +79,7 @@ class Unpacker:
         """The file, for errors."""
         self._max_bytes = max_bytes
         self.validate_crcs = validate_crcs
-        self._zstd = ZstdDecompressor()
+        self._zstd = Zstd()
 
     def unpacked(self, record: bytes) -> bytes:
         """The records in a chunk, given as the body of its own record. Raises `BagError`, and what libraries raise."""
@@ -95,7 +103,7 @@ class Unpacker:
             self._require_size(max(said, size), packed)
             if said not in (-1, size):
                 raise BagError(f"{self.where}: damaged: a chunk says it holds {size} bytes, and its compression {said}")
-            return self._zstd.decompress(chunk.data, max_output_size=size)
+            return self._zstd.own.decompress(chunk.data, max_output_size=size)
         if chunk.compression == "lz4":
             self._require_size(size, packed)
             if size > _MOST_LZ4 * packed:

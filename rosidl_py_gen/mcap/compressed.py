@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
-from rosidl_py_gen.mcap.chunks import MOST_WINDOW
+from rosidl_py_gen.mcap.chunks import MOST_WINDOW, Zstd
 from rosidl_py_gen.mcap.common import BagError, BagTopic
 from rosidl_py_gen.mcap.storage import damage_told
 
@@ -71,7 +71,7 @@ class CompressedMessages:
         self._storage = storage
         self._path = path
         self._max_bytes = max_bytes
-        self._zstd = ZstdDecompressor()
+        self._zstd = Zstd()
         self.is_whole = storage.is_whole
         self.unread_bytes = storage.unread_bytes
 
@@ -104,8 +104,8 @@ class CompressedMessages:
                     "max_unpacked_bytes is more"
                 )
             if size >= 0:
-                return self._zstd.decompress(data)
-            unpacked = self._zstd.stream_reader(data).read(self._max_bytes + 1)
+                return self._zstd.own.decompress(data)
+            unpacked = self._zstd.own.stream_reader(data).read(self._max_bytes + 1)
         except (ZstdError, MemoryError) as error:
             raise BagError(f"{place}: damaged: {error}") from None
         if len(unpacked) > self._max_bytes:

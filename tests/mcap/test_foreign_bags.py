@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import random
 import shutil
 import sqlite3
 import struct
 import threading
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -335,6 +337,22 @@ def test_another_thread_may_read(tmp_path: Path) -> None:
             for thread in threads:
                 thread.join()
             assert found == [RIGHT] * 4
+
+
+@pytest.mark.parametrize("mode", ["chunks", "MESSAGE"])
+def test_threads_that_unpack_at_once_do_not_mix_it_up(tmp_path: Path, mode: str) -> None:
+    draw = random.Random(7)
+    texts = [draw.randbytes(20_000).hex() for _ in range(60)]
+    with BagWriter(tmp_path / "bag", compression="zstd" if mode == "chunks" else "") as writer:
+        writer.add_topic("/s", topic_of("/s", String))
+        for number, text in enumerate(texts):
+            data = String(data=text).encode()
+            writer.write("/s", ZstdCompressor().compress(data) if mode == "MESSAGE" else data, number)
+    if mode == "MESSAGE":
+        packed(tmp_path / "bag", mode)
+    with BagReader(tmp_path / "bag") as reader, ThreadPoolExecutor(8) as threads:
+        read = [threads.submit(lambda: [item.message.data for item in reader]) for _ in range(16)]
+        assert all(one.result() == texts for one in read)
 
 
 def test_two_definitions_of_one_name_in_a_database_are_told_apart_by_hash(tmp_path: Path) -> None:

@@ -327,9 +327,7 @@ class Participant(Protocol):
     @property
     def ends_requests(self) -> bool:
         """Whether a request that was sent and that nobody will answer any more is told as such (`unanswered`).
-
-        Then what discovery says of its servers is no news of it: that may arrive before their last responses do.
-        """
+        Discovery may tell of the end of its servers before their last responses arrive."""
 
     def identifies(self, guid: bytes) -> bool:
         """Whether a service with that endpoint has an `Identity` beside its samples, and not a header in them."""
