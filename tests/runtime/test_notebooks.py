@@ -65,7 +65,7 @@ class Notebook:
         return f"{content['ename']}: {content['evalue']}"
 
     async def _run(self, code: str) -> tuple[str, dict[str, Any]]:
-        cell = self._client.execute(code, allow_stdin=False)
+        cell = self._client.execute(code, allow_stdin=False, stop_on_error=False)
         reply: dict[str, Any] = {}
         while reply.get("parent_header", {}).get("msg_id") != cell:
             reply = await self._client.get_shell_msg(timeout=KERNEL_S)

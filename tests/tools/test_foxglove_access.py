@@ -52,6 +52,9 @@ HOSTILE = [
     "file:///home/x.html",
 ]
 
+BACKLOG = 1024
+"""Messages that wait for one viewer: more than any test makes the server say at once, as it lets go who has more."""
+
 
 async def nothing(*_: Any) -> dict[str, Any]:
     return {}
@@ -62,7 +65,9 @@ async def front(access: Access | None = None, **limits: int) -> AsyncIterator[st
     """The address of a server behind a front."""
     server = Server()
     handlers = Handlers(lambda: None, nothing, nothing, nothing)
-    behind = start_hidden(lambda host, port: server.start(Listening(host, port, 16, False, False), handlers, "token"))
+    behind = start_hidden(
+        lambda host, port: server.start(Listening(host, port, BACKLOG, False, False), handlers, "token")
+    )
     made = Front(access or Access(), **{"most_bytes": 1 << 20, "per_s": 1000, **limits})
     port = await made.start("127.0.0.1", 0, behind)
     try:
@@ -132,10 +137,11 @@ async def test_a_viewer_that_sends_too_much_is_read_more_slowly_and_others_are_n
         start = time.monotonic()
         for _ in range(100):
             await flood.connection.send("{")
+        await flood.send("subscribe", subscriptions=[{"id": 1, "channelId": 88}])
         await good.send("subscribe", subscriptions=[{"id": 1, "channelId": 77}])
         await good.until(lambda: "Unknown channel ID: 77" in good.warnings())
         assert time.monotonic() - start < 0.9
-        await flood.until(lambda: flood.warnings().count("Invalid message") == 100)
+        await flood.until(lambda: "Unknown channel ID: 88" in flood.warnings())
         assert time.monotonic() - start > 0.9
 
 
@@ -172,7 +178,9 @@ async def test_what_the_server_sends_comes_in_its_order_whole() -> None:
 
     server = Server()
     handlers = Handlers(lambda: None, nothing, nothing, nothing)
-    behind = start_hidden(lambda host, port: server.start(Listening(host, port, 16, False, False), handlers, "token"))
+    behind = start_hidden(
+        lambda host, port: server.start(Listening(host, port, BACKLOG, False, False), handlers, "token")
+    )
     made = Front(Access(), most_bytes=1 << 20, per_s=1000)
     port = await made.start("127.0.0.1", 0, behind)
     server.add_service("/x", "std_srvs/srv/Trigger", ("", ""), call)
