@@ -1,0 +1,157 @@
+"""``python tests/public_face.py``: write down the public face in `golden/public_face.txt`, and print what changed.
+
+`docs/versioning.md` promises not to change it without a word, and `test_public_face.py` compares. It is what the pages
+of `docs/api` show, read by griffe as these pages are made, without importing anything; the fixtures for pytest; and the
+commands with their options. What generated modules have is in `golden/generated`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import griffe
+import yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).resolve().parent.parent
+RECORD = ROOT / "tests/golden/public_face.txt"
+PROGRAMS = {"rosidl-py-gen": "rosidl_py_gen.cli", "rosidl-py": "rosidl_py_gen.tools"}
+FIXTURES = "runtime.pytest_plugin"
+PACKAGE = "rosidl_py_gen"
+_SHOWN = re.compile(rf"^::: {PACKAGE}\.(\S+)\n((?: {{4}}.*\n)*)", re.MULTILINE)
+
+
+def face() -> str:
+    """The whole record."""
+    package = griffe.load(PACKAGE, search_paths=[str(ROOT)], try_relative_path=False)
+    lines = []
+    for page in sorted((ROOT / "docs/api").glob("*.md")):
+        lines += ["", f"# docs/api/{page.name}"]
+        for name, options in sorted(_SHOWN.findall(page.read_text(encoding="utf-8"))):
+            settings = (yaml.safe_load(options) or {}).get("options", {})
+            lines += _entry(name, _target(package[name]), settings)
+    lines += ["", f"# {PACKAGE}.{FIXTURES}", *_fixtures(package[FIXTURES])]
+    for program, module in PROGRAMS.items():
+        lines += ["", f"# {program} --help", *_commands(program, import_module(module)._cli)]
+    return "\n".join(lines[1:]) + "\n"
+
+
+def difference(recorded: str, found: str) -> list[str]:
+    """The lines that are not in both, as a diff has them; members with their class."""
+    lines = list(difflib.unified_diff(list(_placed(recorded)), list(_placed(found)), n=0, lineterm=""))[2:]
+    return [line for line in lines if not line.startswith("@@")]
+
+
+def _placed(record: str) -> Iterator[str]:
+    owner = ""
+    for line in record.splitlines():
+        if line.startswith("    "):
+            yield f"{owner}: {line.strip()}"
+        else:
+            owner = line
+            yield line
+
+
+# ---------------------------------------------------------------------------------------------------------- API pages
+
+
+def _target(found: Any) -> Any:
+    return found.final_target if found.is_alias else found
+
+
+def _entry(name: str, found: Any, settings: dict[str, Any]) -> Iterator[str]:
+    """A function; or a class, its constructor unless the page hides that, and the members that it shows."""
+    if not found.is_class:
+        yield from _member(name, found) if found.is_function else [f"{name} = {found.value}"]
+        return
+    bases = [str(base) for base in found.bases if not str(base).startswith(("Generic[", "Owned", "Composite"))]
+    yield f"class {name}" + (f"({', '.join(bases)})" if bases else "")
+    if made := settings.get("merge_init_into_class", True) and _constructor(found):
+        yield f"    {made}"
+    for member, value in _members(found, settings, every=not made and "dataclass" in found.labels):
+        yield from (f"    {line}" for line in _member(member, value))
+
+
+def _constructor(found: Any) -> str:
+    if "dataclass" in found.labels:
+        return str(found.signature(name="__init__"))
+    made = found.all_members.get("__init__")
+    return str(_target(made).signature(name="__init__")).removesuffix(" -> None") if made else ""
+
+
+def _members(found: Any, settings: dict[str, Any], *, every: bool) -> list[tuple[str, Any]]:
+    """Those the page shows: what has a docstring, what its filters leave, and blocking forms (`_sync`) of that."""
+    hidden = [re.compile(one.removeprefix("!")) for one in settings.get("filters", ["!^_"])]
+    inherited = settings.get("inherited_members", True)
+    known = found.all_members if inherited is True else {*found.members, *inherited}
+    chosen = [name for name in settings.get("members", known) if not any(one.search(name) for one in hidden)]
+    named = {name: _target(found.all_members[name]) for name in chosen}
+    is_tuple = "NamedTuple" in map(str, found.bases)  # the order of its fields counts
+    every = every or is_tuple or settings.get("show_if_no_docstring", False)
+    shown = [(name, one) for name, one in named.items() if every or named[_awaitable(name, named)].docstring]
+    return shown if is_tuple else sorted(shown)
+
+
+def _awaitable(name: str, named: dict[str, Any]) -> str:
+    """The method that `name` is the blocking form of, whose docstring is that of both."""
+    form = name.removesuffix("_sync")
+    return form if form in named else name
+
+
+def _member(name: str, found: Any) -> Iterator[str]:
+    if found.is_attribute:
+        yield f"{name}: {found.annotation}" if found.annotation else name
+        return
+    for one in found.overloads or [found]:
+        kind = "async def" if "async" in found.labels else "def"
+        yield f"{kind} {one.signature(return_type=True, name=name)}"
+
+
+# ----------------------------------------------------------------------------------------------- fixtures and commands
+
+
+def _fixtures(module: Any) -> list[str]:
+    return [f"{name}: {one.returns}" for name, one in sorted(module.members.items()) if name.startswith("ros_")]
+
+
+def _commands(name: str, command: click.Command) -> Iterator[str]:
+    if not isinstance(command, click.Group) or command.invoke_without_command:
+        yield name
+        yield from (f"    {_parameter(one)}" for one in command.params)
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for child in command.list_commands(context):
+            found = command.get_command(context, child)
+            assert found is not None
+            yield from _commands(f"{name} {child}", found)
+
+
+def _parameter(parameter: click.Parameter) -> str:
+    """Its spellings, and what it takes."""
+    if isinstance(parameter, click.Argument):
+        return f"{parameter.human_readable_name}{'' if parameter.required else ' (optional)'}"
+    spelled = ", ".join([*parameter.opts, *parameter.secondary_opts])
+    assert isinstance(parameter, click.Option)
+    if parameter.is_flag or parameter.count:
+        return spelled
+    choices = parameter.type.choices if isinstance(parameter.type, click.Choice) else ()
+    takes = "|".join(map(str, choices)) or parameter.metavar or parameter.type.name.upper()
+    return f"{spelled} {takes}{' ...' if parameter.multiple else ''}"
+
+
+def main() -> None:
+    recorded, found = RECORD.read_text(encoding="utf-8") if RECORD.exists() else "", face()
+    RECORD.write_text(found, encoding="utf-8", newline="\n")
+    print(*difference(recorded, found) or ["nothing changed"], sep="\n")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,72 @@
+"""The public face is the recorded one: what `docs/versioning.md` promises does not change by accident."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from public_face import RECORD, difference, face
+
+CHANGED = """\
+The public face is not the recorded one any more:
+
+{lines}
+
+If this was not meant: docs/versioning.md promises these names and signatures. Bring them back, or begin with _ what
+users shall not use. If it was meant: record it with
+
+    python tests/public_face.py
+
+and commit that with the change and a line in CHANGELOG.md. From 1.0 on, what is taken away or changed has to be
+deprecated first: docs/versioning.md says how."""
+
+
+@pytest.fixture(scope="module")
+def found() -> str:
+    return face()
+
+
+def test_the_public_face_is_the_recorded_one(found: str) -> None:
+    changes = difference(RECORD.read_text(encoding="utf-8"), found)
+    assert not changes, CHANGED.format(lines="\n".join(changes))
+
+
+def test_a_change_is_shown_as_what_was_and_what_is() -> None:
+    before = "class Node\n    def close() -> None\n    name: str\n"
+    changed = difference(before, before.replace("close()", "close(now: bool)"))
+    assert changed == ["-class Node: def close() -> None", "+class Node: def close(now: bool) -> None"]
+    assert difference(before, before) == []
+
+
+def test_nothing_private_is_recorded(found: str) -> None:
+    names = [re.sub(r"^(async |def |class )*", "", line.strip()) for line in found.splitlines()]
+    assert len(names) > 900
+    assert [name for name in names if name.startswith("_") and not name.startswith("__init__(")] == []
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        "class runtime.MemoryTransport\n    __init__(clocks: Clocks = SYSTEM_CLOCKS)\n",
+        "class runtime.Publisher\n    def assert_liveliness() -> None\n",  # made by a node: no constructor
+        "    def get_parameter(name: str) -> PythonValue\n    def get_parameter(name: str, type: type[T], ",
+        "    async def receive(timeout_s: float | None = None) -> T\n    receive_sync\n",  # one docstring for both
+        "class mcap.BagMessage(NamedTuple)\n    topic: str\n    message: Any\n",  # the order of fields counts
+        "class runtime.Outcome(Enum)\n    ERROR\n    FAILURE\n    SUCCESS\n",
+        "class runtime.LifecycleNode(Node)\n    __init__(name: str, namespace: str = '', ",  # inherited
+        "\nruntime.qos.DEFAULT = QoSProfile()\n",
+        "\ndef type_hash(subject: object) -> str\n",
+        "\nros_world: MemoryTransport\n",
+        "\nrosidl-py-gen\n    --version\n    --path DIR ...\n    --filter NAMES\n",
+        "\nrosidl-py bag convert\n    PATH\n    OUTPUT\n    -s, --storage mcap|sqlite3\n",
+    ],
+)
+def test_every_kind_of_entry_is_recorded(found: str, lines: str) -> None:
+    assert lines in found
+
+
+def test_what_pages_hide_is_not_recorded(found: str) -> None:
+    """Names that are public only to other modules of ours."""
+    publisher = found.partition("class runtime.Publisher\n")[2].partition("\nclass ")[0]
+    assert "publish(" in publisher and "publish_without_waiting" not in publisher
+    assert "judge" not in found
