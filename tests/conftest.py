@@ -9,6 +9,8 @@ import re
 import signal
 import subprocess
 from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -26,6 +28,12 @@ NOT_QUICK = re.compile(
 """Tests and files of tests that start processes, or take long by themselves."""
 OF_PROCESSES = {"dds", "network", "start_peer", "topic_peer", "run_page", "clean", "tool", "run_here", "pytester"}
 """Fixtures that do."""
+NOT_EVERYWHERE = {
+    "cyclonedds": r"cyclonedds|rosidl_py_gen\.runtime\.transport\.cyclone",
+    "fcntl": "fcntl|private_network",
+    "resource": "resource",
+}
+"""Modules that some machines do not have, and the imports that need them."""
 
 
 @pytest.hookimpl(tryfirst=True)  # before hypothesis looks at --hypothesis-profile
@@ -46,6 +54,16 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("project")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Leave out the files that import at their head what this machine cannot have, and folders whose conftest does."""
+    missing = [imports for module, imports in NOT_EVERYWHERE.items() if not find_spec(module)]
+    file = collection_path / "conftest.py" if collection_path.is_dir() else collection_path
+    if not missing or file.suffix != ".py" or not file.exists():
+        return None
+    found = re.search(rf"^(from|import) ({'|'.join(missing)})\b", file.read_text(encoding="utf-8"), re.MULTILINE)
+    return True if found else None
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -13,7 +13,7 @@ import pytest
 from doc_pages import PAGES, ROOT, anchors, links, named_tests, prose, rows
 from worlds import ON_ZENOH
 
-LINKING = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+LINKING = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "SECURITY.md"]
 API = "\n".join(prose(page) for page in PAGES if page.parent.name == "api")
 
 PARTS = ("runtime", "numpy", "tf", "mcap")
