@@ -28,16 +28,20 @@ FIXTURES = "runtime.pytest_plugin"
 PACKAGE = "rosidl_py_gen"
 _SHOWN = re.compile(rf"^::: {PACKAGE}\.(\S+)\n((?: {{4}}.*\n)*)", re.MULTILINE)
 
+_STATEMENTS = {"__enter__": "with", "__aenter__": "async with", "__iter__": "for", "__aiter__": "async for"}
+
 
 def face() -> str:
     """The whole record."""
     package = griffe.load(PACKAGE, search_paths=[str(ROOT)], try_relative_path=False)
+    pages = {page.name: page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs/api").glob("*.md"))}
+    public = {name.rpartition(".")[2] for text in pages.values() for name, _ in _SHOWN.findall(text)}
     lines = []
-    for page in sorted((ROOT / "docs/api").glob("*.md")):
-        lines += ["", f"# docs/api/{page.name}"]
-        for name, options in sorted(_SHOWN.findall(page.read_text(encoding="utf-8"))):
+    for page, text in pages.items():
+        lines += ["", f"# docs/api/{page}"]
+        for name, options in sorted(_SHOWN.findall(text)):
             settings = (yaml.safe_load(options) or {}).get("options", {})
-            lines += _entry(name, _target(package[name]), settings)
+            lines += _entry(name, _target(package[name]), settings, public)
     lines += ["", f"# {PACKAGE}.{FIXTURES}", *_fixtures(package[FIXTURES])]
     for program, module in PROGRAMS.items():
         lines += ["", f"# {program} --help", *_commands(program, import_module(module)._cli)]
@@ -56,7 +60,7 @@ def _placed(record: str) -> Iterator[str]:
         if line.startswith("    "):
             yield f"{owner}: {line.strip()}"
         else:
-            owner = line
+            owner = line.partition("(")[0]
             yield line
 
 
@@ -67,17 +71,25 @@ def _target(found: Any) -> Any:
     return found.final_target if found.is_alias else found
 
 
-def _entry(name: str, found: Any, settings: dict[str, Any]) -> Iterator[str]:
-    """A function; or a class, its constructor unless the page hides that, and the members that it shows."""
+def _entry(name: str, found: Any, settings: dict[str, Any], public: set[str]) -> Iterator[str]:
+    """A function; or a class, its constructor unless the page hides that, what statements take it, and its members."""
     if not found.is_class:
         yield from _member(name, found) if found.is_function else [f"{name} = {found.value}"]
         return
-    bases = [str(base) for base in found.bases if not str(base).startswith(("Generic[", "Owned", "Composite"))]
+    bases = [str(base) for base in found.bases if _is_told(base, public)]
     yield f"class {name}" + (f"({', '.join(bases)})" if bases else "")
     if made := settings.get("merge_init_into_class", True) and _constructor(found):
         yield f"    {made}"
+    if allowed := [statement for method, statement in _STATEMENTS.items() if method in found.all_members]:
+        yield f"    ({', '.join(allowed)})"
     for member, value in _members(found, settings, every=not made and "dataclass" in found.labels):
         yield from (f"    {line}" for line in _member(member, value))
+
+
+def _is_told(base: Any, public: set[str]) -> bool:
+    """A base is part of the face when users can name it: one of Python's, or on a page."""
+    name = str(getattr(base, "canonical_path", base))
+    return name.rpartition(".")[2] in public or not name.startswith((f"{PACKAGE}.", "typing.Generic", "Generic"))
 
 
 def _constructor(found: Any) -> str:

@@ -48,7 +48,8 @@ def test_nothing_private_is_recorded(found: str) -> None:
     "lines",
     [
         "class runtime.MemoryTransport\n    __init__(clocks: Clocks = SYSTEM_CLOCKS)\n",
-        "class runtime.Publisher\n    def assert_liveliness() -> None\n",  # made by a node: no constructor
+        "class runtime.ClientGoal\n    accepted_stamp: Time | None\n",  # made by a client: no constructor
+        "class runtime.Subscription\n    (async for)\n    def close() -> None\n",
         "    def get_parameter(name: str) -> PythonValue\n    def get_parameter(name: str, type: type[T], ",
         "    async def receive(timeout_s: float | None = None) -> T\n    receive_sync\n",  # one docstring for both
         "class mcap.BagMessage(NamedTuple)\n    topic: str\n    message: Any\n",  # the order of fields counts
