@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 from typing import TYPE_CHECKING, Any
 
+import on_wire
+
 from rosidl_py_gen import from_dict
 from rosidl_py_gen.descriptions import describe
 from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription, TypeSource
@@ -14,8 +16,8 @@ from rosidl_py_gen.msgs.type_description_interfaces.srv import (
     GetTypeDescription_Response,
 )
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.runtime.names.dds import topic_name, type_name
-from rosidl_py_gen.runtime.transport.qos import QoSProfile
+from rosidl_py_gen.runtime.transport.dds.names import topic_name
+from rosidl_py_gen.runtime.transport.type_names import wire_type
 from rosidl_py_gen.spec.find import search_path
 from rosidl_py_gen.spec.model import Source
 from rosidl_py_gen.spec.resolve import Library
@@ -57,13 +59,7 @@ class Told:
         """A writer, or the reader of requests, that carries the type, or a part of it."""
         name = self.name + part
         told = self.library.type_hash(name) if announced is None else announced
-        participant, described = node.scope.participant, (topic, type_name(name), QoSProfile(), told)
-        if "Request" in part:
-            reader = participant.create_reader(*described, node=node.scope.number)
-            node.scope.own(reader, reader=reader.guid)
-        else:
-            writer = participant.create_writer(*described, node=node.scope.number)
-            node.scope.own(writer, writer=writer.guid)
+        on_wire.announce(node, topic, wire_type(name), told, is_writer="Request" not in part)
 
     def __call__(self, request: GetTypeDescription_Request) -> GetTypeDescription_Response:
         for name in (self.name, *self.library.all_hashes(self.name)):

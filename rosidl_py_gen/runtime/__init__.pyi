@@ -108,12 +108,12 @@ from rosidl_py_gen.runtime.time.values import ClockTypeError as ClockTypeError
 from rosidl_py_gen.runtime.time.values import Duration as Duration
 from rosidl_py_gen.runtime.time.values import Time as Time
 from rosidl_py_gen.runtime.time.values import TimeRangeError as TimeRangeError
-from rosidl_py_gen.runtime.transport.interface import BackendMissingError as BackendMissingError
-from rosidl_py_gen.runtime.transport.interface import TransportError as TransportError
 from rosidl_py_gen.runtime.transport.matching import Compatibility as Compatibility
 from rosidl_py_gen.runtime.transport.matching import CompatibilityResult as CompatibilityResult
 from rosidl_py_gen.runtime.transport.matching import check_compatible as check_compatible
 from rosidl_py_gen.runtime.transport.memory import MemoryTransport as MemoryTransport
+from rosidl_py_gen.runtime.transport.port import BackendMissingError as BackendMissingError
+from rosidl_py_gen.runtime.transport.port import TransportError as TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability as Durability
 from rosidl_py_gen.runtime.transport.qos import History as History
 from rosidl_py_gen.runtime.transport.qos import InvalidQoSError as InvalidQoSError

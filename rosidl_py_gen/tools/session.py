@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 from rosidl_py_gen.runtime import Context
 from rosidl_py_gen.runtime.graph.state import UNKNOWN_NODE
-from rosidl_py_gen.runtime.names.dds import DISCOVERY_TOPIC
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
@@ -214,5 +213,5 @@ def names_are_known(graph: Graph) -> bool:
     return all(one.nodes for one in graph.participants() if one.is_ros) and not any(
         graph.node_of(endpoint) == UNKNOWN_NODE
         for endpoint in graph.endpoints.values()
-        if endpoint.topic != DISCOVERY_TOPIC  # of the participant itself
+        if endpoint.channel.kind != "bare"  # of the participant itself, or of no ROS
     )

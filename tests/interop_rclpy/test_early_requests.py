@@ -13,6 +13,7 @@ from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writers
+from rosidl_py_gen.runtime.transport.discovered import Channel
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -66,7 +67,7 @@ async def test_a_new_writer_is_asked_once_what_it_has_written(
     await shared_peer.ask("client", name=name, type=KIND)
     await shared_peer.ask("call", name=name, requests_=[{}], within_s=10)
     await until(lambda: any(pair[0] == reader for pair in asked))
-    of_service = [end.guid for end in node.scope.graph.on_topic(f"rq{name}Request", writers=True)]
+    of_service = [end.guid for end in node.scope.graph.on(Channel("request", name), writers=True)]
     assert len(of_service) == 1
     assert [pair for pair in asked if pair[0] == reader] == [(reader, of_service[0])]
     assert best_effort not in {pair[0] for pair in asked}

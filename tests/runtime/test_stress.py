@@ -216,7 +216,7 @@ async def test_create_and_close_a_thousand_times(world: World) -> None:
 
     def topics() -> set[str]:
         endpoints = peer.scope.graph.endpoints.values()
-        ours = {one.topic for one in endpoints if one.participant_guid == node.context.participant.guid}
+        ours = {one.wire_name for one in endpoints if one.participant_guid == node.context.participant.guid}
         return {topic for topic in ours if not topic.startswith(("rq/n/", "rr/n/"))}
 
     await until(lambda: topics() <= {"rt/rosout", "rt/parameter_events", "ros_discovery_info"})

@@ -20,7 +20,7 @@ from worlds import until
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.graph.state import ParticipantInfo
-from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSettings
+from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
 from rosidl_py_gen.tools.doctor import machine as doctor_machine
 from rosidl_py_gen.tools.doctor import network as doctor_network
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding, careful, for_strangers

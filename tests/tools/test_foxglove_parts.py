@@ -7,11 +7,11 @@ import gc
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import on_wire
 import pytest
 from worlds import until
 
 from rosidl_py_gen import get_message, get_service
-from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.tools import ToolError, types
 from rosidl_py_gen.tools.foxglove import publishing
 from rosidl_py_gen.tools.foxglove.clock import Clock
@@ -79,8 +79,7 @@ def session_of(node: Node) -> Any:
 
 def write(node: Node, topic: str, type_name: str) -> None:
     """Write to a DDS topic of any name."""
-    writer = node.scope.participant.create_writer(topic, type_name, QoSProfile(), "x")
-    node.scope.own(writer, writer=writer.guid)
+    on_wire.announce(node, topic, type_name, "x")
 
 
 # ---------------------------------------------------------------------------------------------------------- odd names

@@ -14,7 +14,7 @@ from worlds import until
 
 from rosidl_py_gen import tools
 from rosidl_py_gen.runtime import EnvironmentSettingError
-from rosidl_py_gen.runtime.transport.interface import NodeEntities, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovered import NodeEntities, ParticipantFound
 from rosidl_py_gen.tools import ToolError, session
 from rosidl_py_gen.tools.messages import type_and_values
 from rosidl_py_gen.tools.session import Network, Session, listening, names_are_known

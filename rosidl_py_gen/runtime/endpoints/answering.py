@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.state import Graph
+    from rosidl_py_gen.runtime.transport.discovered import Channel
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 RequestT = TypeVar("RequestT")
@@ -58,10 +59,10 @@ class Answering:
 class Presence:
     """The endpoints of all servers of one service."""
 
-    def __init__(self, graph: Graph, request_topic: str, reply_topic: str) -> None:
+    def __init__(self, graph: Graph, requests_on: Channel, replies_on: Channel) -> None:
         self._graph = graph
-        self._request_topic = request_topic
-        self._reply_topic = reply_topic
+        self._requests_on = requests_on
+        self._replies_on = replies_on
         self._version = -1
         self._guids: frozenset[bytes] = frozenset()
 
@@ -70,8 +71,8 @@ class Presence:
         graph = self._graph
         if graph.version != self._version:
             self._version = graph.version
-            readers = graph.on_topic(self._request_topic, writers=False)
-            writers = graph.on_topic(self._reply_topic, writers=True)
+            readers = graph.on(self._requests_on, writers=False)
+            writers = graph.on(self._replies_on, writers=True)
             self._guids = frozenset(one.guid for one in (*readers, *writers))
         return self._guids
 
@@ -94,7 +95,7 @@ class ServersOfClient(ServiceEnd[RequestT, ResponseT]):
         self._identified = self._always_identified
         """Requests are numbered by the middleware, and sent with an identity until all servers have answered."""
         self._answering = Answering(scope.graph)
-        self._presence = Presence(scope.graph, self._request_topic, self._reply_topic)
+        self._presence = Presence(scope.graph, self._requests_on, self._replies_on)
         self._kept = 0
         """How many requests the server that keeps fewest keeps; 0 when all keep all."""
 
@@ -121,7 +122,7 @@ class ServersOfClient(ServiceEnd[RequestT, ResponseT]):
     wait_for_service_sync = blocking(wait_for_service)
 
     def _missing(self) -> str:
-        told = self._check.others(self._request_topic, self._written_hash)
+        told = self._check.others(self._requests_on, self._written_hash)
         return f"no server of {self.name} ({self.service_type}) appeared{told}"
 
     def servers(self) -> set[bytes]:
@@ -151,13 +152,13 @@ class ServersOfClient(ServiceEnd[RequestT, ResponseT]):
         replying = {one.service_id for one in writers if not identifies(one.guid)}
         is_served = bool(readers and replying) and (not ids or not ids.isdisjoint(replying))
         if refusal is not None and not is_served:
-            servers = graph.on_topic(self._request_topic, writers=False)
+            servers = graph.on(self._requests_on, writers=False)
             if servers and all(identifies(server.guid) for server in servers):
                 raise ForeignServiceError(foreign_reason(graph, servers[0], self.name, "the server", refusal))
         is_identified = bool(foreign) and refusal is None
         self._identified = is_identified or self._always_identified
         matched = self._writer.matched_readers()
-        self._answering.reach({*matched, *(one.guid for one in graph.on_topic(self._request_topic, writers=False))})
+        self._answering.reach({*matched, *(one.guid for one in graph.on(self._requests_on, writers=False))})
         servers = [endpoints[guid] for guid in matched if guid in endpoints]
-        self._kept = kept_by(self._scope.participant, servers, graph.on_topic(self._request_topic, writers=True))
+        self._kept = kept_by(self._scope.participant, servers, graph.on(self._requests_on, writers=True))
         return is_served or is_identified

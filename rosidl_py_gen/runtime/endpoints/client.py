@@ -75,7 +75,7 @@ class Client(ServersOfClient[RequestT, ResponseT]):
         """Replies go to functions that may be the user's, and not only to futures."""
         self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
         """By which replies may call us."""
-        self._window = scope.request_window(self._request_topic, name, pause_s)
+        self._window = scope.request_window(self._requests_on, name, pause_s)
         self._reader.set_sink(self._on_replies)
         self._departures = scope.discovery.departures.add(self._on_departure)
         scope.own(self, reader=self._reader.guid, writer=self._writer.guid)

@@ -15,12 +15,13 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import DecodeError, RosidlError
-from rosidl_py_gen.runtime.transport.interface import IDENTITY_BYTES, identity_of
 from rosidl_py_gen.runtime.transport.matching import without_best_available
+from rosidl_py_gen.runtime.transport.port import IDENTITY_BYTES, identity_of
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.graph.state import Graph
-    from rosidl_py_gen.runtime.transport.interface import EndpointFound, Payload, Writer
+    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+    from rosidl_py_gen.runtime.transport.port import Payload, Writer
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 ClientId: TypeAlias = "int | bytes"

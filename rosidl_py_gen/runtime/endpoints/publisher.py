@@ -8,6 +8,7 @@ the GIL.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
@@ -17,8 +18,8 @@ from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.graph.events import watched
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.outbox import RETRY_S, Outbox
-from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
+from rosidl_py_gen.runtime.transport.port import EndpointSpec
 from rosidl_py_gen.runtime.transport.qos import History
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import MessageType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks
-    from rosidl_py_gen.runtime.transport.interface import Writer
+    from rosidl_py_gen.runtime.transport.port import Writer
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 T = TypeVar("T")
@@ -54,15 +55,14 @@ class Publisher(Owned, Generic[T]):
         """Fully qualified name, after expansion and remapping."""
         self.message_type = message_type.ros_name
         """``pkg/msg/Name``."""
-        dds_topic = topic_name(topic, prefix=not qos.avoid_ros_namespace_conventions)
+        is_bare = qos.avoid_ros_namespace_conventions
+        spec = EndpointSpec(topic, self.message_type, qos, message_type.type_hash, scope.number, is_bare)
         scope.discovery.refresh()
-        peers = [endpoint.qos for endpoint in scope.graph.on_topic(dds_topic, writers=False)]
+        peers = [endpoint.qos for endpoint in scope.graph.on(spec.channel, writers=False)]
         self.qos = resolve_best_available(qos, publisher=True, peers=peers)
         """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
         self._encode = message_type.encode
-        self._writer: Writer = scope.participant.create_writer(
-            dds_topic, type_name(message_type.ros_name), self.qos, message_type.type_hash, node=scope.number
-        )
+        self._writer: Writer = scope.participant.create_writer(replace(spec, qos=self.qos))
         self._write = self._writer.write
         scope.set_type_check(mode, self._writer.guid)
         keep_all = self.qos.history is History.KEEP_ALL

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.transport.clocks import Clocks
-    from rosidl_py_gen.runtime.transport.interface import Participant
+    from rosidl_py_gen.runtime.transport.port import Participant
 
 T = TypeVar("T")
 

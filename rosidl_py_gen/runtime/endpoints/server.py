@@ -25,7 +25,7 @@ from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
-from rosidl_py_gen.runtime.transport.interface import identity_of
+from rosidl_py_gen.runtime.transport.port import identity_of
 from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
-    from rosidl_py_gen.runtime.transport.interface import Sample
+    from rosidl_py_gen.runtime.transport.port import Sample
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 RequestT = TypeVar("RequestT")

@@ -9,8 +9,8 @@ from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
 from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.outbox import Outbox
-from rosidl_py_gen.runtime.names.dds import reply_name, request_name
-from rosidl_py_gen.runtime.transport.interface import Service
+from rosidl_py_gen.runtime.transport.discovered import Channel
+from rosidl_py_gen.runtime.transport.port import Service
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.header import IntrospectionState, Tap
@@ -52,8 +52,9 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         self._events: ServiceEvents | None = None
         self._tap: Tap | None = None
         self._outbox = Outbox(scope.bridge, None, scope.report_failure)
-        self._request_topic = request_name(name, prefix=not qos.avoid_ros_namespace_conventions)
-        self._reply_topic = reply_name(name, prefix=not qos.avoid_ros_namespace_conventions)
+        is_bare = qos.avoid_ros_namespace_conventions
+        self._requests_on = Channel("bare", f"{name}Request") if is_bare else Channel("request", name)
+        self._replies_on = Channel("bare", f"{name}Reply") if is_bare else Channel("reply", name)
         told = Service(
             name,
             service_type.ros_name,

@@ -10,6 +10,7 @@ that are dropped then are worth a warning, unless the depth of 1 says that only 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar
 
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
@@ -23,9 +24,9 @@ from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.concurrency import drops_warning, require_concurrency
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.names.dds import topic_name, type_name
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
+from rosidl_py_gen.runtime.transport.port import EndpointSpec
 from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import MessageType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.events import SubscriptionEventCallbacks
-    from rosidl_py_gen.runtime.transport.interface import Payload, Reader, Sample
+    from rosidl_py_gen.runtime.transport.port import Payload, Reader, Sample
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 T = TypeVar("T")
@@ -97,20 +98,21 @@ class Subscription(Owned, Generic[T]):
         self._waiters = Waiters()
         self._latest: T | None = None
         self._throttle = Throttle(scope.clocks)
-        dds_topic = topic_name(topic, prefix=not qos.avoid_ros_namespace_conventions)
-        scope.discovery.refresh()
-        peers = [endpoint.qos for endpoint in scope.graph.on_topic(dds_topic, writers=True)]
-        self.qos = resolve_best_available(qos, publisher=False, peers=peers)
-        """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
-        self._reader: Reader = scope.participant.create_reader(
-            dds_topic,
-            type_name(message_type.ros_name),
-            self.qos,
+        spec = EndpointSpec(
+            topic,
+            self.message_type,
+            qos,
             message_type.type_hash,
-            node=scope.number,
+            scope.number,
+            is_bare=qos.avoid_ros_namespace_conventions,
             ignore_local=ignore_local,
             has_buffer=has_buffer(message_type),
         )
+        scope.discovery.refresh()
+        peers = [endpoint.qos for endpoint in scope.graph.on(spec.channel, writers=True)]
+        self.qos = resolve_best_available(qos, publisher=False, peers=peers)
+        """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
+        self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
         self._check = WriterCheck(scope, mode, self._reader, message_type.type_hash)
         self._agreeing = self._check.agreeing

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.graph.definitions import definitions_differ
-from rosidl_py_gen.runtime.names.dds import demangle_service_type
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
-    from rosidl_py_gen.runtime.transport.interface import EndpointFound, Reader
+    from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound
+    from rosidl_py_gen.runtime.transport.port import Reader
 
 _MOST_KNOWN = 1000
 _MOST_LOOKS = 100
@@ -72,15 +72,15 @@ class WriterCheck:
         ours = self._type_hash if type_hash is None else type_hash
         return self._mode != "error" or not definitions_differ(endpoint, ours, self._service_hash)
 
-    def others(self, topic: str, type_hash: str) -> str:
+    def others(self, channel: Channel, type_hash: str) -> str:
         """What servers there are with another definition, for people who miss one; empty when there are none."""
         graph = self._scope.graph
-        found = (one for one in graph.on_topic(topic, writers=False) if not self.agrees(one, type_hash))
+        found = (one for one in graph.on(channel, writers=False) if not self.agrees(one, type_hash))
         if (other := next(found, None)) is None:
             return ""
         own = graph.endpoints.get(self._reader.guid)
-        theirs = demangle_service_type(other.type)
-        if own is not None and theirs not in (None, demangle_service_type(own.type)):
+        theirs = other.service_type
+        if own is not None and theirs not in (None, own.service_type):
             return f" (that of {graph.describe_node(other)} has another type, {printable(str(theirs))})"
         told = other.type_hash or other.service_hash
         return f" (that of {graph.describe_node(other)} has another definition of its type, {told})"

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
-    from rosidl_py_gen.runtime.transport.interface import EndpointFound, Participant
+    from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound
+    from rosidl_py_gen.runtime.transport.port import Participant
 
 ResponseT = TypeVar("ResponseT")
 
@@ -202,11 +203,11 @@ class RequestWindow:
 
 
 class RequestWindows:
-    """Those of one context, by request topic."""
+    """Those of one context, by what the requests go to."""
 
     def __init__(self) -> None:
-        self._windows: weakref.WeakValueDictionary[str, RequestWindow] = weakref.WeakValueDictionary()
+        self._windows: weakref.WeakValueDictionary[Channel, RequestWindow] = weakref.WeakValueDictionary()
 
-    def of(self, request_topic: str, name: str, pause_s: float | None) -> RequestWindow:
+    def of(self, requests_on: Channel, name: str, pause_s: float | None) -> RequestWindow:
         """The one window of a service; `pause_s` counts for the first client."""
-        return self._windows.setdefault(request_topic, RequestWindow(name, pause_s))
+        return self._windows.setdefault(requests_on, RequestWindow(name, pause_s))

@@ -1,6 +1,6 @@
 """What nodes announce about the type of one topic, service or action.
 
-Decides which DDS topics tell of it, and how the messages they carry lead to the type: a service is announced as its
+Decides which channels tell of it, and how the messages they carry lead to the type: a service is announced as its
 request and response, an action as the messages of its two services and its feedback. The hash of a service itself is
 announced on Zenoh, in place of those of its messages, and on DDS by nobody; that of an action nowhere.
 """
@@ -14,25 +14,18 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
-from rosidl_py_gen.runtime.names.dds import (
-    REQUEST_PREFIX,
-    demangle_service_type,
-    demangle_type,
-    reply_name,
-    request_name,
-    topic_name,
-)
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
+from rosidl_py_gen.runtime.transport.discovered import Channel
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from rosidl_py_gen.runtime.graph.state import Graph
-    from rosidl_py_gen.runtime.transport.interface import EndpointFound
+    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
 
 TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
-_DESCRIBERS = reply_name("|/get_type_description").split("|")
-"""What is before and behind the name of a node in the DDS topic of its answers."""
+_DESCRIBER = "/get_type_description"
+"""What is behind the name of a node in that of its service."""
 _MOST_SHOWN = 5
 
 
@@ -43,43 +36,44 @@ class Subject:
     Attributes:
         kind: topic, service or action.
         name: fully qualified.
-        needed: DDS topics that all have to be there -> what their type has behind the name of the type.
-        extra: DDS topics that may be there.
+        needed: channels that all have to be there -> what their type has behind the name of the type.
+        extra: channels that may be there.
         messages: for each part that makes up the type, the announced messages that contain it, best first; all of them
             by what they have behind the name of the type.
     """
 
     kind: str
     name: str
-    needed: dict[str, str]
-    extra: dict[str, str]
+    needed: dict[Channel, str]
+    extra: dict[Channel, str]
     messages: dict[str, tuple[str, ...]]
 
 
 def topic_subject(name: str) -> Subject:
     """Of a topic given by its fully qualified name."""
-    return Subject("topic", name, {topic_name(name): ""}, {}, {"": ("",)})
+    return Subject("topic", name, {Channel("topic", name): ""}, {}, {"": ("",)})
 
 
 def service_subject(name: str, kind: str = "service", behind: str = "") -> Subject:
     """Of a service given by its fully qualified name."""
-    needed = {request_name(name): f"{behind}_Request", reply_name(name): f"{behind}_Response"}
+    needed = {Channel("request", name): f"{behind}_Request", Channel("reply", name): f"{behind}_Response"}
     # A ROS 2 node describes neither request nor response, but what it publishes for introspection.
     messages: dict[str, tuple[str, ...]] = {part: (behind, f"{behind}_Event", part) for part in needed.values()}
-    return Subject(kind, name, needed, {topic_name(f"{name}/_service_event"): f"{behind}_Event"}, messages)
+    events = Channel("topic", f"{name}/_service_event")
+    return Subject(kind, name, needed, {events: f"{behind}_Event"}, messages)
 
 
 def action_subject(name: str, send_goal: str, get_result: str, feedback: str) -> Subject:
     """Of an action given by its name and those of its services and topic, all fully qualified."""
     halves = (service_subject(send_goal, behind="_SendGoal"), service_subject(get_result, behind="_GetResult"))
-    needed = {topic: part for half in halves for topic, part in half.needed.items()}
+    needed = {channel: part for half in halves for channel, part in half.needed.items()}
     messages: dict[str, tuple[str, ...]] = {
         "_Goal": ("_SendGoal", "_SendGoal_Event", "_SendGoal_Request"),
         "_Result": ("_GetResult", "_GetResult_Event", "_GetResult_Response"),
         "_Feedback": ("_FeedbackMessage",),
     }
-    extra = {topic: part for half in halves for topic, part in half.extra.items()}
-    return Subject("action", name, {**needed, topic_name(feedback): "_FeedbackMessage"}, extra, messages)
+    extra = {channel: part for half in halves for channel, part in half.extra.items()}
+    return Subject("action", name, {**needed, Channel("topic", feedback): "_FeedbackMessage"}, extra, messages)
 
 
 @dataclass(slots=True)
@@ -124,9 +118,9 @@ def givers(graph: Graph, subject: Subject) -> Collection[bytes]:
     """The participants that others get messages, answers or results from; empty when there is none."""
     return {
         endpoint.participant_guid
-        for topic in subject.needed
-        if not topic.startswith(REQUEST_PREFIX)  # what clients write
-        for endpoint in graph.on_topic(topic, writers=True)
+        for channel in subject.needed
+        if channel.kind != "request"  # what clients write
+        for endpoint in graph.on(channel, writers=True)
     }
 
 
@@ -137,16 +131,16 @@ def announced(graph: Graph, subject: Subject, only: Collection[bytes] = ()) -> d
         only: participants that count; all when it is empty.
     """
     found: dict[str, Announced] = {}
-    for topic, part in (*subject.needed.items(), *subject.extra.items()):
+    for channel, part in (*subject.needed.items(), *subject.extra.items()):
         for writers in (True, False):
-            for endpoint in graph.on_topic(topic, writers=writers):
+            for endpoint in graph.on(channel, writers=writers):
                 if only and endpoint.participant_guid not in only:
                     continue
-                told = demangle_type(endpoint.type) or endpoint.type
+                told = endpoint.type
                 name = told[: len(told) - len(part)] if told.endswith(part) else told
                 hashes, node = found.setdefault(name, Announced(name)).hashes, _node_of(graph, endpoint)
                 hashes.setdefault(told, defaultdict(set))[_valid(endpoint.type_hash)].add(node)
-                service = demangle_service_type(endpoint.type)
+                service = endpoint.service_type
                 if service is not None and _valid(endpoint.service_hash):
                     hashes.setdefault(service, defaultdict(set))[endpoint.service_hash].add(node)
     return found
@@ -178,11 +172,11 @@ def _node_of(graph: Graph, endpoint: EndpointFound) -> str:
         return fully_qualified_node_name(name, namespace)
     participant = endpoint.participant_guid
     names = {
-        other.topic[len(_DESCRIBERS[0]) : -len(_DESCRIBERS[1])]
+        other.channel.name.removesuffix(_DESCRIBER)
         for other in graph.endpoints.values()
         if other.participant_guid == participant
         and other.is_writer
-        and other.topic.startswith(_DESCRIBERS[0])
-        and other.topic.endswith(_DESCRIBERS[1])
+        and other.channel.kind == "reply"
+        and other.channel.name.endswith(_DESCRIBER)
     }
     return names.pop() if len(names) == 1 else ""

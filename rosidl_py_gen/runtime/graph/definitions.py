@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.interface import EndpointFound
+    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
 
 TypeCheck = Literal["error", "warn", "off"]
 """What becomes of messages whose sender announces another definition: withheld, handed out with a warning, or handed

@@ -16,15 +16,15 @@ from rosidl_py_gen.runtime.graph.definitions import definitions_differ
 from rosidl_py_gen.runtime.graph.state import Graph
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
 from rosidl_py_gen.runtime.loop.waiters import Waiters
-from rosidl_py_gen.runtime.names.dds import demangle_service, demangle_service_type, demangle_topic, demangle_type
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodeEntities
+from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodeEntities
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.loop.bridge import Bridge
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, Participant
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.port import Participant
 
 _USED = "; they are used all the same, as type_check says"
 _NAME_PATIENCE_S = 1.0
@@ -176,7 +176,7 @@ class Discovery:
     def _compare(self, new: EndpointFound) -> None:
         """Look for endpoints that `new` should talk to but cannot; one side must be ours."""
         mine = self._participant.guid
-        for other in self.graph.on_topic(new.topic, writers=not new.is_writer):
+        for other in self.graph.on(new.channel, writers=not new.is_writer):
             writer, reader = (new, other) if new.is_writer else (other, new)
             ours = [one for one in (writer, reader) if one.participant_guid == mine]
             if not ours or (writer.guid, reader.guid) in self._warned:
@@ -203,8 +203,8 @@ class Discovery:
 
     def _is_news(self, writer: EndpointFound, reader: EndpointFound) -> bool:
         """Whether it is the first half of a service between two participants; the other says the same."""
-        name = demangle_service(writer.topic)
-        if name is None:
+        kind, name = writer.channel
+        if kind not in ("request", "reply"):
             return True
         one, two = sorted((writer.participant_guid, reader.participant_guid))
         known = (name, one, two) in self._warned_services
@@ -219,9 +219,8 @@ class Discovery:
                 self._mismatches.append((writer, reader, reason))
                 continue
             own = writer if writer.participant_guid == self._participant.guid else reader
-            name = demangle_topic(own.topic) or demangle_service(own.topic) or own.topic
             what = "messages that may be read wrong" if reason.endswith(_USED) else "no messages"
-            text = f"{what} on {name} from {words[0]} to {words[1]}: {reason}"
+            text = f"{what} on {own.channel.name} from {words[0]} to {words[1]}: {reason}"
             if self.on_mismatch is not None:
                 self.on_mismatch(text)
                 continue
@@ -236,4 +235,4 @@ class Discovery:
 
 
 def _shown_type(endpoint: EndpointFound) -> str:
-    return demangle_service_type(endpoint.type) or demangle_type(endpoint.type) or endpoint.type
+    return endpoint.service_type or endpoint.type

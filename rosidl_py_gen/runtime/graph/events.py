@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.registration import Registration
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.loop.bridge import Bridge
-    from rosidl_py_gen.runtime.transport.interface import Reader, Writer
+    from rosidl_py_gen.runtime.transport.port import Reader, Writer
 
 _LOOK_S = 0.05
 
@@ -206,7 +206,7 @@ class EndpointEvents:
         mine = graph.endpoints.get(self._end.guid)
         if mine is None:
             return
-        others = graph.on_topic(mine.topic, writers=not mine.is_writer)
+        others = graph.on(mine.channel, writers=not mine.is_writer)
         self._apart &= {one.guid for one in others}
         found: dict[str, list[str]] = {}
         for other in others:

@@ -11,19 +11,13 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.names.dds import (
-    demangle_service,
-    demangle_service_type,
-    demangle_topic,
-    demangle_type,
-)
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodesFound, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound, Lost, NodesFound, ParticipantFound
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, NodeEntities
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, NodeEntities
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 UNKNOWN_NODE = ("_NODE_NAMESPACE_UNKNOWN_", "_NODE_NAME_UNKNOWN_")
@@ -102,7 +96,7 @@ class Graph:
         self.version = 0
         self.endpoints: dict[bytes, EndpointFound] = {}
         self._participants: dict[bytes, _Participant] = {}
-        self._by_topic: defaultdict[str, dict[bytes, EndpointFound]] = defaultdict(dict)
+        self._by_channel: defaultdict[Channel, dict[bytes, EndpointFound]] = defaultdict(dict)
 
     # ----------------------------------------------------------------------------------------------------- changes
 
@@ -116,8 +110,6 @@ class Graph:
                 self.set_nodes(event.guid, event.nodes)
                 return None
             case EndpointFound():
-                if event.topic.startswith("DCPS"):
-                    return None
                 return self._add(event)
             case Lost():
                 self._remove(event.guid)
@@ -127,17 +119,17 @@ class Graph:
     def _add(self, event: EndpointFound) -> EndpointFound | None:
         known = event.guid in self.endpoints
         self.endpoints[event.guid] = event
-        self._by_topic[event.topic][event.guid] = event
+        self._by_channel[event.channel][event.guid] = event
         self.version += 1
         return None if known else event
 
     def _remove(self, guid: bytes) -> None:
         endpoint = self.endpoints.pop(guid, None)
         if endpoint is not None:
-            same_topic = self._by_topic[endpoint.topic]
-            same_topic.pop(guid, None)
-            if not same_topic:
-                del self._by_topic[endpoint.topic]
+            same = self._by_channel[endpoint.channel]
+            same.pop(guid, None)
+            if not same:
+                del self._by_channel[endpoint.channel]
         self._participants.pop(guid, None)
 
     def set_nodes(self, participant_guid: bytes, nodes: Iterable[NodeEntities]) -> None:
@@ -147,9 +139,9 @@ class Graph:
 
     # --------------------------------------------------------------------------------------------------- endpoints
 
-    def on_topic(self, dds_topic: str, *, writers: bool) -> list[EndpointFound]:
-        """The discovered writers or readers of a DDS topic."""
-        found = self._by_topic.get(dds_topic, {})
+    def on(self, channel: Channel, *, writers: bool) -> list[EndpointFound]:
+        """The discovered writers or readers of a channel."""
+        found = self._by_channel.get(channel, {})
         return [endpoint for endpoint in found.values() if endpoint.is_writer is writers]
 
     def node_of(self, endpoint: EndpointFound) -> tuple[str, str]:
@@ -174,15 +166,21 @@ class Graph:
             return "a DDS program without node name" if name == BARE_DDS_NODE[1] else "an unknown node"
         return f"node {fully_qualified_node_name(name, namespace)}"
 
-    def endpoint_infos(self, dds_topic: str, *, writers: bool) -> list[TopicEndpointInfo]:
+    def on_topic(self, name: str, *, writers: bool) -> list[EndpointFound]:
+        """The publishers or subscriptions of a topic, given by its fully qualified name."""
+        return self.on(Channel("topic", name), writers=writers)
+
+    def on_wire(self, name: str, *, writers: bool) -> list[EndpointFound]:
+        """Those of the topic that the middleware calls so."""
+        return [one for one in self.endpoints.values() if one.wire_name == name and one.is_writer is writers]
+
+    def infos(self, endpoints: Iterable[EndpointFound]) -> list[TopicEndpointInfo]:
         """For `get_publishers_info_by_topic` and its twin."""
-        kind = EndpointType.PUBLISHER if writers else EndpointType.SUBSCRIPTION
         infos = []
-        for endpoint in self.on_topic(dds_topic, writers=writers):
-            namespace, name = self.node_of(endpoint)
-            shown_type = demangle_type(endpoint.type) or endpoint.type
-            gid, profile = endpoint.guid, endpoint.qos
-            infos.append(TopicEndpointInfo(name, namespace, shown_type, endpoint.type_hash, kind, gid, profile))
+        for one in endpoints:
+            namespace, name = self.node_of(one)
+            kind = EndpointType.PUBLISHER if one.is_writer else EndpointType.SUBSCRIPTION
+            infos.append(TopicEndpointInfo(name, namespace, one.type, one.type_hash, kind, one.guid, one.qos))
         return infos
 
     # -------------------------------------------------------------------------------------------------------- lists
@@ -213,7 +211,7 @@ class Graph:
         ]
 
     def topics(self, *, demangle: bool = True) -> NamesAndTypes:
-        """Topic names and types; without `demangle` all DDS names as they are."""
+        """Topic names and types; without `demangle` all names as the middleware has them."""
         return _names_and_types(self._topic_pairs(self.endpoints.values(), demangle))
 
     def services(self) -> NamesAndTypes:
@@ -221,22 +219,21 @@ class Graph:
         return _names_and_types(self._service_pairs(self.endpoints.values()))
 
     def of_node(self, name: str, namespace: str, *, writers: bool, services: str = "") -> NamesAndTypes:
-        """Topics of one node's writers or readers; with `services` ``rq`` or ``rr`` the services of its readers."""
+        """Topics that a node writes or reads; with `services` the services whose requests, or replies, it does."""
         mine = self._endpoints_of(name, namespace, writers)
         if services:
-            mine = (endpoint for endpoint in mine if endpoint.topic.startswith(f"{services}/"))
-            return _names_and_types(self._service_pairs(mine))
+            return _names_and_types(self._service_pairs(one for one in mine if one.channel.kind == services))
         return _names_and_types(self._topic_pairs(mine, True))
 
     def announced_hashes(self, name: str, namespace: str, type_name: str) -> dict[str, set[str]]:
-        """DDS topics by the hash that a node's endpoints of a type announce for it; "" for those that announce none."""
+        """Topics and services by the hash that a node's endpoints announce for a type; "" where they announce none."""
         found: defaultdict[str, set[str]] = defaultdict(set)
         for writers in (True, False):
             for endpoint in self._endpoints_of(name, namespace, writers):
-                if demangle_type(endpoint.type) == type_name:
-                    found[endpoint.type_hash].add(endpoint.topic)
-                elif endpoint.service_hash and demangle_service_type(endpoint.type) == type_name:
-                    found[endpoint.service_hash].add(endpoint.topic)
+                if endpoint.type == type_name:
+                    found[endpoint.type_hash].add(endpoint.channel.name)
+                elif endpoint.service_hash and endpoint.service_type == type_name:
+                    found[endpoint.service_hash].add(endpoint.channel.name)
         return dict(found)
 
     def _endpoints_of(self, name: str, namespace: str, writers: bool) -> Iterator[EndpointFound]:
@@ -251,19 +248,17 @@ class Graph:
     @staticmethod
     def _topic_pairs(endpoints: Iterable[EndpointFound], demangle: bool) -> Iterator[tuple[str, str]]:
         for endpoint in endpoints:
-            topic, type_name = endpoint.topic, endpoint.type
             if not demangle:
-                yield topic, type_name
-            elif (name := demangle_topic(topic)) is not None:
-                yield name, demangle_type(type_name) or type_name
+                yield endpoint.wire_name, endpoint.wire_type
+            elif endpoint.channel.kind == "topic":
+                yield endpoint.channel.name, endpoint.type
 
     @staticmethod
     def _service_pairs(endpoints: Iterable[EndpointFound]) -> Iterator[tuple[str, str]]:
         for endpoint in endpoints:
-            name = demangle_service(endpoint.topic)
-            service_type = demangle_service_type(endpoint.type)
-            if name is not None and service_type is not None:
-                yield name, service_type
+            service_type = endpoint.service_type
+            if endpoint.channel.kind in ("request", "reply") and service_type is not None:
+                yield endpoint.channel.name, service_type
 
 
 def _names_and_types(pairs: Iterable[tuple[str, str]]) -> NamesAndTypes:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.registration import Registration
-    from rosidl_py_gen.runtime.transport.interface import Participant, Sink
+    from rosidl_py_gen.runtime.transport.port import Participant, Sink
 
 T = TypeVar("T")
 

@@ -1,4 +1,4 @@
-"""Names of nodes, topics and parameters: what is allowed, how remapping changes them, how DDS spells them.
+"""Names of nodes, topics and parameters: what is allowed, how remapping changes them.
 
 Imports no other room.
 """

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.arguments import RosArguments
-    from rosidl_py_gen.runtime.transport.interface import DomainSettings, Transport
+    from rosidl_py_gen.runtime.transport.port import DomainSettings, Transport
 
 T = TypeVar("T")
 

@@ -11,7 +11,7 @@ from numbers import Integral
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSettings
+from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

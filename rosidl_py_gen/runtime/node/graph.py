@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.names import did_you_mean
 from rosidl_py_gen.runtime.loop.blocking import blocking
-from rosidl_py_gen.runtime.names.dds import reply_name, topic_name
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
+from rosidl_py_gen.runtime.transport.discovered import Channel
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -42,27 +42,33 @@ class NodeGraph:
     # ------------------------------------------------------------------------------------------------------- topics
 
     def get_topic_names_and_types(self, *, no_demangle: bool = False) -> NamesAndTypes:
-        """All topics, each with its types; `no_demangle` gives every DDS topic as it is called there."""
+        """All topics, each with its types; `no_demangle` gives every name as the middleware has it."""
         return self._look().topics(demangle=not no_demangle)
 
     def get_publishers_info_by_topic(self, topic: str, *, no_mangle: bool = False) -> list[TopicEndpointInfo]:
-        """Every publisher of a topic: node, type, hash, GID, QoS. `no_mangle`: `topic` is a DDS name."""
-        return self._look().endpoint_infos(self._dds_topic(topic, no_mangle), writers=True)
+        """Every publisher of a topic: node, type, hash, GID, QoS. `no_mangle`: `topic` is the middleware's name."""
+        return self._infos(topic, no_mangle, writers=True)
 
     def get_subscriptions_info_by_topic(self, topic: str, *, no_mangle: bool = False) -> list[TopicEndpointInfo]:
         """Every subscription of a topic; see `get_publishers_info_by_topic`."""
-        return self._look().endpoint_infos(self._dds_topic(topic, no_mangle), writers=False)
+        return self._infos(topic, no_mangle, writers=False)
+
+    def _infos(self, topic: str, no_mangle: bool, *, writers: bool) -> list[TopicEndpointInfo]:
+        graph = self._look()
+        if no_mangle:
+            return graph.infos(graph.on_wire(topic, writers=writers))
+        return graph.infos(graph.on(self._topic(topic), writers=writers))
 
     def count_publishers(self, topic: str) -> int:
         """How many publishers a topic has, bare DDS ones included."""
-        return self._count(self._dds_topic(topic, no_mangle=False), writers=True)
+        return self._count(self._topic(topic), writers=True)
 
     def count_subscribers(self, topic: str) -> int:
         """How many subscriptions a topic has, bare DDS ones included."""
-        return self._count(self._dds_topic(topic, no_mangle=False), writers=False)
+        return self._count(self._topic(topic), writers=False)
 
-    def _dds_topic(self, topic: str, no_mangle: bool) -> str:
-        return topic if no_mangle else topic_name(self._names.resolve_topic(topic))
+    def _topic(self, topic: str) -> Channel:
+        return Channel("topic", self._names.resolve_topic(topic))
 
     # ----------------------------------------------------------------------------------------------------- services
 
@@ -72,14 +78,14 @@ class NodeGraph:
 
     def count_services(self, service: str) -> int:
         """How many servers a service has: they write replies, where rmw counts them, too."""
-        return self._count(reply_name(self._names.resolve_service(service)), writers=True)
+        return self._count(Channel("reply", self._names.resolve_service(service)), writers=True)
 
     def count_clients(self, service: str) -> int:
         """How many clients a service has, those of this node included: they read replies."""
-        return self._count(reply_name(self._names.resolve_service(service)), writers=False)
+        return self._count(Channel("reply", self._names.resolve_service(service)), writers=False)
 
-    def _count(self, dds_topic: str, *, writers: bool) -> int:
-        return len(self._look().on_topic(dds_topic, writers=writers))
+    def _count(self, channel: Channel, *, writers: bool) -> int:
+        return len(self._look().on(channel, writers=writers))
 
     # -------------------------------------------------------------------------------------------------------- nodes
 
@@ -101,11 +107,11 @@ class NodeGraph:
 
     def get_service_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Services a node offers; empty when there is no such node."""
-        return self._look().of_node(name, normalize_namespace(namespace), writers=False, services="rq")
+        return self._look().of_node(name, normalize_namespace(namespace), writers=False, services="request")
 
     def get_client_names_and_types_by_node(self, name: str, namespace: str = "/") -> NamesAndTypes:
         """Services a node has clients of; empty when there is no such node."""
-        return self._look().of_node(name, normalize_namespace(namespace), writers=False, services="rr")
+        return self._look().of_node(name, normalize_namespace(namespace), writers=False, services="reply")
 
     # ------------------------------------------------------------------------------------------------------ waiting
 

@@ -24,9 +24,9 @@ from rosidl_py_gen.errors import (
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
 from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, announced, givers, is_complete, some
-from rosidl_py_gen.runtime.names.dds import reply_name
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError, ask_type_description, described_by
 from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.typesupport import hashes_of, type_hash
 
 if TYPE_CHECKING:
@@ -333,7 +333,7 @@ class _Resolution:
         return sorted(others, key=lambda node: not self._serves(node))[:_MOST_ASKED]
 
     def _serves(self, node: str) -> bool:
-        return bool(self._scope.graph.on_topic(reply_name(f"{node}/get_type_description"), writers=True))
+        return bool(self._scope.graph.on(Channel("reply", f"{node}/get_type_description"), writers=True))
 
     async def _ask(self, node: str, name: str, wanted: str, remaining: int) -> bytes:
         limit_s = _PATIENCE_S if self._serves(node) else _SERVICE_PATIENCE_S

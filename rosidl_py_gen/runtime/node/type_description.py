@@ -28,7 +28,6 @@ from rosidl_py_gen.runtime.endpoints.late_types import late_service_type
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import class_of, raw_type
 from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, some
-from rosidl_py_gen.runtime.names.dds import demangle_service, demangle_topic, demangle_type
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
@@ -119,9 +118,8 @@ class _Describer:
         discovery.refresh()
         for guid in discovery.endpoints_of(self._scope.number):
             endpoint = graph.endpoints.get(guid)
-            name = None if endpoint is None else demangle_type(endpoint.type)
-            if endpoint is not None and name is not None:
-                yield name, endpoint.type_hash
+            if endpoint is not None and "/" in endpoint.type:
+                yield endpoint.type, endpoint.type_hash
 
 
 def _failure(reason: str) -> srv.GetTypeDescription_Response:
@@ -215,20 +213,16 @@ def _only_hash(node: str, type_name: str, found: dict[str, set[str]]) -> str:
     if len(told) == 1:
         return next(iter(told))
     if told:
-        listed = [f"{text} ({_topics(topics)})" for text, topics in sorted(told.items())]
+        listed = [f"{text} ({some(sorted(topics))})" for text, topics in sorted(told.items())]
         raise TypeDescriptionError(
             f"{node} announces {len(told)} type hashes for {type_name}: {some(listed)}; say which by type_hash"
         )
     if found:
-        where = _topics(set().union(*found.values()))
+        where = some(sorted(set().union(*found.values())))
         raise TypeDescriptionError(
             f"{node} announces no type hash for {type_name} ({where}), as nodes of ROS 2 Humble do; give the type_hash"
         )
     raise TypeDescriptionError(f"{node} announces no endpoint of {type_name}{_PARTS.get(type_name.split('/')[1], '')}")
-
-
-def _topics(dds_names: set[str]) -> str:
-    return some(sorted({demangle_topic(name) or demangle_service(name) or name for name in dds_names}))
 
 
 async def ask_type_description(

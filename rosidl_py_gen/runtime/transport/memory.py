@@ -15,31 +15,21 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
-from rosidl_py_gen.runtime.transport.dds import DdsParticipant, reaches
-from rosidl_py_gen.runtime.transport.interface import (
-    EndpointFound,
-    Lost,
-    ParticipantFound,
-    ReceiveQueue,
-    identified,
-    in_fours,
-)
+from rosidl_py_gen.runtime.transport.dds.names import channel_of
+from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant, reaches
+from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, ParticipantFound
 from rosidl_py_gen.runtime.transport.matching import check_compatible
+from rosidl_py_gen.runtime.transport.port import ReceiveQueue, identified, in_fours
 from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
+from rosidl_py_gen.runtime.transport.type_names import ros_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.transport.clocks import Clocks
-    from rosidl_py_gen.runtime.transport.interface import (
-        DiscoveryEvent,
-        DomainSettings,
-        Identity,
-        Payload,
-        Sample,
-        Sink,
-    )
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.port import DomainSettings, Identity, Payload, Sample, Sink
 
 _VENDOR = b"\x01\x10"
 """Cyclone's vendor id, so that nothing treats our endpoints as foreign ones."""
@@ -78,7 +68,7 @@ class MemoryTransport:
 
 
 class MemoryParticipant(DdsParticipant):
-    """A member of a `MemoryTransport`; see `transport.Participant`."""
+    """A member of a `MemoryTransport`; see `port.Participant`."""
 
     identity_refusal: str | None = None
 
@@ -109,41 +99,16 @@ class MemoryParticipant(DdsParticipant):
 
     # ------------------------------------------------------------------------------------------------ endpoints
 
-    def create_writer(
-        self,
-        topic: str,
-        type: str,
-        qos: QoSProfile,
-        type_hash: str = "",
-        *,
-        node: int = 0,
-        client_id: str = "",
-        service_id: str = "",
-    ) -> MemoryWriter:
+    def make_writer(self, end: DdsEndpoint) -> MemoryWriter:
         with self.lock:
-            told = (topic, type, effective(qos, is_writer=True), type_hash, service_id or client_id)
-            writer = MemoryWriter(self, EndpointFound(self._next_guid(b"\x03"), self.guid, True, *told))
+            writer = MemoryWriter(self, self._found(end, is_writer=True))
             self.writers.append(writer)
             self._announce(writer.info)
             return writer
 
-    def create_reader(
-        self,
-        topic: str,
-        type: str,
-        qos: QoSProfile,
-        type_hash: str = "",
-        *,
-        node: int = 0,
-        client_id: str = "",
-        service_id: str = "",
-        ignore_local: bool = False,
-        has_buffer: bool = False,
-    ) -> MemoryReader:
+    def make_reader(self, end: DdsEndpoint) -> MemoryReader:
         with self.lock:
-            told = (topic, type, effective(qos, is_writer=False), type_hash, service_id or client_id)
-            info = EndpointFound(self._next_guid(b"\x04"), self.guid, False, *told)
-            reader = MemoryReader(self, info, ignore_local)
+            reader = MemoryReader(self, self._found(end, is_writer=False), end.ignore_local)
             self.readers.append(reader)
             self._announce(reader.info)
             for peer in self.peers:
@@ -151,6 +116,20 @@ class MemoryParticipant(DdsParticipant):
                     if matches(writer, reader):
                         writer.replay(reader)
             return reader
+
+    def _found(self, end: DdsEndpoint, *, is_writer: bool) -> EndpointFound:
+        return EndpointFound(
+            self._next_guid(b"\x03" if is_writer else b"\x04"),
+            self.guid,
+            is_writer,
+            channel_of(end.topic),
+            ros_type(end.type),
+            effective(end.qos, is_writer=is_writer),
+            end.type_hash,
+            end.service_id or end.client_id,
+            wire_name=end.topic,
+            wire_type=end.type,
+        )
 
     def _next_guid(self, kind: bytes) -> bytes:
         if self.closed:
@@ -220,7 +199,7 @@ class MemoryParticipant(DdsParticipant):
             return ready
 
     def abandon(self) -> None:
-        """See `transport.Participant`; a copy of memory harms nobody."""
+        """See `port.Participant`; a copy of memory harms nobody."""
 
     def close(self) -> None:
         with self.lock:
@@ -252,7 +231,7 @@ class _Endpoint:
 
 
 class MemoryWriter(_Endpoint):
-    """See `transport.Writer`."""
+    """See `port.Writer`."""
 
     def __init__(self, owner: MemoryParticipant, info: EndpointFound) -> None:
         super().__init__(owner, info)
@@ -309,7 +288,7 @@ class MemoryWriter(_Endpoint):
 
 
 class MemoryReader(_Endpoint):
-    """See `transport.Reader`."""
+    """See `port.Reader`."""
 
     def __init__(self, owner: MemoryParticipant, info: EndpointFound, ignore_local: bool) -> None:
         super().__init__(owner, info)
@@ -341,7 +320,7 @@ class MemoryReader(_Endpoint):
         return None
 
     def writer_guid(self, handle: int) -> bytes | None:
-        """See `transport.Reader`. All GUIDs of one world begin alike, and the rest is the handle."""
+        """See `port.Reader`. All GUIDs of one world begin alike, and the rest is the handle."""
         return self.guid[:8] + handle.to_bytes(8, "big")
 
 
@@ -349,5 +328,5 @@ def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
     """Whether DDS would connect the two: names equal, QoS compatible, not told to ignore each other."""
     if reader.ignore_local and writer.owner is reader.owner:
         return False
-    same = writer.info.topic == reader.info.topic and writer.info.type == reader.info.type
+    same = writer.info.channel == reader.info.channel and writer.info.type == reader.info.type
     return same and check_compatible(writer.qos, reader.qos).matches

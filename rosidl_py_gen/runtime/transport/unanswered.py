@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.interface import IDENTITY_BYTES, identified, identity_of
+from rosidl_py_gen.runtime.transport.port import IDENTITY_BYTES, identified, identity_of
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.interface import Identity, Payload
+    from rosidl_py_gen.runtime.transport.port import Identity, Payload
 
 _NO_ENCAPSULATION = b"\xff\xff"
 

@@ -23,7 +23,7 @@ from rosidl_py_gen.tools.session import Network, Session
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.runtime.transport.interface import DomainSettings
+    from rosidl_py_gen.runtime.transport.port import DomainSettings
 
 _STYLES = {OK: "", NOTE: "cyan", WARNING: "yellow", BROKEN: "bold red"}
 _INDENT = 11

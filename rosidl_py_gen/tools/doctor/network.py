@@ -18,7 +18,7 @@ from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Findi
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.runtime.transport.interface import DomainSettings
+    from rosidl_py_gen.runtime.transport.port import DomainSettings
 
 _SIOCGIFFLAGS, _SIOCGIFADDR = 0x8913, 0x8915  # linux/sockios.h
 _UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # linux/if.h

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.runtime import WaitTimeoutError
-from rosidl_py_gen.runtime.names.dds import request_name
+from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.tools.doctor.echo import topics
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding
 
@@ -200,9 +200,9 @@ def mismatches(node: Node) -> Iterator[Finding]:
 def _service_mismatches(node: Node) -> Iterator[Finding]:
     graph, why_apart = node.scope.graph, node.scope.discovery.why_apart
     for service, _ in node.get_service_names_and_types():
-        requests = request_name(service)
-        for client in graph.on_topic(requests, writers=True):
-            for server in graph.on_topic(requests, writers=False):
+        requests = Channel("request", service)
+        for client in graph.on(requests, writers=True):
+            for server in graph.on(requests, writers=False):
                 if reason := why_apart(client, server):
                     who = f"{graph.describe_node(client)} to {graph.describe_node(server)}"
                     advice = "give both one type by one definition" if "quality" not in reason else ""

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Durability
-from rosidl_py_gen.runtime.names.dds import topic_name
 from rosidl_py_gen.tools import printing, types
 from rosidl_py_gen.tools.topic import qos as topic_qos
 
@@ -94,17 +93,15 @@ class Topics:
         }
 
     def _others(self, topic: str) -> list[TopicEndpointInfo]:
-        """By participant: names of nodes come later than endpoints, and others may have ours.
-
-        Asked by its name in DDS, where programs that know nothing of ROS use names that ROS refuses.
-        """
-        node, known = self._node, topic_name(topic)
-        infos = [
-            *node.get_publishers_info_by_topic(known, no_mangle=True),
-            *node.get_subscriptions_info_by_topic(known, no_mangle=True),
-        ]
-        participant_of, mine = node.scope.graph.participant_of, node.scope.participant.guid
+        """By participant: names of nodes come later than endpoints, and others may have ours."""
+        infos = [*self._infos(topic, writers=True), *self._infos(topic, writers=False)]
+        participant_of, mine = self._node.scope.graph.participant_of, self._node.scope.participant.guid
         return [one for one in infos if participant_of(one.endpoint_gid) != mine]
+
+    def _infos(self, topic: str, *, writers: bool) -> list[TopicEndpointInfo]:
+        """Of any name: programs that know nothing of ROS use some that ROS refuses."""
+        graph = self._node.scope.graph
+        return graph.infos(graph.on_topic(topic, writers=writers))
 
     async def _open(self, key: _Key, shown: _Shown) -> None:
         async with self._turns:
@@ -148,8 +145,7 @@ class Topics:
         return topic_qos.is_too_much(profile, self._publishers(key))
 
     def _publishers(self, key: _Key) -> list[TopicEndpointInfo]:
-        found = self._node.get_publishers_info_by_topic(topic_name(key.topic), no_mangle=True)
-        return [one for one in found if one.topic_type == key.type_name]
+        return [one for one in self._infos(key.topic, writers=True) if one.topic_type == key.type_name]
 
     def _subscribe(self, key: _Key, shown: _Shown) -> None:
         assert shown.channel is not None

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime.names.dds import reply_name, request_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
+from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -55,10 +55,11 @@ async def find_service(session: Session, service: str, timeout_s: float | None =
 
 def _ends(node: Node, name: str) -> list[dict[str, Any]]:
     """Servers, then clients, by what each writes: a server its replies, a client its requests."""
+    graph = node.scope.graph
     return [
         _end(one, kind)
-        for kind, topic in (("SERVER", reply_name(name)), ("CLIENT", request_name(name)))
-        for one in node.get_publishers_info_by_topic(topic, no_mangle=True)
+        for kind, channel in (("SERVER", Channel("reply", name)), ("CLIENT", Channel("request", name)))
+        for one in graph.infos(graph.on(channel, writers=True))
     ]
 
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import on_wire
 import pytest
 from action_worlds import Fibonacci
 from worlds import World, until
 
 from rosidl_py_gen.runtime.endpoints.types import service_type
-from rosidl_py_gen.runtime.names.dds import reply_name, request_name, topic_name, type_name
 from rosidl_py_gen.runtime.node.actions import NodeActions
 from rosidl_py_gen.runtime.time.values import ClockType, Time
+from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
+from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 GOAL_ID = bytes.fromhex("00112233445566778899aabbccddeeff")
@@ -25,7 +27,7 @@ class Tap:
     """Readers beside the real ones, which keep every sample of a service or topic."""
 
     def __init__(self, node: NodeActions, topic: str, dds_type: str) -> None:
-        self.reader = node.scope.participant.create_reader(topic, dds_type, DEEP)
+        self.reader = on_wire.reader(node, topic, dds_type)
 
     def take(self, *, service: bool = True) -> list[str]:
         """Samples as hex; of services only the part behind the 16-byte header, which is checked apart."""
@@ -106,22 +108,17 @@ def test_names_types_and_qos_are_those_of_ros(world: World) -> None:
     node = world.node("server")
     node.create_action_server(Fibonacci, "fib", until_canceled)
     node.scope.discovery.refresh()
-    endpoints = [e for e in node.scope.graph.endpoints.values() if "/_action/" in e.topic]
+    endpoints = [e for e in node.scope.graph.endpoints.values() if "/_action/" in e.wire_name]
     found = {
-        (e.topic, e.type, e.is_writer): (e.qos.reliability.name, e.qos.durability.name, e.qos.depth) for e in endpoints
+        (e.channel, e.type, e.is_writer): (e.qos.reliability.name, e.qos.durability.name, e.qos.depth)
+        for e in endpoints
     }
     names = {topic for topic, _, _ in found}
-    assert names == {
-        *(f"rq/fib/_action/{s}Request" for s in ("send_goal", "cancel_goal", "get_result")),
-        *(f"rr/fib/_action/{s}Reply" for s in ("send_goal", "cancel_goal", "get_result")),
-        topic_name("/fib/_action/feedback"),
-        topic_name("/fib/_action/status"),
-    }
-    send = service_type(Fibonacci.SendGoal)
-    assert found["rq/fib/_action/send_goalRequest", type_name(send.request.ros_name), False][:2] == (
-        "RELIABLE",
-        "VOLATILE",
-    )
-    status = found["rt/fib/_action/status", "action_msgs::msg::dds_::GoalStatusArray_", True]
-    assert status == ("RELIABLE", "TRANSIENT_LOCAL", 1)
-    assert found["rt/fib/_action/feedback", f"{ACTION}FeedbackMessage_", True] == ("RELIABLE", "VOLATILE", 10)
+    services = [f"/fib/_action/{one}" for one in ("send_goal", "cancel_goal", "get_result")]
+    feedback, status = Channel("topic", "/fib/_action/feedback"), Channel("topic", "/fib/_action/status")
+    assert names == {feedback, status, *(Channel(half, one) for one in services for half in ("request", "reply"))}
+    send = service_type(Fibonacci.SendGoal).request.ros_name
+    assert found[Channel("request", services[0]), send, False][:2] == ("RELIABLE", "VOLATILE")
+    assert found[status, "action_msgs/msg/GoalStatusArray", True] == ("RELIABLE", "TRANSIENT_LOCAL", 1)
+    feedback_type = "example_interfaces/action/Fibonacci_FeedbackMessage"
+    assert found[feedback, feedback_type, True] == ("RELIABLE", "VOLATILE", 10)

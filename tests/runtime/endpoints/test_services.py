@@ -8,6 +8,7 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
+import on_wire
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_srvs.srv import Empty, SetBool
@@ -17,7 +18,6 @@ from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, WaitTimeoutError, WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.header import header_of, message_of, with_header
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest
-from rosidl_py_gen.runtime.transport.interface import EndpointFound
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -332,10 +332,9 @@ async def test_fast_dds_servers_are_refused_instead_of_hanging_where_they_cannot
     prefix = b"\x01\x0f" + bytes(10)
     for number, (topic, kind) in enumerate((("rq/addRequest", "Request"), ("rr/addReply", "Response")), 1):
         bob.scope.graph.apply(
-            EndpointFound(
+            on_wire.found(
                 prefix + bytes((0, 0, number, 3 if kind == "Response" else 4)),
                 prefix + b"\0\0\1\xc1",
-                kind == "Response",
                 topic,
                 f"example_interfaces::srv::dds_::AddTwoInts_{kind}_",
                 SERVICES_DEFAULT,

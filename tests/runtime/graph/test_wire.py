@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import pytest
+from on_wire import found
 
 from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE, Graph
-from rosidl_py_gen.runtime.names import dds as ddsnames
-from rosidl_py_gen.runtime.transport import nodes_message
 from rosidl_py_gen.runtime.transport.cyclone.topics import OPAQUE
-from rosidl_py_gen.runtime.transport.dds import _TYPE_HASH
-from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodeEntities, ParticipantFound
+from rosidl_py_gen.runtime.transport.dds import names as ddsnames
+from rosidl_py_gen.runtime.transport.dds import nodes_message
+from rosidl_py_gen.runtime.transport.discovered import Lost, NodeEntities, ParticipantFound
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.type_names import ros_type, wire_type
 
 PREFIX = bytes.fromhex("0110f307 0a0b0c0d 01020304")
 GUID = PREFIX + b"\0\0\1\xc1"
@@ -26,21 +28,44 @@ GUID = PREFIX + b"\0\0\1\xc1"
         (ddsnames.request_name("/ns/s"), "rq/ns/sRequest"),
         (ddsnames.reply_name("/ns/s"), "rr/ns/sReply"),
         (ddsnames.request_name("/ns/s", prefix=False), "/ns/sRequest"),
-        (ddsnames.type_name("std_msgs/msg/String"), "std_msgs::msg::dds_::String_"),
-        (ddsnames.type_name("pkg/srv/X_Request"), "pkg::srv::dds_::X_Request_"),
-        (ddsnames.demangle_topic("rt/ns/t"), "/ns/t"),
-        (ddsnames.demangle_topic("ros_discovery_info"), None),
-        (ddsnames.demangle_service("rq/ns/sRequest"), "/ns/s"),
-        (ddsnames.demangle_service("rr/ns/sReply"), "/ns/s"),
-        (ddsnames.demangle_service("rq/ns/sReply"), None),
-        (ddsnames.demangle_type("std_msgs::msg::dds_::String_"), "std_msgs/msg/String"),
-        (ddsnames.demangle_type("HelloWorld"), None),
-        (ddsnames.demangle_service_type("pkg::srv::dds_::X_Response_"), "pkg/srv/X"),
-        (ddsnames.demangle_service_type("pkg::msg::dds_::X_"), None),
+        (wire_type("std_msgs/msg/String"), "std_msgs::msg::dds_::String_"),
+        (wire_type("pkg/srv/X_Request"), "pkg::srv::dds_::X_Request_"),
+        (wire_type("HelloWorld"), "HelloWorld"),
+        (ros_type("std_msgs::msg::dds_::String_"), "std_msgs/msg/String"),
+        (ros_type("HelloWorld"), "HelloWorld"),
     ],
 )
-def test_names(ros: str | None, dds: str | None) -> None:
+def test_names(ros: str, dds: str) -> None:
     assert ros == dds
+
+
+@pytest.mark.parametrize(
+    ("dds", "kind", "name"),
+    [
+        ("rt/ns/t", "topic", "/ns/t"),
+        ("rq/ns/sRequest", "request", "/ns/s"),
+        ("rr/ns/sReply", "reply", "/ns/s"),
+        ("rq/ns/sReply", "bare", "rq/ns/sReply"),
+        ("ros_discovery_info", "bare", "ros_discovery_info"),
+        ("/ns/t", "bare", "/ns/t"),
+    ],
+)
+def test_a_name_of_dds_tells_what_it_carries_and_is_found_again(dds: str, kind: str, name: str) -> None:
+    channel = ddsnames.channel_of(dds)
+    assert channel == (kind, name) and ddsnames.wire_name(channel) == dds
+
+
+@pytest.mark.parametrize(
+    ("type", "service"),
+    [
+        ("pkg::srv::dds_::X_Response_", "pkg/srv/X"),
+        ("pkg::action::dds_::X_SendGoal_Request_", "pkg/action/X_SendGoal"),
+        ("pkg::msg::dds_::X_", None),
+        ("X_Request", None),
+    ],
+)
+def test_a_half_of_a_service_knows_whose(type: str, service: str | None) -> None:
+    assert found(bytes(16), bytes(16), "rq/sRequest", type, DEFAULT).service_type == service
 
 
 def test_user_data_texts() -> None:
@@ -79,7 +104,7 @@ def test_the_nodes_message_is_what_the_generated_class_writes() -> None:
         ],
     )
     assert data == expected.encode()
-    assert ParticipantEntitiesInfo._TYPE.hash == _TYPE_HASH
+    assert ParticipantEntitiesInfo._TYPE.hash == HASHES["rmw_dds_common/msg/ParticipantEntitiesInfo"]
     assert nodes_message.decode(data, PREFIX).nodes[0].writer_gids == {writer}
 
 
@@ -120,7 +145,7 @@ def test_the_opaque_type_is_what_cyclonedds_itself_would_announce() -> None:
 
 def test_endpoints_find_their_node_or_a_placeholder() -> None:
     graph = Graph()
-    writer = EndpointFound(PREFIX + b"\0\0\6\3", GUID, True, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
+    writer = found(PREFIX + b"\0\0\6\3", GUID, "rt/t", "std_msgs::msg::dds_::String_", DEFAULT)
     graph.apply(writer)
     assert graph.node_of(writer) == BARE_DDS_NODE
     graph.apply(ParticipantFound(GUID, "/"))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rosidl_py_gen.runtime.loop.outbox import Outbox
-from rosidl_py_gen.runtime.transport.interface import TransportError
+from rosidl_py_gen.runtime.transport.port import TransportError
 
 
 class Line:

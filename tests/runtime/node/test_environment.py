@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.runtime.node.environment import EnvironmentSettingError, read_environment
-from rosidl_py_gen.runtime.transport.interface import DiscoveryRange
+from rosidl_py_gen.runtime.transport.port import DiscoveryRange
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from rosidl_py_gen import compile_text, get_message, get_service, type_descripti
 from rosidl_py_gen.descriptions import describe
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
-from rosidl_py_gen.runtime.names.dds import reply_name, request_name, topic_name
+from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name, topic_name
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any
 
+import on_wire
 import pytest
 from told_types import fresh, teller, told_by
 
@@ -13,7 +14,6 @@ from rosidl_py_gen.descriptions import describe, rihs01
 from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import TypeDescriptionError
-from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:
     from worlds import World
@@ -95,8 +95,7 @@ async def test_an_answer_that_is_too_long_is_not_even_decoded(memory: World) -> 
 
 async def test_names_that_are_none_are_errors_of_ours(memory: World) -> None:
     robot = teller(memory, "robot", lambda request: GetTypeDescription_Response())
-    writer = robot.scope.participant.create_writer("rt/t", "no::such \x1bdds_::Name_", QoSProfile(), "x")
-    robot.scope.own(writer, writer=writer.guid)
+    on_wire.announce(robot, "rt/t", "no::such \x1bdds_::Name_", "x")
     with pytest.raises(
         TypeDescriptionError, match=r"^the type of the topic /t is none of ROS: no/such \ufffdName without a hash"
     ):

@@ -8,6 +8,7 @@ import re
 import sys
 from typing import Any
 
+import on_wire
 import pytest
 from worlds import World, until
 
@@ -19,10 +20,8 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.names.dds import reply_name
 from rosidl_py_gen.runtime.node import type_description as type_description_service
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError
-from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 Foo: Any = compile_text("my_pkg/msg/Foo", "int32 x")
 Ask: Any = compile_text("my_pkg/srv/Ask", "string question\n---\nint8 answer")
@@ -180,9 +179,7 @@ async def test_without_a_hash_the_type_needs_a_name(world: World) -> None:
 
 def announce_writer(node: Any, dds_type: str, topic: str, announced: str) -> None:
     """A writer of the node's that announces any hash, or none."""
-    described = f"rt/{topic}", dds_type, QoSProfile(), announced
-    writer = node.scope.participant.create_writer(*described, node=node.scope.number)
-    node.scope.own(writer, writer=writer.guid)
+    on_wire.announce(node, f"rt/{topic}", dds_type, announced)
 
 
 @pytest.mark.parametrize(
@@ -223,9 +220,8 @@ async def test_the_first_question_does_not_import_the_compiler(world: World, mon
 
 @pytest.mark.without_zenoh("nobody else can read the replies")
 async def test_the_answer_byte_by_byte(world: World) -> None:
-    watcher = world.node("watcher").scope.participant
     dds = "type_description_interfaces::srv::dds_::GetTypeDescription_Response_"
-    replies = watcher.create_reader(reply_name("/n/get_type_description"), dds, QoSProfile().keep_all())
+    replies = on_wire.reader(world.node("watcher"), "rr/n/get_type_descriptionReply", dds)
     world.node("n").create_publisher(Foo, "foo")
     asker = world.node("asker")
     await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import on_wire
 import pytest
 from worlds import World, until
 
-from rosidl_py_gen.runtime.names.dds import reply_name, request_name
 from rosidl_py_gen.runtime.parameters.values import ParameterNotDeclaredError
 from rosidl_py_gen.runtime.time.values import ClockType, Time
-from rosidl_py_gen.runtime.transport.qos import QoSProfile
+from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
 
 HEADER = "00 01 00 00"
-DEEP = QoSProfile().keep_all()
 
 
 def wire(*parts: str) -> str:
@@ -19,14 +18,14 @@ def wire(*parts: str) -> str:
 
 
 async def test_setting_one_integer_and_the_event_it_causes(world: World) -> None:
-    watcher = world.node("watcher").scope.participant
+    watcher = world.node("watcher")
     dds = "rcl_interfaces::srv::dds_::SetParameters_"
-    requests = watcher.create_reader(request_name("/n/set_parameters"), f"{dds}Request_", DEEP)
-    replies = watcher.create_reader(reply_name("/n/set_parameters"), f"{dds}Response_", DEEP)
+    requests = on_wire.reader(watcher, request_name("/n/set_parameters"), f"{dds}Request_")
+    replies = on_wire.reader(watcher, reply_name("/n/set_parameters"), f"{dds}Response_")
     node = world.node("n")
     node.declare_parameter("ab", 1)
     remote = world.node("other").create_parameter_client("/n")
-    events = watcher.create_reader("rt/parameter_events", "rcl_interfaces::msg::dds_::ParameterEvent_", DEEP)
+    events = on_wire.reader(watcher, "rt/parameter_events", "rcl_interfaces::msg::dds_::ParameterEvent_")
     node.clock.enable_ros_time_override()
     node.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
     await remote.set({"ab": 7}, timeout_s=5)
@@ -52,9 +51,8 @@ async def test_setting_one_integer_and_the_event_it_causes(world: World) -> None
 
 
 async def test_asking_for_an_unknown_parameter_is_answered_with_nothing(world: World) -> None:
-    watcher = world.node("watcher").scope.participant
     dds = "rcl_interfaces::srv::dds_::GetParameters_Response_"
-    replies = watcher.create_reader(reply_name("/n/get_parameters"), dds, DEEP)
+    replies = on_wire.reader(world.node("watcher"), reply_name("/n/get_parameters"), dds)
     world.node("n")
     remote = world.node("other").create_parameter_client("/n")
     with pytest.raises(ParameterNotDeclaredError):

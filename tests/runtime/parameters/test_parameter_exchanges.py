@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 from typing import Any
 
+import on_wire
 from worlds import World, until
 
 from rosidl_py_gen.runtime import (
@@ -12,14 +13,12 @@ from rosidl_py_gen.runtime import (
     Node,
     ParameterDescriptor,
     ParameterType,
-    QoSProfile,
     SetResult,
     parameter_value,
 )
-from rosidl_py_gen.runtime.names.dds import reply_name, request_name
 from rosidl_py_gen.runtime.parameters.client import ParameterClient
+from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
 
-DEEP = QoSProfile().keep_all()
 AB = "03 00 00 00  61 62 00"  # "ab" with its NUL
 ONE = "01 00 00 00"
 NONE = "00 00 00 00"
@@ -29,10 +28,10 @@ class Wiretap:
     """Everybody's requests and replies of one service of the node ``/n``, without header and request id."""
 
     def __init__(self, world: World, service: str, type_name: str) -> None:
-        self._participant = world.node("watcher").scope.participant
+        watcher = world.node("watcher")
         dds = f"rcl_interfaces::srv::dds_::{type_name}_"
-        self._requests = self._participant.create_reader(request_name(f"/n/{service}"), f"{dds}Request_", DEEP)
-        self._replies = self._participant.create_reader(reply_name(f"/n/{service}"), f"{dds}Response_", DEEP)
+        self._requests = on_wire.reader(watcher, request_name(f"/n/{service}"), f"{dds}Request_")
+        self._replies = on_wire.reader(watcher, reply_name(f"/n/{service}"), f"{dds}Response_")
         self.node: Node = world.node("n")
         self.remote: ParameterClient = world.node("other").create_parameter_client("/n")
 

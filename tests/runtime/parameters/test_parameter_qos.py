@@ -6,7 +6,7 @@ import pytest
 from worlds import World, run, until
 
 from rosidl_py_gen.runtime import Durability, History, QoSProfile, Reliability
-from rosidl_py_gen.runtime.names.dds import reply_name, request_name
+from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 SERVICES = [

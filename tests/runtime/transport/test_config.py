@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
-from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSettings
+from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
 
 
 def test_subnet_sets_what_ros_peers_expect() -> None:

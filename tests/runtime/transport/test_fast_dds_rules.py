@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import on_wire
 import pytest
 from std_msgs.msg import Int32, String
 from std_srvs.srv import SetBool
@@ -29,7 +30,7 @@ from rosidl_py_gen.runtime import ForeignServiceError
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import rtps
 from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
-from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovered import Lost, ParticipantFound
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -346,7 +347,7 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
     for number, (topic, kind) in enumerate((("rq/set_boolRequest", "Request"), ("rr/set_boolReply", "Response")), 1):
         last = b"\x03" if kind == "Response" else b"\x04"
         guid, type_name = FAST_GUID[:12] + bytes((0, 0, number)) + last, f"std_srvs::srv::dds_::SetBool_{kind}_"
-        bob.scope.graph.apply(EndpointFound(guid, FAST_GUID, kind == "Response", topic, type_name, SERVICES_DEFAULT))
+        bob.scope.graph.apply(on_wire.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT))
     with pytest.raises(ForeignServiceError, match=r"Topics work with it.*this build is not known"):
         await client.call(SetBool.Request(), timeout_s=10)
 

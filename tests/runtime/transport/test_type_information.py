@@ -12,6 +12,7 @@ import pytest
 from std_msgs.msg import Int32, String
 from worlds import ROOT
 
+from rosidl_py_gen.runtime.transport.port import EndpointSpec
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
@@ -108,9 +109,9 @@ async def test_two_types_on_one_topic_name_stay_apart(dds: World) -> None:
 
 
 async def test_the_end_of_a_sample_is_zeros_not_memory(world: World) -> None:
-    participant, names = world.context().participant, ("rt/odd", "pkg::msg::dds_::Odd_")
-    reader = participant.create_reader(*names, DEFAULT)
-    writer = participant.create_writer(*names, DEFAULT)
+    participant, odd = world.context().participant, EndpointSpec("/odd", "pkg/msg/Odd", DEFAULT)
+    reader = participant.create_reader(odd)
+    writer = participant.create_writer(odd)
     for length in range(5, 9):
         writer.write(b"\0\1\0\0" + b"\7" * (length - 4))
     assert [sample[0] for sample in reader.queue.items] == [

@@ -16,7 +16,7 @@ import threading
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime.transport.interface import TransportError
+from rosidl_py_gen.runtime.transport.port import TransportError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,7 +15,7 @@ CYCLONEDDS_URI chooses interfaces.
 
 from __future__ import annotations
 
-from rosidl_py_gen.runtime.transport.interface import DiscoveryRange, DomainSettings
+from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
 
 MAX_PARTICIPANT_INDEX = 32
 TUNING = (

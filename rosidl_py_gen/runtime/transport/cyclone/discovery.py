@@ -1,6 +1,6 @@
 """What Cyclone's builtin topics say about participants and endpoints, as discovery events.
 
-Decides nothing about ROS: names, types and what USER_DATA says are passed on as they are. It also remembers which GUID
+Decides nothing about ROS: names and types are only spelled in its way. It also remembers which GUID
 belongs to which local instance handle, because samples and matched lists carry handles only; the handle in the builtin
 sample of an endpoint is the publication handle of its samples.
 
@@ -16,18 +16,19 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.names.dds import parse_user_data
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.pipe import putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
-from rosidl_py_gen.runtime.transport.dds import FAST_DDS_VENDOR
-from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.dds.names import channel_of, parse_user_data
+from rosidl_py_gen.runtime.transport.dds.participant import FAST_DDS_VENDOR
+from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.type_names import ros_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
 
 _BATCH = 64
 _REMEMBERED = 4096
@@ -41,6 +42,8 @@ _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
 """instance_state, valid_data and instance_handle of dds_sample_info_t (64 bytes)."""
 _ADDRESSES = b"__NetworkAddresses"
 """A property that Cyclone adds to what a participant said of itself."""
+_OF_DDS = "DCPS"
+"""Begins the names of the topics by which DDS itself works."""
 _TOPICS = (abi.DCPS_PARTICIPANT, abi.DCPS_PUBLICATION, abi.DCPS_SUBSCRIPTION)
 
 
@@ -153,6 +156,8 @@ class DiscoveryReaders:
             for index in range(count):
                 state, valid, handle = _info(self._infos, 64 * index)
                 event = self._event(topic, pointers[index] or 0, handle, valid)
+                if isinstance(event, EndpointFound) and event.wire_name.startswith(_OF_DDS):
+                    continue
                 news.append(event)
                 if valid and state != _ALIVE:  # came and went since the last look; nothing else will tell
                     self._forget_later(handle)
@@ -179,15 +184,18 @@ class DiscoveryReaders:
         self.guids[handle] = guid
         is_writer = topic == abi.DCPS_PUBLICATION
         told = parse_user_data(read_user_data(self._api, endpoint.qos))
+        name, type = endpoint.topic_name.decode(errors="replace"), endpoint.type_name.decode(errors="replace")
         return EndpointFound(
             guid,
             bytes(endpoint.participant_key),
             is_writer,
-            endpoint.topic_name.decode(errors="replace"),
-            endpoint.type_name.decode(errors="replace"),
+            channel_of(name),
+            ros_type(type),
             read_profile(self._api, endpoint.qos, is_writer=is_writer),
             told.get("typehash", ""),
             told.get("serviceid") or told.get("clientid") or "",
+            wire_name=name,
+            wire_type=type,
         )
 
     def _forget_later(self, handle: int) -> None:

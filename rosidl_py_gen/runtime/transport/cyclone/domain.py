@@ -19,7 +19,7 @@ from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObjects
-from rosidl_py_gen.runtime.transport.interface import TransportError
+from rosidl_py_gen.runtime.transport.port import TransportError
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds

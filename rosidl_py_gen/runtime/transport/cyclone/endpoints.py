@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_about_socket_buffers
-from rosidl_py_gen.runtime.transport.dds import reaches
-from rosidl_py_gen.runtime.transport.interface import in_fours
+from rosidl_py_gen.runtime.transport.dds.participant import reaches
+from rosidl_py_gen.runtime.transport.port import in_fours
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
     from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
-    from rosidl_py_gen.runtime.transport.interface import Identity, Payload, ReceiveQueue, Sink
+    from rosidl_py_gen.runtime.transport.port import Identity, Payload, ReceiveQueue, Sink
 
 _BATCH = 32
 """Samples per take. More only helps when the queue is deeper; the arrays cost 80 bytes a piece."""
@@ -74,7 +74,7 @@ class Host(Protocol):
 
 
 class CycloneWriter:
-    """See `transport.Writer`."""
+    """See `port.Writer`."""
 
     def __init__(self, owner: Host, entity: int, topic: str, type: str) -> None:
         self._owner = owner
@@ -90,7 +90,7 @@ class CycloneWriter:
         self.handle = handle.value
 
     def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
-        """See `transport.Writer`. Raises `ClosedError` or `TransportError`."""
+        """See `port.Writer`. Raises `ClosedError` or `TransportError`."""
         if data.__class__ is not bytes or len(data) & 3:
             data = in_fours(data)
         if len(data) > LARGE_BYTES:
@@ -175,7 +175,7 @@ class TakeBuffers:
 
 
 class CycloneReader:
-    """See `transport.Reader`."""
+    """See `port.Reader`."""
 
     def __init__(
         self, owner: Host, entity: int, topic: str, type: str, queue: ReceiveQueue, *, is_reliable: bool

@@ -29,7 +29,6 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.resources import install_command
-from rosidl_py_gen.runtime.names.dds import endpoint_user_data, participant_user_data
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.catchup import EarlySamples
@@ -41,21 +40,20 @@ from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
 from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writers, greet
 from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
-from rosidl_py_gen.runtime.transport.dds import DdsParticipant, running_loop
-from rosidl_py_gen.runtime.transport.interface import (
-    BackendMissingError,
-    DiscoveryRange,
-    EndpointFound,
-    ReceiveQueue,
-)
+from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data, participant_user_data
+from rosidl_py_gen.runtime.transport.dds.nodes import running_loop
+from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
+from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+from rosidl_py_gen.runtime.transport.port import BackendMissingError, DiscoveryRange, ReceiveQueue
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import ModuleType
 
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, DomainSettings, Sink
-    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.port import DomainSettings, Sink
 
 _MAX_IDLE_TOPICS = 256
 _CONNECTING_S = 0.002
@@ -97,7 +95,7 @@ _fast_dds = FastDds(_library)
 
 
 class CycloneTransport:
-    """Joins DDS domains; see `transport.Transport`. Stateless."""
+    """Joins DDS domains; see `port.Transport`. Stateless."""
 
     clocks = SYSTEM_CLOCKS
 
@@ -112,7 +110,7 @@ class CycloneTransport:
 
 
 class CycloneParticipant(DdsParticipant):
-    """See `transport.Participant`."""
+    """See `port.Participant`."""
 
     def __init__(self, domain_id: int, user_data: bytes, xml: str, *, is_local: bool) -> None:
         super().__init__()
@@ -161,44 +159,20 @@ class CycloneParticipant(DdsParticipant):
         _api.check(_api.get_guid(entity, buffer), "read a GUID")
         return buffer.raw
 
-    def create_writer(
-        self,
-        topic: str,
-        type: str,
-        qos: QoSProfile,
-        type_hash: str = "",
-        *,
-        node: int = 0,
-        client_id: str = "",
-        service_id: str = "",
-    ) -> CycloneWriter:
-        user_data = endpoint_user_data(type_hash, client_id=client_id, service_id=service_id)
-        profile = effective(qos, is_writer=True)
-        with endpoint_qos(_api, profile, user_data, is_writer=True) as cqos:
-            entity = self._create(_api.create_writer, self._publisher, topic, type, cqos, None)
-        return CycloneWriter(self, entity, topic, type)
+    def make_writer(self, end: DdsEndpoint) -> CycloneWriter:
+        profile = effective(end.qos, is_writer=True)
+        with endpoint_qos(_api, profile, _user_data(end), is_writer=True) as cqos:
+            entity = self._create(_api.create_writer, self._publisher, end.topic, end.type, cqos, None)
+        return CycloneWriter(self, entity, end.topic, end.type)
 
-    def create_reader(
-        self,
-        topic: str,
-        type: str,
-        qos: QoSProfile,
-        type_hash: str = "",
-        *,
-        node: int = 0,
-        client_id: str = "",
-        service_id: str = "",
-        ignore_local: bool = False,
-        has_buffer: bool = False,
-    ) -> CycloneReader:
-        user_data = endpoint_user_data(type_hash, client_id=client_id, service_id=service_id)
-        profile = effective(qos, is_writer=False)
-        with endpoint_qos(_api, profile, user_data, is_writer=False, ignore_local=ignore_local) as cqos:
+    def make_reader(self, end: DdsEndpoint) -> CycloneReader:
+        profile = effective(end.qos, is_writer=False)
+        with endpoint_qos(_api, profile, _user_data(end), is_writer=False, ignore_local=end.ignore_local) as cqos:
             entity = self._early.create_reader(
-                partial(self._create, _api.create_reader, self._subscriber, topic, type, cqos)
+                partial(self._create, _api.create_reader, self._subscriber, end.topic, end.type, cqos)
             )
         is_reliable = profile.reliability is Reliability.RELIABLE
-        return CycloneReader(self, entity, topic, type, ReceiveQueue(profile), is_reliable=is_reliable)
+        return CycloneReader(self, entity, end.topic, end.type, ReceiveQueue(profile), is_reliable=is_reliable)
 
     def _create(
         self, create: Callable[..., int], parent: int, topic: str, type: str, qos: int, listener: int | None
@@ -289,7 +263,7 @@ class CycloneParticipant(DdsParticipant):
         for writer in writers:
             told = self.discovery.fast_dds_addresses(writer.guid)
             if told is not None:  # it may be gone
-                asked[told] += [(guid, writer.guid) for guid in readers.get((writer.topic, writer.type), ())]
+                asked[told] += [(guid, writer.guid) for guid in readers.get((writer.wire_name, writer.wire_type), ())]
         for told, pairs in asked.items():
             ask_writers(pairs, told, is_local=self._is_local)
 
@@ -331,3 +305,7 @@ class CycloneParticipant(DdsParticipant):
             reader.close()
         self._undo.close()
         self.discovery.close()
+
+
+def _user_data(end: DdsEndpoint) -> bytes:
+    return endpoint_user_data(end.type_hash, client_id=end.client_id, service_id=end.service_id)

@@ -23,7 +23,7 @@ import ctypes as ct
 import threading
 from typing import TYPE_CHECKING, ClassVar
 
-from rosidl_py_gen.runtime.transport.interface import TransportError
+from rosidl_py_gen.runtime.transport.port import TransportError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

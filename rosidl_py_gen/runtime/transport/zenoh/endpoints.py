@@ -26,7 +26,7 @@ import zenoh.handlers
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.interface import ReceiveQueue, TransportError
+from rosidl_py_gen.runtime.transport.port import ReceiveQueue, TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
 from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
 from rosidl_py_gen.runtime.transport.zenoh.graph import participant_guid
@@ -36,7 +36,8 @@ from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.interface import EndpointFound, Identity, Payload, Sink
+    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+    from rosidl_py_gen.runtime.transport.port import Identity, Payload, Sink
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
     from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
     from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph
@@ -128,7 +129,7 @@ def declare_subscriber(
 
 
 class ZenohWriter:
-    """See `transport.Writer`."""
+    """See `port.Writer`."""
 
     def __init__(self, owner: Host, info: EndpointFound, key: str) -> None:
         self._owner = owner
@@ -142,14 +143,14 @@ class ZenohWriter:
         self._closed = False
 
     def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
-        """See `transport.Writer`. A reliable keep-all writer waits here for slow peers, without the GIL."""
+        """See `port.Writer`. A reliable keep-all writer waits here for slow peers, without the GIL."""
         if self._closed:
-            raise ClosedError(f"the writer of {self.info.topic} is closed")
+            raise ClosedError(f"the writer of {self.info.channel.name} is closed")
         attachment = pack(next(self._numbers), _time_ns(), self.guid)
         try:
             self._put(data if data.__class__ is bytes else bytes(data), attachment=attachment)
         except zenoh.ZError as error:
-            raise TransportError(f"write {len(data)} bytes to {self.info.topic}: {error}") from None
+            raise TransportError(f"write {len(data)} bytes to {self.info.channel.name}: {error}") from None
         return True
 
     def matched_readers(self) -> list[bytes]:
@@ -188,7 +189,7 @@ class ZenohWriter:
 
 
 class ZenohReader:
-    """See `transport.Reader`; the queue is filled by `take`."""
+    """See `port.Reader`; the queue is filled by `take`."""
 
     def __init__(self, owner: Host, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
         self._owner = owner

@@ -16,17 +16,24 @@ from collections import defaultdict, deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.names.dds import REPLY_PREFIX, demangle_type, reply_name, request_name, topic_name
-from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodeEntities, NodesFound, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovered import (
+    Channel,
+    EndpointFound,
+    Lost,
+    NodeEntities,
+    NodesFound,
+    ParticipantFound,
+)
+from rosidl_py_gen.runtime.transport.type_names import ros_type
 from rosidl_py_gen.runtime.transport.zenoh.keys import FORMAT_VARIABLE, known_hash
 from rosidl_py_gen.runtime.transport.zenoh.tokens import EndpointToken, EntityKind, NodeToken, gid_of, read_token
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
 
-_OF_EVERY_NODE = topic_name("/parameter_events")
+_OF_EVERY_NODE = Channel("topic", "/parameter_events")
 _FLIPPED = (1 << 128) - 1
 
 
@@ -55,27 +62,24 @@ class _Session:
     nodes: dict[int, _Node] = field(default_factory=dict)
 
 
-Key = tuple[str, str, str, bool]
-"""Topic, type and hash of those who are connected with each other, and whether the writers or the readers are meant."""
+Key = tuple[Channel, str, str, bool]
+"""Channel, type and hash of those who are connected with each other; whether the writers or the readers are meant."""
 
 
 def endpoints_of(token: EndpointToken, gid: bytes) -> tuple[EndpointFound, ...]:
     """What the graph knows of an endpoint: one of a topic, two of a client or server, the reading one first."""
-    participant = participant_guid(token.node.zid)
-    told = known_hash(token.type_hash)
+    participant, told, type = participant_guid(token.node.zid), known_hash(token.type_hash), ros_type(token.type)
+    wire = token.name, token.type
     if token.kind in (EntityKind.PUBLISHER, EntityKind.SUBSCRIPTION):
-        is_writer = token.kind is EntityKind.PUBLISHER
-        found = EndpointFound(gid, participant, is_writer, topic_name(token.name), token.type, token.qos, told)
-        return (found,)
-    request, reply = (
-        (request_name(token.name), f"{token.type}Request_"),
-        (reply_name(token.name), f"{token.type}Response_"),
-    )
+        is_writer, channel = token.kind is EntityKind.PUBLISHER, Channel("topic", token.name)
+        return (EndpointFound(gid, participant, is_writer, channel, type, token.qos, told, "", "", *wire),)
+    request = Channel("request", token.name), f"{type}_Request"
+    reply = Channel("reply", token.name), f"{type}_Response"
     read, written = (request, reply) if token.kind is EntityKind.SERVER else (reply, request)
     service = ("", gid.hex(), told)
     return (
-        EndpointFound(gid, participant, False, *read, token.qos, *service),
-        EndpointFound(twin(gid), participant, True, *written, token.qos, *service),
+        EndpointFound(gid, participant, False, *read, token.qos, *service, *wire),
+        EndpointFound(twin(gid), participant, True, *written, token.qos, *service, *wire),
     )
 
 
@@ -222,7 +226,7 @@ class TokenGraph:
 
 
 def _key(endpoint: EndpointFound, is_writer: bool) -> Key:
-    return endpoint.topic, endpoint.type, _told_hash(endpoint), is_writer
+    return endpoint.channel, endpoint.type, _told_hash(endpoint), is_writer
 
 
 def _told_hash(endpoint: EndpointFound) -> str:
@@ -236,11 +240,11 @@ def why_apart(writer: EndpointFound, reader: EndpointFound) -> str:
     Of a service only the half that asks has a reason, and none where every node has both ends: there would be hundreds.
     """
     hashes = {_told_hash(writer), _told_hash(reader)}
-    if len(hashes) == 1 or writer.topic == _OF_EVERY_NODE or writer.topic.startswith(f"{REPLY_PREFIX}/"):
+    if len(hashes) == 1 or writer.channel == _OF_EVERY_NODE or writer.channel.kind == "reply":
         return ""
     if "" in hashes:
         return (
             "only one of them has a type hash, and Humble has none: all nodes of a domain have to use the format of "
             f"Humble ({FORMAT_VARIABLE}=humble), or none"
         )
-    return f"they have {demangle_type(writer.type) or writer.type} by different definitions"
+    return f"they have {writer.type} by different definitions"

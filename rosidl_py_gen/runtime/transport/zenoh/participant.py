@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.names.dds import demangle_topic, type_name
-from rosidl_py_gen.runtime.transport.interface import ServiceEndpoints, TransportError
+from rosidl_py_gen.runtime.transport.port import ServiceEndpoints, TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability
+from rosidl_py_gen.runtime.transport.type_names import wire_type
 from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import BufferReader, ZenohReader, ZenohWriter, handler, keep
 from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid, why_apart
@@ -39,7 +39,8 @@ from rosidl_py_gen.runtime.transport.zenoh.tokens import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from rosidl_py_gen.runtime.transport.interface import DiscoveryEvent, EndpointFound, NodeEntities, Service, Sink
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
+    from rosidl_py_gen.runtime.transport.port import EndpointSpec, Service, Sink
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
@@ -64,7 +65,7 @@ class _Owned(NamedTuple):
 
 
 class ZenohParticipant:
-    """See `transport.Participant`."""
+    """See `port.Participant`."""
 
     middleware = "Zenoh"
     identity_refusal: str | None = None
@@ -94,27 +95,16 @@ class ZenohParticipant:
 
     # ------------------------------------------------------------------------------------------------ endpoints
 
-    def create_writer(
-        self, topic: str, type: str, qos: QoSProfile, type_hash: str = "", *, node: int = 0
-    ) -> ZenohWriter:
-        told = self._describe(EntityKind.PUBLISHER, _name(topic), type, type_hash, qos, node)
+    def create_writer(self, spec: EndpointSpec) -> ZenohWriter:
+        told = self._describe(EntityKind.PUBLISHER, *_named(spec))
         return self._adopt(told, lambda: ZenohWriter(self, told.endpoints[0], told.key))
 
-    def create_reader(
-        self,
-        topic: str,
-        type: str,
-        qos: QoSProfile,
-        type_hash: str = "",
-        *,
-        node: int = 0,
-        ignore_local: bool = False,
-        has_buffer: bool = False,
-    ) -> ZenohReader:
-        takes_buffers = has_buffer and not self._is_humble and qos.durability is not Durability.TRANSIENT_LOCAL
+    def create_reader(self, spec: EndpointSpec) -> ZenohReader:
+        is_late = spec.qos.durability is Durability.TRANSIENT_LOCAL
+        takes_buffers = spec.has_buffer and not self._is_humble and not is_late
         backends, make = (CPU_BACKEND, BufferReader) if takes_buffers else ("", ZenohReader)
-        told = self._describe(EntityKind.SUBSCRIPTION, _name(topic), type, type_hash, qos, node, backends)
-        return self._adopt(told, lambda: make(self, told.endpoints[0], told.key, ignore_local=ignore_local))
+        told = self._describe(EntityKind.SUBSCRIPTION, *_named(spec), backends)
+        return self._adopt(told, lambda: make(self, told.endpoints[0], told.key, ignore_local=spec.ignore_local))
 
     def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
         told = self._describe_service(EntityKind.CLIENT, service, qos, node)
@@ -145,6 +135,7 @@ class ZenohParticipant:
         profile = read_qos(qos_text(qos))
         assert profile is not None
         owner = self._nodes.get(node)
+        type = wire_type(type)
         token = EndpointToken(owner or self._nobody, next(self._ids), kind, name, type, type_hash, profile, backends)
         text = str(token)
         key = data_key(self._domain_id, name, type, type_hash)
@@ -152,7 +143,7 @@ class ZenohParticipant:
 
     def _describe_service(self, kind: EntityKind, service: Service, qos: QoSProfile, node: int) -> _Description:
         """As `_describe`; our own graph knows the hashes of the messages, which no token tells."""
-        told = self._describe(kind, service.name, type_name(service.type), service.type_hash, qos, node)
+        told = self._describe(kind, service.name, service.type, service.type_hash, qos, node)
         halves = [service.request_hash, service.response_hash]
         if kind is EntityKind.CLIENT:
             halves.reverse()
@@ -168,7 +159,9 @@ class ZenohParticipant:
         except zenoh.ZError as error:
             if endpoint is not None:
                 endpoint.close()
-            raise TransportError(f"create an endpoint of {told.endpoints[0].topic} at {told.key}: {error}") from None
+            raise TransportError(
+                f"create an endpoint of {told.endpoints[0].channel.name} at {told.key}: {error}"
+            ) from None
         self._owned[endpoint.guid] = _Owned(endpoint, token, told.endpoints)
         self.graph.add_own(told.endpoints)
         self.arrivals.put(self.report_discovery)
@@ -184,15 +177,15 @@ class ZenohParticipant:
             self.arrivals.put(self.report_discovery)
 
     def identifies(self, guid: bytes) -> bool:
-        """See `transport.Participant`; everybody does here."""
+        """See `port.Participant`; everybody does here."""
         return True
 
     def counts_requests(self, guid: bytes) -> bool:
-        """See `transport.Participant`; nobody does here."""
+        """See `port.Participant`; nobody does here."""
         return False
 
     def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
-        """See `transport.Participant`; nobody looks at profiles here."""
+        """See `port.Participant`; nobody looks at profiles here."""
         return why_apart(writer, reader)
 
     # ---------------------------------------------------------------------------------------------------- nodes
@@ -270,6 +263,6 @@ class ZenohParticipant:
             self.arrivals.close()
 
 
-def _name(topic: str) -> str:
-    """The fully qualified name of a topic; one that is not mangled as ROS does is taken as it is."""
-    return demangle_topic(topic) or f"/{topic.removeprefix('/')}"
+def _named(spec: EndpointSpec) -> tuple[str, str, str, QoSProfile, int]:
+    """Zenoh has no prefixes: a bare name is that of a topic."""
+    return f"/{spec.name.removeprefix('/')}", spec.type, spec.type_hash, spec.qos, spec.node

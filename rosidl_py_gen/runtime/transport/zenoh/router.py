@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from rosidl_py_gen.runtime.transport.interface import TransportError
+from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.zenoh.config import IPV4_ONLY, endpoints_of, reason, router_config
 
 if TYPE_CHECKING:

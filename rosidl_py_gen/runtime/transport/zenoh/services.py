@@ -18,14 +18,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.interface import TransportError, identified
+from rosidl_py_gen.runtime.transport.port import TransportError, identified
 from rosidl_py_gen.runtime.transport.unanswered import unanswered
 from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, handler, keep
 from rosidl_py_gen.runtime.transport.zenoh.graph import twin
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.interface import EndpointFound, Identity, Payload
+    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+    from rosidl_py_gen.runtime.transport.port import Identity, Payload
     from rosidl_py_gen.runtime.transport.zenoh.endpoints import Host
 
 _ENDLESS_S = 1e9
@@ -45,7 +46,7 @@ _time_ns = time.time_ns
 
 
 class _Half:
-    """A writer whose other half has the Zenoh entity; see `transport.Writer`."""
+    """A writer whose other half has the Zenoh entity; see `port.Writer`."""
 
     def __init__(self, owner: Host, info: EndpointFound) -> None:
         self._owner = owner
@@ -230,18 +231,18 @@ class RequestWriter(_Half):
         self._reader = reader
 
     def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
-        """See `transport.Writer`; False while no server is within reach."""
+        """See `port.Writer`; False while no server is within reach."""
         if self._closed:
-            raise ClosedError(f"the writer of {self.info.topic} is closed")
+            raise ClosedError(f"the writer of {self.info.channel.name} is closed")
         if identity is None:
-            raise TransportError(f"a request on {self.info.topic} needs an identity")
+            raise TransportError(f"a request on {self.info.channel.name} needs an identity")
         try:
             return self._reader.ask(bytes(data), identity[1], timeout_s)
         except zenoh.ZError as error:
-            raise TransportError(f"send a request of {len(data)} bytes on {self.info.topic}: {error}") from None
+            raise TransportError(f"send a request of {len(data)} bytes on {self.info.channel.name}: {error}") from None
 
     def forget(self, number: int) -> None:
-        """See `transport.Writer`."""
+        """See `port.Writer`."""
         self._reader.forget(number)
 
 
@@ -334,9 +335,9 @@ class ReplyWriter(_Half):
         self._key = key
 
     def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
-        """See `transport.Writer`; what answers nothing that is still asked is dropped."""
+        """See `port.Writer`; what answers nothing that is still asked is dropped."""
         if self._closed:
-            raise ClosedError(f"the writer of {self.info.topic} is closed")
+            raise ClosedError(f"the writer of {self.info.channel.name} is closed")
         query = None if identity is None else self._reader.claim(identity)
         if query is None or identity is None:
             return True
@@ -344,7 +345,7 @@ class ReplyWriter(_Half):
         try:
             query.reply(self._key, bytes(data), attachment=pack(number, _time_ns(), gid))
         except zenoh.ZError as error:
-            raise TransportError(f"send a response of {len(data)} bytes on {self.info.topic}: {error}") from None
+            raise TransportError(f"send a response of {len(data)} bytes on {self.info.channel.name}: {error}") from None
         finally:
             query.drop()
         return True

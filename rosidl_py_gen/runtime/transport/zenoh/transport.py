@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 from rosidl_py_gen.resources import install_command
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
-from rosidl_py_gen.runtime.transport.interface import BackendMissingError, TransportError
+from rosidl_py_gen.runtime.transport.port import BackendMissingError, TransportError
 
 try:
     import zenoh
@@ -35,7 +35,7 @@ except ImportError as err:
     ) from err
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.interface import DomainSettings
+    from rosidl_py_gen.runtime.transport.port import DomainSettings
 
 _PAUSE_S = 1.0
 """Between two attempts of rmw_zenoh_cpp."""
@@ -44,7 +44,7 @@ _LOOK_S = 0.001
 
 
 class ZenohTransport:
-    """Joins domains by sessions of Zenoh; see `transport.Transport`. Where they listen is decided by `config.py`."""
+    """Joins domains by sessions of Zenoh; see `port.Transport`. Where they listen is decided by `config.py`."""
 
     _was_used: ClassVar[bool] = False
     _is_forked: ClassVar[bool] = False

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.interface import EndpointFound, Lost, NodesFound, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodesFound, ParticipantFound
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid
 from rosidl_py_gen.runtime.transport.zenoh.tokens import EndpointToken, EntityKind, NodeToken, gid_of, read_token

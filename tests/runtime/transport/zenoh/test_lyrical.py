@@ -10,6 +10,7 @@ import itertools
 import struct
 from typing import TYPE_CHECKING, Any
 
+import on_wire
 import pytest
 import xxhash
 from nav_msgs.msg import OccupancyGrid
@@ -94,11 +95,7 @@ async def test_a_publisher_of_lyrical_reaches_our_subscriptions(zenoh: World, pe
 
 async def test_without_the_last_chunk_of_its_token_a_subscription_would_hear_nothing(zenoh: World, peer: Peer) -> None:
     node = zenoh.node("ours")
-    participant: Any = node.scope.participant
-    number = node.scope.number
-    reader = participant.create_reader(
-        "rt/bytes", *BYTES.split("/")[:1], QoSProfile(), type_hash(UInt8MultiArray), node=number
-    )
+    reader = on_wire.reader(node, "rt/bytes", BYTES.split("/")[0], QoSProfile(), type_hash(UInt8MultiArray))
     publisher = LyricalPublisher(peer, "/bytes", BYTES)
     await until(lambda: len(peer.of_others("MS", "/bytes")) == 1)
     publisher.publish(bytes_message(1))

@@ -1,18 +1,18 @@
 """How ROS names appear in DDS, and the texts that ROS puts into USER_DATA.
 
-Decides spelling only (protocol.md 4, 5.2, 6.1). A name that does not have the ROS shape demangles to None, because
-DDS programs that know nothing of ROS share the same domain; they are never an error.
+Decides spelling only (protocol.md 4, 5.2, 6.1). A name that does not have the ROS shape is a bare one, because DDS
+programs that know nothing of ROS share the same domain; they are never an error. Types are in `type_names.py`.
 """
 
 from __future__ import annotations
 
 import re
 
+from rosidl_py_gen.runtime.transport.discovered import Channel
+
 TOPIC_PREFIX = "rt"
 REQUEST_PREFIX = "rq"
 REPLY_PREFIX = "rr"
-DISCOVERY_TOPIC = "ros_discovery_info"
-DISCOVERY_TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 
 _PAIR = re.compile(rb"([A-Za-z0-9]+)=([^;]*);")
 
@@ -35,39 +35,28 @@ def reply_name(fqn: str, *, prefix: bool = True) -> str:
     return f"{REPLY_PREFIX if prefix else ''}{fqn}Reply"
 
 
-def type_name(ros_name: str) -> str:
-    """``std_msgs/msg/String`` -> ``std_msgs::msg::dds_::String_``."""
-    package, kind, name = ros_name.split("/")
-    return f"{package}::{kind}::dds_::{name}_"
+def wire_name(channel: Channel) -> str:
+    """What DDS calls the topic of a channel."""
+    match channel.kind:
+        case "topic":
+            return topic_name(channel.name)
+        case "request":
+            return request_name(channel.name)
+        case "reply":
+            return reply_name(channel.name)
+        case "bare":
+            return channel.name
 
 
-def demangle_topic(dds_name: str) -> str | None:
-    """``rt/chatter`` -> ``/chatter``; None when it is not a ROS topic."""
-    return dds_name[2:] if dds_name.startswith("rt/") else None
-
-
-def demangle_service(dds_name: str) -> str | None:
-    """``rq/addRequest`` or ``rr/addReply`` -> ``/add``; None when it is neither."""
-    for prefix, suffix in (("rq/", "Request"), ("rr/", "Reply")):
-        if dds_name.startswith(prefix) and dds_name.endswith(suffix):
-            return dds_name[2 : -len(suffix)]
-    return None
-
-
-def demangle_type(dds_name: str) -> str | None:
-    """``std_msgs::msg::dds_::String_`` -> ``std_msgs/msg/String``; None when it has another shape."""
-    if "dds_::" not in dds_name or not dds_name.endswith("_"):
-        return None
-    return dds_name.replace("dds_::", "")[:-1].replace("::", "/")
-
-
-def demangle_service_type(dds_name: str) -> str | None:
-    """``p::srv::dds_::X_Request_`` -> ``p/srv/X``; None when it is not half of a service."""
-    name = demangle_type(dds_name)
-    for suffix in ("_Request", "_Response"):
-        if name is not None and name.endswith(suffix):
-            return name[: -len(suffix)]
-    return None
+def channel_of(dds_name: str) -> Channel:
+    """``rt/chatter`` is a topic, ``rq/addRequest`` and ``rr/addReply`` are halves of a service; the rest is bare."""
+    if dds_name.startswith("rt/"):
+        return Channel("topic", dds_name[2:])
+    if dds_name.startswith("rq/") and dds_name.endswith("Request"):
+        return Channel("request", dds_name[2 : -len("Request")])
+    if dds_name.startswith("rr/") and dds_name.endswith("Reply"):
+        return Channel("reply", dds_name[2 : -len("Reply")])
+    return Channel("bare", dds_name)
 
 
 # --------------------------------------------------------------------------------------------------------- user data

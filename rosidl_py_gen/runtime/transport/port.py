@@ -1,8 +1,8 @@
 """The narrow contract between ROS things (publishers, services, the graph) and whatever carries their bytes.
 
-Bytes go in, bytes and discovery events come out; messages are never seen. Names of topics and types are spelled as DDS
-spells them (`names/dds.py`), whatever carries them. `cyclone/participant.py` carries bytes over DDS, `memory.py` inside
-one process; nothing above this file can tell which one it is.
+Bytes go in, bytes and discovery events come out; messages are never seen. Names of topics, services and types are those
+of ROS; how they are spelled on the wire is the business of who carries them: `cyclone/participant.py` over DDS,
+`zenoh/participant.py` over Zenoh, `memory.py` inside one process. Nothing above this file can tell which one it is.
 
 Threads: `write` may be called from any thread. A sink is called by the bridge on the event loop's thread, perhaps while
 the loop still waits, and takes what it wants from the queue of its reader.
@@ -17,12 +17,14 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 from rosidl_py_gen.errors import ExtraMissingError, RosidlError
+from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.transport.clocks import Clocks
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
 
 Payload: TypeAlias = "bytes | memoryview"
 """A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""
@@ -97,74 +99,6 @@ class DomainSettings:
     static_peers: tuple[str, ...] = ()
     cyclonedds_uri: str = ""
     warnings: tuple[str, ...] = ()
-
-
-# --------------------------------------------------------------------------------------------------------- discovery
-
-
-@dataclass(frozen=True, slots=True)
-class ParticipantFound:
-    """A participant was discovered (own ones included).
-
-    Attributes:
-        enclave: None when it does not say that it is a ROS participant.
-    """
-
-    guid: bytes
-    enclave: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class NodeEntities:
-    """One node of a participant, and the GUIDs of its endpoints."""
-
-    namespace: str
-    name: str
-    reader_gids: frozenset[bytes]
-    writer_gids: frozenset[bytes]
-
-
-@dataclass(frozen=True, slots=True)
-class NodesFound:
-    """A participant, of that GUID, told which nodes it has: all of them, each time."""
-
-    guid: bytes
-    nodes: tuple[NodeEntities, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class EndpointFound:
-    """A reader or writer was discovered (own ones included), or its data changed.
-
-    Attributes:
-        guid: 16 bytes in network order, as ROS shows it.
-        participant_guid: of the participant it belongs to.
-        topic: DDS topic name.
-        type: DDS type name.
-        type_hash: RIHS01 text of the message; empty when the endpoint does not tell.
-        service_id: of a service, what both endpoints of one client or server have in common; may be empty.
-        service_hash: RIHS01 text of the service, where that is told in place of those of its messages.
-    """
-
-    guid: bytes
-    participant_guid: bytes
-    is_writer: bool
-    topic: str
-    type: str
-    qos: QoSProfile
-    type_hash: str = ""
-    service_id: str = ""
-    service_hash: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Lost:
-    """A participant or an endpoint disappeared."""
-
-    guid: bytes
-
-
-DiscoveryEvent: TypeAlias = "ParticipantFound | NodesFound | EndpointFound | Lost"
 
 
 # ------------------------------------------------------------------------------------------------------- reader queue
@@ -278,6 +212,35 @@ class Reader(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class EndpointSpec:
+    """A reader or writer to be made.
+
+    Attributes:
+        name: fully qualified, of the topic; as it is to stand on the wire when `is_bare`.
+        type: ``pkg/msg/Name``.
+        type_hash: RIHS01 text; may be empty.
+        node: number of the node it belongs to, one of those announced; 0 means none.
+        is_bare: without the prefix that ROS gives its topics, where there is one.
+        ignore_local: no samples of writers of this participant.
+        has_buffer: messages have, or may have, an unbounded array of bytes.
+    """
+
+    name: str
+    type: str
+    qos: QoSProfile
+    type_hash: str = ""
+    node: int = 0
+    is_bare: bool = False
+    ignore_local: bool = False
+    has_buffer: bool = False
+
+    @property
+    def channel(self) -> Channel:
+        """Where it meets others."""
+        return Channel("bare" if self.is_bare else "topic", self.name)
+
+
+@dataclass(frozen=True, slots=True)
 class Service:
     """A service as its clients and servers announce it.
 
@@ -338,26 +301,11 @@ class Participant(Protocol):
     def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
         """Why a writer and a reader of one topic and type are not connected; empty when they are."""
 
-    def create_writer(self, topic: str, type: str, qos: QoSProfile, type_hash: str = "", *, node: int = 0) -> Writer:
+    def create_writer(self, spec: EndpointSpec) -> Writer:
         """Raises `TransportError` when the middleware refuses."""
 
-    def create_reader(
-        self,
-        topic: str,
-        type: str,
-        qos: QoSProfile,
-        type_hash: str = "",
-        *,
-        node: int = 0,
-        ignore_local: bool = False,
-        has_buffer: bool = False,
-    ) -> Reader:
-        """Raises `TransportError`.
-
-        Args:
-            ignore_local: no samples of writers of this participant.
-            has_buffer: messages have, or may have, an unbounded array of bytes.
-        """
+    def create_reader(self, spec: EndpointSpec) -> Reader:
+        """Raises `TransportError`."""
 
     def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
         """What reads replies and writes requests. Raises `TransportError`."""

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.errors import DecodeError
-from rosidl_py_gen.runtime.transport.interface import NodeEntities
+from rosidl_py_gen.runtime.transport.discovered import NodeEntities
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.runtime.transport.interface import Payload
+    from rosidl_py_gen.runtime.transport.port import Payload
 
 _NAME = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _MAX_ITEMS = 1 << 20

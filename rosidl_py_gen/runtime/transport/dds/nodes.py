@@ -1,0 +1,142 @@
+"""The topic `ros_discovery_info`, by which participants of DDS tell their nodes, and when its writers are asked again.
+
+Source: protocol.md 6.2.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Protocol
+
+from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.msgs.hashes import HASHES
+from rosidl_py_gen.runtime.logs.loggers import internal_logger
+from rosidl_py_gen.runtime.transport.dds import nodes_message
+from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound, Lost, NodesFound
+from rosidl_py_gen.runtime.transport.port import EndpointSpec
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, NodeEntities
+    from rosidl_py_gen.runtime.transport.port import Reader, Writer
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+_CHANNEL = Channel("bare", "ros_discovery_info")
+_PREFIX_BYTES = 12
+"""The part of a GUID that all endpoints of a participant share."""
+_TYPE = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+_WRITER_QOS = DEFAULT.keep_last(1).transient_local()
+_READER_QOS = DEFAULT.keep_all().transient_local()
+_SILENCES_S = (0.05, 0.2, 0.5)
+"""A participant's graph message comes with its endpoints, or is lost: Fast DDS sends it as soon as it hears of our
+reader, and Cyclone drops what comes from a writer it has not heard of. It would be sent again after 3 s."""
+
+
+class _Host(Protocol):
+    """What the topic of nodes needs of its participant."""
+
+    guid: bytes
+
+    def create_writer(self, spec: EndpointSpec) -> Writer:
+        """See `port.Participant`."""
+
+    def create_reader(self, spec: EndpointSpec) -> Reader:
+        """See `port.Participant`."""
+
+
+class NodeTopic:
+    """The topic on which participants tell their nodes."""
+
+    def __init__(self, participant: _Host, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
+        self._participant = participant
+        self._sink = sink
+        self._closed = False
+        self._silent: set[bytes] = set()
+        """Writers of graph messages of which none had come when they were found."""
+        self._told: set[bytes] = set()
+        """Writers of which one came."""
+        self._writer = participant.create_writer(_spec(_WRITER_QOS))
+        self._reader = self._new_reader()
+
+    def _new_reader(self) -> Reader:
+        reader = self._participant.create_reader(_spec(_READER_QOS))
+        reader.set_sink(self._on_messages)
+        return reader
+
+    def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
+        """Write the whole state."""
+        self._writer.write(nodes_message.encode(self._participant.guid, nodes.values()))
+
+    def read(self) -> None:
+        """Take in what has arrived."""
+        # A writer of this process may have fetched already.
+        if self._reader.fetch() or self._reader.queue.items:
+            self._on_messages()
+
+    def pass_on(self, events: list[DiscoveryEvent]) -> None:
+        """Give the sink what discovery reports, and note whose messages are to come."""
+        self._sink(events)
+        for event in events:
+            if isinstance(event, Lost):
+                self._told.discard(event.guid)
+                self._silent.discard(event.guid)
+            elif isinstance(event, EndpointFound) and event.is_writer and event.channel == _CHANNEL:
+                self._expect_message(event.guid)
+
+    def _expect_message(self, writer: bytes) -> None:
+        loop = running_loop()
+        is_own = writer[:_PREFIX_BYTES] == self._participant.guid[:_PREFIX_BYTES]
+        if loop is not None and not is_own and writer not in self._told:
+            if not self._silent:
+                loop.call_later(_SILENCES_S[0], self._ask_again, 1)
+            self._silent.add(writer)
+
+    def _ask_again(self, times: int) -> None:
+        """Give writers that were not heard a new reader: they send to it what they have, and by now Cyclone listens."""
+        self._silent -= self._told
+        if self._closed or not self._silent:
+            return
+        old, self._reader = self._reader, self._new_reader()
+        old.close()
+        if times == len(_SILENCES_S):
+            self._silent.clear()
+        else:
+            asyncio.get_running_loop().call_later(_SILENCES_S[times], self._ask_again, times + 1)
+
+    def _on_messages(self) -> None:
+        items = self._reader.queue.items
+        found: list[DiscoveryEvent] = []
+        while items:
+            data, _, handle, _ = items.popleft()
+            guid = self._reader.writer_guid(handle)
+            if guid is None:
+                continue
+            self._told.add(guid)
+            prefix = guid[:_PREFIX_BYTES]
+            try:
+                message = nodes_message.decode(data, prefix)
+            except DecodeError as err:
+                internal_logger().warning(f"ignored a graph message of participant {prefix.hex('.')}: {err}")
+                continue
+            found.append(NodesFound(message.participant_guid, tuple(message.nodes)))
+        self._sink(found)
+
+    def close(self) -> None:
+        """Delete the endpoints; may be called twice."""
+        self._closed = True
+        self._reader.close()
+        self._writer.close()
+
+
+def _spec(qos: QoSProfile) -> EndpointSpec:
+    return EndpointSpec(_CHANNEL.name, _TYPE, qos, HASHES[_TYPE], is_bare=True, ignore_local=True)
+
+
+def running_loop() -> asyncio.AbstractEventLoop | None:
+    """The loop that this thread runs just now."""
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None

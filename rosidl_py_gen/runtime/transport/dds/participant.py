@@ -1,0 +1,152 @@
+"""What participants of DDS have in common, whatever library they use: how ROS puts nodes and services on top of it.
+
+Decides of which two endpoints a client or a server consists, and which one is made first: a server may answer as soon
+as a client's writer is known, so the endpoint on the reply topic is (protocol.md 5.2).
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, reply_name, request_name, wire_name
+from rosidl_py_gen.runtime.transport.dds.nodes import NodeTopic
+from rosidl_py_gen.runtime.transport.matching import check_compatible
+from rosidl_py_gen.runtime.transport.port import ServiceEndpoints
+from rosidl_py_gen.runtime.transport.type_names import wire_type
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
+    from rosidl_py_gen.runtime.transport.port import EndpointSpec, Reader, Service, Writer
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+
+FAST_DDS_VENDOR = b"\x01\x0f"
+"""First bytes of every GUID that Fast DDS makes (RTPS vendor id)."""
+
+_READER_BIT = 0x04
+"""In the last byte of a GUID: it is a reader's."""
+
+
+@dataclass(frozen=True, slots=True)
+class DdsEndpoint:
+    """A reader or writer to be made, as DDS names things.
+
+    Attributes:
+        client_id, service_id: of the client or server that it belongs to; see `entity_id`.
+    """
+
+    topic: str
+    type: str
+    qos: QoSProfile
+    type_hash: str = ""
+    client_id: str = ""
+    service_id: str = ""
+    ignore_local: bool = False
+
+
+class DdsParticipant:
+    """The part of a `port.Participant` that is the same for all of DDS."""
+
+    middleware = "DDS"
+    ends_requests = False
+    guid: bytes
+
+    def __init__(self) -> None:
+        self._entity_numbers = itertools.count(1)
+        self._nodes: NodeTopic | None = None
+
+    def create_writer(self, spec: EndpointSpec) -> Writer:
+        """See `port.Participant`."""
+        return self.make_writer(_on_wire(spec))
+
+    def create_reader(self, spec: EndpointSpec) -> Reader:
+        """See `port.Participant`."""
+        return self.make_reader(_on_wire(spec))
+
+    def make_writer(self, end: DdsEndpoint) -> Writer:
+        """What sends samples. Raises `TransportError`."""
+        raise NotImplementedError
+
+    def make_reader(self, end: DdsEndpoint) -> Reader:
+        """What receives samples. Raises `TransportError`."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------------------------------------------- services
+
+    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+        """See `port.Participant`."""
+        own_id = entity_id(self.guid, next(self._entity_numbers))
+        request, reply = _halves(service, qos)
+        reader = self.make_reader(replace(reply, client_id=own_id))
+        writer = self.make_writer(replace(request, client_id=own_id))
+        return ServiceEndpoints(reader, writer, entity_gid(own_id))
+
+    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+        """See `port.Participant`."""
+        own_id = entity_id(self.guid, next(self._entity_numbers))
+        request, reply = _halves(service, qos)
+        writer = self.make_writer(replace(reply, service_id=own_id))
+        reader = self.make_reader(replace(request, service_id=own_id))
+        return ServiceEndpoints(reader, writer, entity_gid(own_id))
+
+    def identifies(self, guid: bytes) -> bool:
+        """See `port.Participant`; Fast DDS does (protocol.md 5.3)."""
+        return guid.startswith(FAST_DDS_VENDOR)
+
+    def counts_requests(self, guid: bytes) -> bool:
+        """See `port.Participant`; Fast DDS does."""
+        return guid.startswith(FAST_DDS_VENDOR)
+
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
+        """See `port.Participant`."""
+        result = check_compatible(writer.qos, reader.qos)
+        return "" if result.matches else f"their quality of service is incompatible. {result.reason}"
+
+    # ---------------------------------------------------------------------------------------------------- nodes
+
+    def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
+        """See `port.Participant`."""
+        if self._nodes is not None:
+            self._nodes.announce(nodes)
+
+    def listen_for_nodes(self, sink: Callable[[list[DiscoveryEvent]], None]) -> Callable[[list[DiscoveryEvent]], None]:
+        """Report to `sink` what others tell of their nodes; the sink for all other discovery is returned."""
+        if self._nodes is not None:
+            self._nodes.close()
+        self._nodes = NodeTopic(self, sink)
+        return self._nodes.pass_on
+
+    def read_nodes(self) -> None:
+        """Report what has arrived already."""
+        if self._nodes is not None:
+            self._nodes.read()
+
+    def forget_nodes(self) -> None:
+        """Announce and report nothing any more."""
+        if self._nodes is not None:
+            self._nodes.close()
+
+
+def reaches(client: bytes, matched: Callable[[], list[bytes]]) -> bool:
+    """Whether a reply writer reaches a client: its GUID is of its reply reader, or of its request writer, which says
+    nothing (protocol.md 5.3).
+    """
+    return not client[15] & _READER_BIT or client in matched()
+
+
+def _on_wire(spec: EndpointSpec) -> DdsEndpoint:
+    name, type = wire_name(spec.channel), wire_type(spec.type)
+    return DdsEndpoint(name, type, spec.qos, spec.type_hash, ignore_local=spec.ignore_local)
+
+
+def _halves(service: Service, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
+    """Of the requests and of the replies."""
+    prefix = not qos.avoid_ros_namespace_conventions
+    request, response = (wire_type(f"{service.type}_{half}") for half in ("Request", "Response"))
+    return (
+        DdsEndpoint(request_name(service.name, prefix=prefix), request, qos, service.request_hash),
+        DdsEndpoint(reply_name(service.name, prefix=prefix), response, qos, service.response_hash),
+    )

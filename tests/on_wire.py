@@ -1,0 +1,49 @@
+"""Readers and writers given by what DDS calls them, for tests that look at bytes or announce what nobody else would."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.runtime.transport.dds.names import channel_of
+from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+from rosidl_py_gen.runtime.transport.port import EndpointSpec
+from rosidl_py_gen.runtime.transport.type_names import ros_type
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.transport.port import Reader, Writer
+
+DEEP = QoSProfile().keep_all()
+
+
+def spec(topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "", **more: Any) -> EndpointSpec:
+    """``rt/chatter`` is a topic; the halves of services, which a specification has no words for, are bare."""
+    channel = channel_of(topic)
+    is_topic = channel.kind == "topic"
+    return EndpointSpec(channel.name if is_topic else topic, type, qos, type_hash, is_bare=not is_topic, **more)
+
+
+def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Reader:
+    """One that nobody tells of as the node's; see `owned`."""
+    made: Reader = node.scope.participant.create_reader(spec(topic, type, qos, type_hash, node=node.scope.number))
+    return made
+
+
+def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Writer:
+    """See `reader`."""
+    made: Writer = node.scope.participant.create_writer(spec(topic, type, qos, type_hash, node=node.scope.number))
+    return made
+
+
+def announce(node: Any, topic: str, type: str, type_hash: str = "", *, is_writer: bool = True) -> Reader | Writer:
+    """An endpoint that belongs to the node, as far as others can tell."""
+    end = (writer if is_writer else reader)(node, topic, type, QoSProfile(), type_hash)
+    node.scope.own(end, **{"writer" if is_writer else "reader": end.guid})
+    return end
+
+
+def found(guid: bytes, participant: bytes, topic: str, type: str, qos: QoSProfile, **more: Any) -> EndpointFound:
+    """What discovery says of an endpoint; the last byte of its GUID tells whether it writes."""
+    is_writer = not guid[15] & 4
+    names = {"wire_name": topic, "wire_type": type}
+    return EndpointFound(guid, participant, is_writer, channel_of(topic), ros_type(type), qos, **names, **more)
