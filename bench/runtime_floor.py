@@ -129,7 +129,7 @@ class LoopFloor:
         loop.add_reader(pipe, ready)
         if first:
             self.writer.write(first)
-        with contextlib.suppress(KeyboardInterrupt):
+        with contextlib.closing(loop), contextlib.suppress(KeyboardInterrupt):
             loop.run_forever()
 
 

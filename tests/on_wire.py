@@ -1,4 +1,7 @@
-"""Readers and writers given by what DDS calls them, for tests that look at bytes or announce what nobody else would."""
+"""Readers and writers given by what DDS calls them, for tests that look at bytes or announce what nobody else would.
+
+In memory a service has no bytes of its own, but its halves can be announced.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.dds.names import channel_of
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+from rosidl_py_gen.runtime.transport.memory import MemoryParticipant
 from rosidl_py_gen.runtime.transport.port import EndpointSpec
 from rosidl_py_gen.runtime.transport.type_names import ros_type
 
@@ -24,14 +28,24 @@ def spec(topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "", **m
 
 
 def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Reader:
-    """One that nobody tells of as the node's; see `owned`."""
-    made: Reader = node.scope.participant.create_reader(spec(topic, type, qos, type_hash, node=node.scope.number))
+    """One that nobody tells of as the node's; see `announce`."""
+    participant = node.scope.participant
+    made: Reader
+    if isinstance(participant, MemoryParticipant):
+        made = participant.make_reader(channel_of(topic), ros_type(type), type_hash, qos=qos)
+    else:
+        made = participant.create_reader(spec(topic, type, qos, type_hash, node=node.scope.number))
     return made
 
 
 def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Writer:
     """See `reader`."""
-    made: Writer = node.scope.participant.create_writer(spec(topic, type, qos, type_hash, node=node.scope.number))
+    participant = node.scope.participant
+    made: Writer
+    if isinstance(participant, MemoryParticipant):
+        made = participant.make_writer(channel_of(topic), ros_type(type), type_hash, qos=qos)
+    else:
+        made = participant.create_writer(spec(topic, type, qos, type_hash, node=node.scope.number))
     return made
 
 

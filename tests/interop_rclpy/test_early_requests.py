@@ -40,7 +40,7 @@ async def test_a_request_is_answered_that_came_before_its_writer_was_connected(d
     """It is sent again behind the peer's next heartbeat, 3 s later. Seen to be lost every time without `catchup.py`."""
     name, cls = fresh("early"), service(shared_peer, KIND)
     server = dds.node("server").create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
-    kept = connect_late(server._reader, 0.2)
+    kept = connect_late(server._port._reader, 0.2)
     await shared_peer.ask("client", name=name, type=KIND)
     answers = await shared_peer.ask("call", name=name, requests_=[{}, {}], within_s=10)
     assert [answer["message"] for answer in answers] == ["heard", "heard"]
@@ -61,7 +61,7 @@ async def test_a_new_writer_is_asked_once_what_it_has_written(
     node = dds.node("server")
     server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
-    reader, best_effort = server._reader.guid, list(node.scope.participant._readers.values())[-1].guid
+    reader, best_effort = server._port.endpoints[0], list(node.scope.participant._readers.values())[-1].guid
     monkeypatch.setattr(cyclone, "ask_writers", ask)
     await shared_peer.ask("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
     await shared_peer.ask("client", name=name, type=KIND)

@@ -192,13 +192,10 @@ async def test_requests_name_the_reader_that_waits_until_all_servers_have_answer
     """So a server that has just come waits until its reply has somewhere to go."""
     name, kind = fresh("named"), "std_srvs/srv/Trigger"
     client = await client_of_theirs(dds.node("tester"), shared_peer, name, kind, "trigger", note="first")
-    write, named = client._writer.write, []
-
-    def watched(data: bytes, identity: Any = None, timeout_s: float | None = None) -> Any:
-        named.append(identity is not None)
-        return write(data, identity, timeout_s)
-
-    monkeypatch.setattr(client._writer, "write", watched)
+    writer, named = client._port._writer, []
+    write, write_for = writer.write, writer.write_for
+    monkeypatch.setattr(writer, "write", lambda data: (named.append(False), write(data))[1])
+    monkeypatch.setattr(writer, "write_for", lambda *sent: (named.append(True), write_for(*sent))[1])
     for _ in range(3):
         assert (await client.call(client_request(shared_peer, kind), CALL_S)).message == "first"
     assert named == [True, False, False]

@@ -36,9 +36,9 @@ from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCod
 from rosidl_py_gen.runtime.actions.status import find_status
 from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
 from rosidl_py_gen.runtime.endpoints.client import Client
-from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError, ServerLostError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
+from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError, ServerLostError, carrier_qos
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.blocking import blocking

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.runtime.actions.client_goal import ActionServerLostError
 from rosidl_py_gen.runtime.actions.states import GoalStatus
 from rosidl_py_gen.runtime.endpoints.client import Client
-from rosidl_py_gen.runtime.endpoints.header import ServerLostError
+from rosidl_py_gen.runtime.endpoints.service_parts import ServerLostError
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 

@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import MessageType
-    from rosidl_py_gen.runtime.transport.port import Payload
+    from rosidl_py_gen.runtime.transport.samples import Payload
 
 _ROW = struct.Struct("<16s3xiIB")
 _COUNT = struct.Struct("<I")

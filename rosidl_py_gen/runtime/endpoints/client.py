@@ -1,56 +1,46 @@
 """Service clients: send a request, find its response among all that arrive.
 
-Decides how replies are matched (own id plus sequence number, protocol.md 5.1; nothing of other clients' is copied),
-and that a request never outlives who made it: an answer, a time limit,
-cancellation and `close` all remove it. So does the end of the last server that got it: one that comes in its place has
-never heard of the request. `ask` is the core, `call` a future on top of it.
-
-A request goes to all servers of its service, in the way one kind of them understands. As soon as one of them wants an
-`Identity`, as those on Fast DDS, it is theirs: Cyclone's have to refuse most requests of that kind as too short, ours
-understand them, whereas Fast DDS would take the header of the other kind for the message. In that way requests are
-numbered by the middleware, 1, 2, 3 ... for each writer, so they are counted here. The first ones say which reader waits
-for the reply, so that a server waits until it is connected with it. Servers that have answered are; when all have,
-requests say nothing, which takes less time: Fast DDS takes them for those of their writer.
+Decides that a request never outlives who made it: an answer, a time limit, cancellation and `close` all remove it. So
+does the end of the last server that got it: one that comes in its place has never heard of the request. `ask` is the
+core, `call` a future on top of it. How a response is known to be the answer is the port's business.
 """
 
 from __future__ import annotations
 
 import asyncio
 import sys
-from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Literal, TypeVar
 
-from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.answering import ServersOfClient
-from rosidl_py_gen.runtime.endpoints.header import (
+from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError, printable
+from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
+from rosidl_py_gen.runtime.endpoints.service_parts import (
     CallTimeoutError,
     ForeignServiceError,
     ServerLostError,
-    header_of,
-    message_of,
-    send,
+    why_refused,
 )
 from rosidl_py_gen.runtime.endpoints.window import OutOfTimeError, PendingRequest
+from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.runtime.transport.unanswered import why_unanswered
+from rosidl_py_gen.runtime.transport.service_port import Unanswered
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.endpoints.header import ClientId
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.samples import Payload
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
 
 
-class Client(ServersOfClient[RequestT, ResponseT]):
+class Client(ServiceEnd[RequestT, ResponseT]):
     """Made by `Node.create_client`."""
 
     def __init__(
@@ -64,21 +54,68 @@ class Client(ServersOfClient[RequestT, ResponseT]):
         type_check: TypeCheck | None = None,
     ) -> None:
         """`pause_s` is that of the `RequestWindow`."""
-        super().__init__(scope, service_type, name, qos, type_check=type_check)
+        super().__init__(scope, service_type, name, qos, is_client=True, type_check=type_check)
+        self._port = self._open(scope.participant.create_client(self._told, self.qos, node=scope.number))
         self._pending: dict[int, PendingRequest[ResponseT]] = {}
         self._by_number: dict[int, PendingRequest[ResponseT]] = {}
-        """Those that were sent with an identity, by the middleware's numbers."""
-        self._sent = 0
+        """Those that were sent, by the port's numbers."""
         self._limits: TimeLimits | None = None
-        self._is_told = scope.participant.ends_requests
         self._was_asked = False
         """Replies go to functions that may be the user's, and not only to futures."""
-        self._names: tuple[ClientId, ...] = (self._writer.handle, self._reader.guid, self._writer.guid)
-        """By which replies may call us."""
         self._window = scope.request_window(self._requests_on, name, pause_s)
-        self._reader.set_sink(self._on_replies)
+        self._port.set_sink(self._on_replies)
         self._departures = scope.discovery.departures.add(self._on_departure)
-        scope.own(self, reader=self._reader.guid, writer=self._writer.guid)
+        reader, writer = self._port.endpoints
+        scope.own(self, reader=reader, writer=writer)
+
+    # ----------------------------------------------------------------------------------------------------- servers
+
+    def service_is_available(self) -> bool:
+        """Whether a server is connected, both ways.
+
+        Raises:
+            ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
+            ClosedError: the client is closed.
+        """
+        self._scope.require_open(self._closed, f"the client of {self.name}")
+        self._scope.discovery.refresh()
+        return self._is_available()
+
+    async def wait_for_service(self, timeout_s: float | None = None) -> Literal[True]:
+        """Wait until a server with matching endpoints is connected.
+
+        Raises:
+            WaitTimeoutError: none was in time.
+            ForeignServiceError: the only servers are on Fast DDS, and this machine's Cyclone DDS cannot talk to them.
+        """
+        return await self._scope.expect(self._is_available, timeout_s, lambda: self._closed, self._missing)
+
+    wait_for_service_sync = blocking(wait_for_service)
+
+    def servers(self) -> set[bytes]:
+        """The GUIDs of what answers, of all servers; empty when none can be talked to."""
+        try:
+            return set(self._port.connected()) if self._is_available() else set()
+        except ForeignServiceError:
+            return set()
+
+    def _is_available(self) -> bool:
+        servers = self._port.servers()
+        if servers.refused is not None:
+            raise ForeignServiceError(why_refused(self._scope.graph, servers.refused, self.name, "the server"))
+        return servers.is_available
+
+    def _missing(self) -> str:
+        """What to tell people who miss a server; there may be some of another definition."""
+        graph, told = self._scope.graph, ""
+        others = (one for one in graph.on(self._requests_on, writers=False) if not self._counts(one))
+        if (other := next(others, None)) is not None:
+            whose = f"that of {graph.describe_node(other)}"
+            if other.service_type not in (None, self.service_type):
+                told = f" ({whose} has another type, {printable(str(other.service_type))})"
+            else:
+                told = f" ({whose} has another definition of its type, {other.type_hash or other.service_hash})"
+        return f"no server of {self.name} ({self.service_type}) appeared{told}"
 
     # ------------------------------------------------------------------------------------------------------- calls
 
@@ -163,18 +200,19 @@ class Client(ServersOfClient[RequestT, ResponseT]):
         pending = self._pending.pop(sequence, None)
         if pending is not None:
             if pending.number:
-                self._by_number.pop(pending.number, None)
-                self._writer.forget(pending.number)
+                del self._by_number[pending.number]
+                self._port.cancel(pending.number)
             if pending.limits is not None:
                 pending.limits.remove(sequence)
             if pending.turn:
                 self._window.leave(pending.turn)
 
     def _put(self, pending: PendingRequest[ResponseT]) -> None:
-        pending.servers = self._presence.now()
+        pending.had_servers = bool(self._port.present())
         self._pending[pending.sequence] = pending
-        if self._kept:
-            self._window.enter(partial(self._send_in_turn, pending), self._kept, self)
+        kept = self._port.servers().keeps
+        if kept:
+            self._window.enter(partial(self._send_in_turn, pending), kept, self)
         else:
             self._send_soon(pending)
 
@@ -197,9 +235,7 @@ class Client(ServersOfClient[RequestT, ResponseT]):
     def _send_in_turn(self, pending: PendingRequest[ResponseT], turn: int) -> bool:
         if pending.sequence not in self._pending:
             return False
-        with suppress(ForeignServiceError):
-            self._is_available()  # others may have come who share what the server keeps
-        self._window.kept = self._kept or sys.maxsize
+        self._window.kept = self._port.servers().keeps or sys.maxsize  # others may have come who share what it is
         pending.turn = turn
         self._send_soon(pending)
         return True
@@ -208,34 +244,21 @@ class Client(ServersOfClient[RequestT, ResponseT]):
         """Write a request; False when the servers are so far behind that it has to wait."""
         if pending.sequence not in self._pending:
             return True
-        number = self._sent + 1
-        client: ClientId = self._writer.handle
-        shown = pending.sequence
-        if self._identified:
-            client, shown = self._reader.guid, number
         try:
-            # The second look comes after one at the graph, if that has changed.
-            all_have = self._identified and self._answering.all_have()
-            if all_have and self._matching.is_complete(None) and self._answering.all_have():
-                sent = self._writer.write(pending.encoded)
-            else:
-                sent = send(self._writer, pending.encoded, client, shown, pending.timeout_s)
+            number = self._port.send(pending.encoded, pending.timeout_s)
         except RosidlError as error:
             self._fail(pending, error)
             return True
-        except BaseException:
-            self._sent = number  # it was written; what interrupted us came behind
+        except BaseException:  # a signal handler's
             self.forget(pending.sequence)
             raise
-        if sent:
-            self._sent = number
-            pending.is_sent, pending.servers = True, self._presence.now()
-            if isinstance(client, bytes):
-                pending.number = number
-                self._by_number[number] = pending
-        if sent and self._tap is not None:
-            self._tap.sent(self._gid, shown, pending.encoded)
-        return sent
+        if number is None:
+            return False
+        pending.number = number
+        self._by_number[number] = pending
+        if self._tap is not None:
+            self._tap.sent(self._gid, number, pending.encoded)
+        return True
 
     def _fail(self, pending: PendingRequest[ResponseT], error: Exception) -> None:
         self.forget(pending.sequence)
@@ -249,34 +272,19 @@ class Client(ServersOfClient[RequestT, ResponseT]):
         return None
 
     def _read_all(self) -> None:
-        """All clients of a service see all replies."""
-        items = self._reader.queue.items
-        while items:
-            data, _, handle, _ = items.popleft()
-            if handle not in self._agreeing and not self._check.admits(handle):
+        take, agreeing = self._port.take, self._agreeing
+        while (reply := take()) is not None:
+            number, response, server = reply
+            if isinstance(response, Unanswered):
+                self._lose(number, response)
                 continue
-            try:
-                client, sequence, begin = header_of(data)
-            except DecodeError as err:
-                if self._throttle.passes():
-                    self._scope.logger.warning(f"dropped a reply on {self.name}: {err}")
-                continue
-            if client not in self._names:
-                continue
-            reason = why_unanswered(data)
-            if reason is not None:
-                self._lose(sequence, reason)
-                continue
-            server = self._reader.writer_guid(handle)
-            if server is not None and not isinstance(client, bytes) and self._scope.participant.identifies(server):
+            if server not in agreeing and not self._check.admits(server):
                 continue
             if self._tap is not None:
-                self._tap.received(self._gid, sequence, message_of(data, begin))
-            if server is not None and self._scope.participant.counts_requests(server):
-                self._answering.heard(server)
-            pending = (self._by_number if isinstance(client, bytes) else self._pending).get(sequence)
+                self._tap.received(self._gid, number, response)
+            pending = self._by_number.get(number)
             if pending is not None:
-                self._take_reply(pending, message_of(data, begin), server)
+                self._take_reply(pending, response, server)
 
     def _on_departure(self) -> None:
         """Somebody left the graph; whoever waits for an answer is told on the loop, in a callback of its own."""
@@ -285,23 +293,24 @@ class Client(ServersOfClient[RequestT, ResponseT]):
 
     def _look_for_lost(self) -> None:
         """Let requests fail that nobody is left to answer. What was answered before is read before."""
-        if self._closed or not self._lost():
+        if self._closed:
             return
-        self._reader.fetch()
+        self._port.look_for_lost()
         self._read_all()
-        for pending in self._lost():
-            self._fail(pending, ServerLostError(f"the server of {self.name} went away before it answered"))
+        if not self._port.present():
+            for pending in list(self._pending.values()):
+                if pending.had_servers and not pending.number:
+                    self._fail(pending, self._lost(Unanswered()))
 
-    def _lost(self) -> list[PendingRequest[ResponseT]]:
-        present = self._presence.now()
-        return [pending for pending in self._pending.values() if pending.is_lost(present, self._is_told)]
-
-    def _lose(self, number: int, reason: str) -> None:
+    def _lose(self, number: int, why: Unanswered) -> None:
         pending = self._by_number.get(number)
         if pending is not None:
-            self._fail(pending, ServerLostError(f"the server of {self.name} {reason}"))
+            self._fail(pending, self._lost(why))
 
-    def _take_reply(self, pending: PendingRequest[ResponseT], message: bytes, server: bytes | None) -> None:
+    def _lost(self, why: Unanswered) -> ServerLostError:
+        return ServerLostError(f"the server of {self.name} {why.reason}")
+
+    def _take_reply(self, pending: PendingRequest[ResponseT], message: Payload, server: bytes | None) -> None:
         if pending.turn:
             self._window.taken(pending.turn, self)
         try:
@@ -316,7 +325,7 @@ class Client(ServersOfClient[RequestT, ResponseT]):
 
     def all_acknowledged(self) -> bool:
         """Whether every server has taken in all requests that were sent; one that lives does so within milliseconds."""
-        return self._writer.all_acknowledged()
+        return self._port.all_acknowledged()
 
     @property
     def pending_count(self) -> int:
@@ -325,10 +334,9 @@ class Client(ServersOfClient[RequestT, ResponseT]):
 
     def close(self) -> None:
         """Stop; calls under way raise `ClosedError`. May be called twice."""
-        if self._ends(self._reader.guid, self._writer.guid):
+        if self._ends(*self._port.endpoints):
             self._departures.close()
             for pending in list(self._pending.values()):
                 self._fail(pending, ClosedError(f"the client of {self.name} was closed during the call"))
             self._outbox.close()
-            self._writer.close()
-            self._reader.close()
+            self._port.close()

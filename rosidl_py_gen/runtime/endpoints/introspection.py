@@ -10,8 +10,8 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import DecodeError
-from rosidl_py_gen.runtime.endpoints.header import IntrospectionState
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
+from rosidl_py_gen.runtime.endpoints.service_parts import IntrospectionState
 from rosidl_py_gen.runtime.endpoints.types import class_of, message_type
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.transport.qos import as_profile
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.transport.qos import QoSLike
+    from rosidl_py_gen.runtime.transport.samples import Payload
 
 
 class ServiceEventType(IntEnum):
@@ -64,17 +65,17 @@ class ServiceEvents:
             self._publisher = Publisher(self._scope, message_type(self._cls.Event), self._topic, profile)
         return self._publisher is not None
 
-    def sent(self, client_gid: bytes, sequence: int, message: bytes) -> None:
-        """See `header.Tap`."""
+    def sent(self, client_gid: bytes, sequence: int, message: Payload) -> None:
+        """See `service_parts.Tap`."""
         kind = ServiceEventType.REQUEST_SENT if self._is_client else ServiceEventType.RESPONSE_SENT
         self._publish(kind, client_gid, sequence, message)
 
-    def received(self, client_gid: bytes, sequence: int, message: bytes) -> None:
-        """See `header.Tap`."""
+    def received(self, client_gid: bytes, sequence: int, message: Payload) -> None:
+        """See `service_parts.Tap`."""
         kind = ServiceEventType.RESPONSE_RECEIVED if self._is_client else ServiceEventType.REQUEST_RECEIVED
         self._publish(kind, client_gid, sequence, message)
 
-    def _publish(self, kind: ServiceEventType, client_gid: bytes, sequence: int, message: bytes) -> None:
+    def _publish(self, kind: ServiceEventType, client_gid: bytes, sequence: int, message: Payload) -> None:
         if self._scope.closed or self._publisher is None:
             return  # The node is going; a last response must not fail because of us.
         event = self._cls.Event()

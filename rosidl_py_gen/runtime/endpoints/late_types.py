@@ -16,7 +16,7 @@ from rosidl_py_gen.runtime.endpoints.types import MessageType, ServiceType, mess
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.port import Payload
+    from rosidl_py_gen.runtime.transport.samples import Payload
 
 
 def late_service_type(name: str) -> ServiceType[Any, Any]:

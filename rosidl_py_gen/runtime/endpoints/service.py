@@ -4,29 +4,30 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Generic, TypeVar
 
-from rosidl_py_gen.runtime.endpoints.header import carrier_qos
 from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
+from rosidl_py_gen.runtime.endpoints.service_parts import carrier_qos
 from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.outbox import Outbox
-from rosidl_py_gen.runtime.transport.discovered import Channel
-from rosidl_py_gen.runtime.transport.port import Service
+from rosidl_py_gen.runtime.transport.service_port import ClientPort, ServerPort, Service
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.endpoints.header import IntrospectionState, Tap
     from rosidl_py_gen.runtime.endpoints.introspection import ServiceEvents
     from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.endpoints.service_parts import IntrospectionState, Tap
     from rosidl_py_gen.runtime.endpoints.types import ServiceType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.time.clock import Clock
+    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
     from rosidl_py_gen.runtime.transport.qos import QoSLike, QoSProfile
 
 RequestT = TypeVar("RequestT")
 ResponseT = TypeVar("ResponseT")
+PortT = TypeVar("PortT", ClientPort, ServerPort)
 
 
 class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
-    """A client or a server; `close` and the sink of the reader are theirs."""
+    """A client or a server; the port, its sink and `close` are theirs."""
 
     def __init__(
         self,
@@ -52,25 +53,34 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         self._events: ServiceEvents | None = None
         self._tap: Tap | None = None
         self._outbox = Outbox(scope.bridge, None, scope.report_failure)
-        is_bare = qos.avoid_ros_namespace_conventions
-        self._requests_on = Channel("bare", f"{name}Request") if is_bare else Channel("request", name)
-        self._replies_on = Channel("bare", f"{name}Reply") if is_bare else Channel("reply", name)
-        told = Service(
+        read, written = service_type.request.type_hash, service_type.response.type_hash
+        if is_client:
+            read, written = written, read
+        self._written_hash = written
+        self._check: WriterCheck[bytes | None] = WriterCheck(scope, mode, _itself, read, service_type.type_hash)
+        self._agreeing = self._check.agreeing
+        self._mode = mode
+        self._told = Service(
             name,
-            service_type.ros_name,
+            self.service_type,
             service_type.type_hash,
             service_type.request.type_hash,
             service_type.response.type_hash,
+            qos.avoid_ros_namespace_conventions,
+            self._counts,
         )
-        create = scope.participant.create_client if is_client else scope.participant.create_server
-        self._reader, self._writer, self._gid = create(told, self.qos, node=scope.number)
-        read, written = told.request_hash, told.response_hash
-        if is_client:
-            read, written = written, read
-        self._check = WriterCheck(scope, mode, self._reader, read, told.type_hash)
-        self._agreeing = self._check.agreeing
-        self._written_hash = written
-        scope.set_type_check(mode, self._reader.guid, self._writer.guid)
+        self._requests_on = self._told.channels[0]
+
+    def _open(self, port: PortT) -> PortT:
+        """Take a port into use."""
+        self._gid = port.gid
+        self._connected = port.connected
+        self._scope.set_type_check(self._mode, *port.endpoints)
+        return port
+
+    def _counts(self, endpoint: EndpointFound) -> bool:
+        """Whether an endpoint of the other side may be talked to."""
+        return self._check.agrees(endpoint, None if endpoint.is_writer else self._written_hash)
 
     @property
     def withheld(self) -> int:
@@ -95,7 +105,7 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
 
     def __repr__(self) -> str:
         parts, peer = (self.name, self.service_type, self.qos.short()), "server" if self._is_client else "client"
-        return shown(self, *parts, peers=lambda: len(self._reader.matched_writers()), peer=peer)
+        return shown(self, *parts, peers=lambda: len(self._connected()), peer=peer)
 
     def _ends(self, *guids: bytes) -> bool:
         """As `Owned._ends`; from then on no events are published, either."""
@@ -103,3 +113,7 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         if ends and self._events is not None:
             self._events.close()
         return ends
+
+
+def _itself(guid: bytes | None) -> bytes | None:
+    return guid

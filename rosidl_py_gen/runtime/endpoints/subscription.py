@@ -36,8 +36,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import MessageType
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
     from rosidl_py_gen.runtime.graph.events import SubscriptionEventCallbacks
-    from rosidl_py_gen.runtime.transport.port import Payload, Reader, Sample
+    from rosidl_py_gen.runtime.transport.port import Reader
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.samples import Payload, Sample
 
 T = TypeVar("T")
 
@@ -114,7 +115,7 @@ class Subscription(Owned, Generic[T]):
         """The profile in use; BEST_AVAILABLE was replaced by what the peers known at creation allow."""
         self._reader: Reader = scope.participant.create_reader(replace(spec, qos=self.qos))
         self._items = self._reader.queue.items
-        self._check = WriterCheck(scope, mode, self._reader, message_type.type_hash)
+        self._check = WriterCheck(scope, mode, self._reader.writer_guid, message_type.type_hash)
         self._agreeing = self._check.agreeing
         scope.set_type_check(mode, self._reader.guid)
         depth = self._items.maxlen or 0

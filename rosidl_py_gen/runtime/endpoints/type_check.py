@@ -7,46 +7,57 @@ is not announced, as by Humble, is taken for ours. A writer is judged once, with
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
-from rosidl_py_gen.errors import printable
 from rosidl_py_gen.runtime.graph.definitions import definitions_differ
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
-    from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound
-    from rosidl_py_gen.runtime.transport.port import Reader
+    from rosidl_py_gen.runtime.transport.discovered import EndpointFound
+
+W = TypeVar("W")
 
 _MOST_KNOWN = 1000
 _MOST_LOOKS = 100
 
 
-class WriterCheck:
-    """The check of one reader.
+class WriterCheck(Generic[W]):
+    """The check of what reads.
+
+    Args:
+        guid_of: the GUID of a writer, None when it is not known; by what the reader calls it.
 
     Attributes:
-        agreeing: handles of writers whose samples may be handed out; looked up for every message.
+        agreeing: writers whose samples may be handed out; looked up for every message.
         withheld: how many samples were not.
     """
 
-    __slots__ = ("_mode", "_reader", "_scope", "_service_hash", "_type_hash", "_unknown", "agreeing", "withheld")
+    __slots__ = ("_guid_of", "_mode", "_scope", "_service_hash", "_type_hash", "_unknown", "agreeing", "withheld")
 
-    def __init__(self, scope: Scope, mode: TypeCheck, reader: Reader, type_hash: str, service_hash: str = "") -> None:
+    def __init__(
+        self,
+        scope: Scope,
+        mode: TypeCheck,
+        guid_of: Callable[[W], bytes | None],
+        type_hash: str,
+        service_hash: str = "",
+    ) -> None:
         self._scope = scope
         self._mode = mode
-        self._reader = reader
+        self._guid_of = guid_of
         self._type_hash = type_hash
         self._service_hash = service_hash
-        self.agreeing: set[int] = set()
+        self.agreeing: set[W] = set()
         self.withheld = 0
         self._unknown = 0
 
-    def admits(self, handle: int) -> bool:
+    def admits(self, writer: W) -> bool:
         """Whether samples of a writer that is not in `agreeing` may be handed out; counts those that may not."""
         if self._mode == "error":
-            guid = self._reader.writer_guid(handle)
-            endpoint = self._endpoint(guid)
+            endpoint = self._endpoint(self._guid_of(writer))
             if endpoint is None:
                 self._unknown += 1  # it is gone, or nobody tells of it; looked for again, but not for ever
                 if self._unknown < _MOST_LOOKS:
@@ -56,7 +67,7 @@ class WriterCheck:
                 return False
         if len(self.agreeing) >= _MOST_KNOWN:
             self.agreeing.clear()
-        self.agreeing.add(handle)
+        self.agreeing.add(writer)
         return True
 
     def _endpoint(self, guid: bytes | None) -> EndpointFound | None:
@@ -71,16 +82,3 @@ class WriterCheck:
         """Whether an endpoint may be talked to; `type_hash` is ours for its direction, if not that of the reader."""
         ours = self._type_hash if type_hash is None else type_hash
         return self._mode != "error" or not definitions_differ(endpoint, ours, self._service_hash)
-
-    def others(self, channel: Channel, type_hash: str) -> str:
-        """What servers there are with another definition, for people who miss one; empty when there are none."""
-        graph = self._scope.graph
-        found = (one for one in graph.on(channel, writers=False) if not self.agrees(one, type_hash))
-        if (other := next(found, None)) is None:
-            return ""
-        own = graph.endpoints.get(self._reader.guid)
-        theirs = other.service_type
-        if own is not None and theirs not in (None, own.service_type):
-            return f" (that of {graph.describe_node(other)} has another type, {printable(str(theirs))})"
-        told = other.type_hash or other.service_hash
-        return f" (that of {graph.describe_node(other)} has another definition of its type, {told})"

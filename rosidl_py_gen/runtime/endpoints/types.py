@@ -17,7 +17,7 @@ from rosidl_py_gen.typesupport import referenced_classes
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.port import Payload
+    from rosidl_py_gen.runtime.transport.samples import Payload
 
 T = TypeVar("T")
 RequestT = TypeVar("RequestT")

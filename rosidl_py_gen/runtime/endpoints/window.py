@@ -21,14 +21,12 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
 from rosidl_py_gen.runtime.loop.callbacks import current_loop
-from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT, History
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
-    from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound
-    from rosidl_py_gen.runtime.transport.port import Participant
+    from rosidl_py_gen.runtime.transport.discovered import Channel
 
 ResponseT = TypeVar("ResponseT")
 
@@ -41,7 +39,7 @@ _PATIENCE_S = 10.0
 """So long nothing is answered before one more request is sent than the server keeps."""
 
 request_numbers = itertools.count(1)
-"""Sequence numbers of requests, one counter for the process (protocol.md 5.1)."""
+"""By which they are known here; what stands on the wire is the port's number."""
 
 
 class OutOfTimeError(RosidlError):
@@ -52,14 +50,14 @@ class PendingRequest(Generic[ResponseT]):
     """A request under way.
 
     Attributes:
-        number: the middleware's, when it was sent with an identity.
+        number: that of the port; 0 until it is sent.
         turn: its number in the `RequestWindow`; 0 when it did not have to wait for one.
         limits: what watches its time, if that is limited.
-        servers: the endpoints of those that were there when it was sent; before, when it was made.
+        had_servers: there were some when it was made.
     """
 
     __slots__ = (
-        *("encoded", "is_sent", "limits", "number", "on_error", "on_reply", "sequence", "servers"),
+        *("encoded", "had_servers", "limits", "number", "on_error", "on_reply", "sequence"),
         *("timeout_s", "turn"),
     )
 
@@ -77,35 +75,8 @@ class PendingRequest(Generic[ResponseT]):
         self.sequence = next(request_numbers)
         self.number = 0
         self.turn = 0
-        self.is_sent = False
         self.limits: TimeLimits | None = None
-        self.servers: frozenset[bytes] = frozenset()
-
-    def is_lost(self, present: frozenset[bytes], is_told: bool) -> bool:
-        """Whether there were servers, and none of these endpoints belongs to one that could answer.
-
-        Args:
-            is_told: the middleware itself ends requests that were sent (`Participant.ends_requests`).
-        """
-        if self.is_sent:
-            return not is_told and bool(self.servers) and self.servers.isdisjoint(present)
-        return bool(self.servers) and not present
-
-
-def kept_by(participant: Participant, servers: Iterable[EndpointFound], clients: Iterable[EndpointFound]) -> int:
-    """How many requests of ours the server that keeps fewest keeps; 0 when all keep all.
-
-    Servers on Fast DDS, which are those that count requests, do not tell: they are taken for what ROS has by default.
-    All clients share what a server keeps, whatever process they are in; each participant takes its part, and at least
-    one.
-
-    Args:
-        servers: what the servers read.
-        clients: what clients write, ours included.
-    """
-    told = (SERVICES_DEFAULT if participant.counts_requests(one.guid) else one.qos for one in servers)
-    kept = min((qos.depth for qos in told if qos.history is History.KEEP_LAST), default=0)
-    return kept and max(1, kept // max(1, len({one.participant_guid for one in clients})))
+        self.had_servers = False
 
 
 class RequestWindow:

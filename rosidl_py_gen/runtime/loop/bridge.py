@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.registration import Registration
-    from rosidl_py_gen.runtime.transport.port import Participant, Sink
+    from rosidl_py_gen.runtime.transport.port import Participant
+    from rosidl_py_gen.runtime.transport.samples import Sink
 
 T = TypeVar("T")
 

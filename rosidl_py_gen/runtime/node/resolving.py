@@ -22,7 +22,7 @@ from rosidl_py_gen.errors import (
     printable,
 )
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
+from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError
 from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, announced, givers, is_complete, some
 from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError, ask_type_description, described_by
 from rosidl_py_gen.runtime.time.deadline import Deadline

@@ -23,9 +23,9 @@ from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.runtime.endpoints.client import Client
-from rosidl_py_gen.runtime.endpoints.header import CallTimeoutError
 from rosidl_py_gen.runtime.endpoints.late_types import late_service_type
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
+from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError
 from rosidl_py_gen.runtime.endpoints.types import class_of, raw_type
 from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, some
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value

@@ -1,4 +1,4 @@
-"""How bytes get from endpoint to endpoint: what the node asks of a transport, QoS, and the transports: memory, DDS and Zenoh.
+"""How bytes get from endpoint to endpoint: what is asked of a transport, QoS, and three of them: memory, DDS, Zenoh.
 
 May import: names, logs.
 """

@@ -11,25 +11,26 @@ from __future__ import annotations
 import itertools
 import threading
 from collections import deque
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
-from rosidl_py_gen.runtime.transport.dds.names import channel_of
-from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant, reaches
-from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, ParticipantFound
+from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodesFound, ParticipantFound
 from rosidl_py_gen.runtime.transport.matching import check_compatible
-from rosidl_py_gen.runtime.transport.port import ReceiveQueue, identified, in_fours
+from rosidl_py_gen.runtime.transport.memory_services import MemoryClient, MemoryServer
 from rosidl_py_gen.runtime.transport.qos import Durability, History, effective
-from rosidl_py_gen.runtime.transport.type_names import ros_type
+from rosidl_py_gen.runtime.transport.samples import ReceiveQueue, in_fours
+from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.transport.clocks import Clocks
-    from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
-    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
-    from rosidl_py_gen.runtime.transport.port import DomainSettings, Identity, Payload, Sample, Sink
+    from rosidl_py_gen.runtime.transport.discovered import Channel, DiscoveryEvent, NodeEntities
+    from rosidl_py_gen.runtime.transport.port import DomainSettings, EndpointSpec, Writer
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.samples import Payload, Sample, Sink
+    from rosidl_py_gen.runtime.transport.service_port import Service
 
 _VENDOR = b"\x01\x10"
 """Cyclone's vendor id, so that nothing treats our endpoints as foreign ones."""
@@ -67,9 +68,10 @@ class MemoryTransport:
             return participant
 
 
-class MemoryParticipant(DdsParticipant):
+class MemoryParticipant:
     """A member of a `MemoryTransport`; see `port.Participant`."""
 
+    middleware = "memory"
     identity_refusal: str | None = None
 
     def __init__(
@@ -81,7 +83,6 @@ class MemoryParticipant(DdsParticipant):
         counter: itertools.count[int],
         clocks: Clocks,
     ) -> None:
-        super().__init__()
         self.time_ns = clocks.system_ns
         self.lock = lock
         self.peers = peers
@@ -91,6 +92,9 @@ class MemoryParticipant(DdsParticipant):
         self.counter = counter
         self.writers: list[MemoryWriter] = []
         self.readers: list[MemoryReader] = []
+        self.service_peers = ServicePeers()
+        self.nodes: tuple[NodeEntities, ...] = ()
+        """As they were announced."""
         self.closed = False
         self._notify: Callable[[], None] | None = None
         self._ready: dict[Sink, None] = {}
@@ -99,16 +103,52 @@ class MemoryParticipant(DdsParticipant):
 
     # ------------------------------------------------------------------------------------------------ endpoints
 
-    def make_writer(self, end: DdsEndpoint) -> MemoryWriter:
+    def create_writer(self, spec: EndpointSpec) -> MemoryWriter:
+        return self.make_writer(spec.channel, spec.type, spec.type_hash, qos=spec.qos)
+
+    def create_reader(self, spec: EndpointSpec) -> MemoryReader:
+        return self.make_reader(spec.channel, spec.type, spec.type_hash, qos=spec.qos, ignore_local=spec.ignore_local)
+
+    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> MemoryClient:
+        (requests, asks), (replies, answers) = _halves(service)
         with self.lock:
-            writer = MemoryWriter(self, self._found(end, is_writer=True))
+            gid = self._next_guid(b"\xc5")
+            reader = self.make_reader(replies, *answers, qos=qos, service_id=gid.hex())
+            writer = self.make_writer(requests, *asks, qos=qos, service_id=gid.hex())
+        return MemoryClient(service, self.service_peers, reader, writer, gid)
+
+    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> MemoryServer:
+        (requests, asks), (replies, answers) = _halves(service)
+        with self.lock:
+            gid = self._next_guid(b"\xc4")
+            writer = self.make_writer(replies, *answers, qos=qos, service_id=gid.hex())
+            reader = self.make_reader(requests, *asks, qos=qos, service_id=gid.hex())
+        return MemoryServer(reader, writer, gid)
+
+    def make_writer(
+        self, channel: Channel, type: str, type_hash: str = "", *, qos: QoSProfile, service_id: str = ""
+    ) -> MemoryWriter:
+        """What sends samples."""
+        with self.lock:
+            writer = MemoryWriter(self, self._info(channel, type, qos, type_hash, service_id, is_writer=True))
             self.writers.append(writer)
             self._announce(writer.info)
             return writer
 
-    def make_reader(self, end: DdsEndpoint) -> MemoryReader:
+    def make_reader(
+        self,
+        channel: Channel,
+        type: str,
+        type_hash: str = "",
+        *,
+        qos: QoSProfile,
+        service_id: str = "",
+        ignore_local: bool = False,
+    ) -> MemoryReader:
+        """What receives samples."""
         with self.lock:
-            reader = MemoryReader(self, self._found(end, is_writer=False), end.ignore_local)
+            info = self._info(channel, type, qos, type_hash, service_id, is_writer=False)
+            reader = MemoryReader(self, info, ignore_local)
             self.readers.append(reader)
             self._announce(reader.info)
             for peer in self.peers:
@@ -117,19 +157,12 @@ class MemoryParticipant(DdsParticipant):
                         writer.replay(reader)
             return reader
 
-    def _found(self, end: DdsEndpoint, *, is_writer: bool) -> EndpointFound:
-        return EndpointFound(
-            self._next_guid(b"\x03" if is_writer else b"\x04"),
-            self.guid,
-            is_writer,
-            channel_of(end.topic),
-            ros_type(end.type),
-            effective(end.qos, is_writer=is_writer),
-            end.type_hash,
-            end.service_id or end.client_id,
-            wire_name=end.topic,
-            wire_type=end.type,
-        )
+    def _info(
+        self, channel: Channel, type: str, qos: QoSProfile, type_hash: str, service_id: str, *, is_writer: bool
+    ) -> EndpointFound:
+        guid, profile = self._next_guid(b"\x03" if is_writer else b"\x04"), effective(qos, is_writer=is_writer)
+        wire = channel.name, type
+        return EndpointFound(guid, self.guid, is_writer, channel, type, profile, type_hash, service_id, "", *wire)
 
     def _next_guid(self, kind: bytes) -> bytes:
         if self.closed:
@@ -140,11 +173,13 @@ class MemoryParticipant(DdsParticipant):
 
     def set_discovery_sink(self, sink: Callable[[list[DiscoveryEvent]], None]) -> None:
         with self.lock:
-            self._discovery_sink = self.listen_for_nodes(sink)
+            self._discovery_sink = sink
             self._events.clear()
             for peer in self.peers:
                 self._events.append(ParticipantFound(peer.guid, peer.enclave))
                 self._events += [endpoint.info for endpoint in (*peer.writers, *peer.readers)]
+                if peer.nodes:
+                    self._events.append(NodesFound(peer.guid, peer.nodes))
             self.ready(self._report)
 
     def tell(self, event: DiscoveryEvent) -> None:
@@ -153,14 +188,26 @@ class MemoryParticipant(DdsParticipant):
             self._events.append(event)
             self.ready(self._report)
 
+    def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
+        with self.lock:
+            self.nodes = tuple(nodes.values())
+            for peer in self.peers:
+                if peer is not self:
+                    peer.tell(NodesFound(self.guid, self.nodes))
+
+    def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
+        """As DDS has it."""
+        result = check_compatible(writer.qos, reader.qos)
+        return "" if result.matches else f"their quality of service is incompatible. {result.reason}"
+
     def report_discovery(self) -> None:
         self._report()
-        self.read_nodes()
 
     def _report(self) -> None:
         with self.lock:
             events, self._events = self._events, []
         if events and self._discovery_sink is not None:
+            self.service_peers.apply(events)
             self._discovery_sink(events)
 
     def _announce(self, event: DiscoveryEvent) -> None:
@@ -205,7 +252,6 @@ class MemoryParticipant(DdsParticipant):
         with self.lock:
             if self.closed:
                 return
-            self.forget_nodes()
             for endpoint in (*self.writers, *self.readers):
                 endpoint.close()
             self.closed = True
@@ -241,11 +287,15 @@ class MemoryWriter(_Endpoint):
         depth = (None if qos.history is History.KEEP_ALL else max(1, qos.depth)) if keeps else 0
         self._history: deque[Sample] = deque(maxlen=depth)
 
-    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
+    def write(self, data: Payload) -> bool:
+        return self.put(in_fours(data))
+
+    def put(self, thing: Any) -> bool:
+        """Give a sample, or something else, to all that are connected."""
         if self.closed:
             raise ClosedError("this writer is closed")
         now = self.owner.time_ns()
-        sample = (in_fours(data if identity is None else identified(data, identity)), now, self.handle, now)
+        sample = (thing, now, self.handle, now)
         with self.owner.lock:
             self._history.append(sample)
             for peer in self.owner.peers:
@@ -269,12 +319,6 @@ class MemoryWriter(_Endpoint):
     def matched_readers(self) -> list[bytes]:
         with self.owner.lock:
             return [reader.guid for peer in self.owner.peers for reader in peer.readers if matches(self, reader)]
-
-    def forget(self, number: int) -> None:
-        """Nothing is kept of requests."""
-
-    def reaches(self, client: bytes) -> bool:
-        return reaches(client, self.matched_readers)
 
     def all_acknowledged(self) -> bool:
         """Delivery is immediate."""
@@ -301,6 +345,12 @@ class MemoryReader(_Endpoint):
         self.queue.push(sample)
         if self._sink is not None:
             self.owner.ready(self._sink)
+
+    def accept(self, thing: Any, sender: Writer) -> None:
+        """Take something that is for this reader alone."""
+        with self.owner.lock:
+            now = self.owner.time_ns()
+            self.receive((thing, now, sender.handle, now))
 
     def set_sink(self, sink: Sink | None) -> None:
         with self.owner.lock:
@@ -330,3 +380,10 @@ def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
         return False
     same = writer.info.channel == reader.info.channel and writer.info.type == reader.info.type
     return same and check_compatible(writer.qos, reader.qos).matches
+
+
+def _halves(service: Service) -> tuple[tuple[Channel, tuple[str, str]], tuple[Channel, tuple[str, str]]]:
+    """Of the requests and of the responses: where they meet, type and hash."""
+    requests, replies = service.channels
+    asks, answers = f"{service.type}_Request", f"{service.type}_Response"
+    return (requests, (asks, service.request_hash)), (replies, (answers, service.response_hash))

@@ -10,61 +10,21 @@ the loop still waits, and takes what it wants from the queue of its reader.
 
 from __future__ import annotations
 
-import struct
-from collections import deque
 from dataclasses import dataclass
 from enum import Enum
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol
 
 from rosidl_py_gen.errors import ExtraMissingError, RosidlError
 from rosidl_py_gen.runtime.transport.discovered import Channel
-from rosidl_py_gen.runtime.transport.qos import History, QoSProfile
+from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.transport.clocks import Clocks
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
-
-Payload: TypeAlias = "bytes | memoryview"
-"""A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""
-
-Sample: TypeAlias = "tuple[Payload, int, int, int]"
-"""Payload, source timestamp (ns since the epoch), local handle of the writer, time of reception (ns).
-
-A plain tuple: this is made once per message, and a named one costs ten times as much.
-"""
-
-Sink: TypeAlias = "Callable[[], Callable[[], None] | None]"
-"""Takes in what arrived. It calls no function of the user: what does that it answers, to be called a moment later."""
-
-Identity: TypeAlias = "tuple[bytes, int]"
-"""Which request a sample is or answers, where that is said beside the message: a GUID of the client, its request's
-sequence number, which each client counts from 1."""
-
-IDENTITY_BYTES = 24
-_IDENTIFIED = b"\xfd\x5d"
-"""Stands in the two option bytes of the encapsulation header, which are zero otherwise."""
-_identity = struct.Struct("<16sq")
-_FILL = (b"", b"\0\0\0", b"\0\0", b"\0")
-
-
-def in_fours(data: Payload) -> bytes:
-    """The sample as it is on the wire, in multiples of four bytes: DDS would add what lies behind it in memory."""
-    return bytes(data) + _FILL[len(data) & 3]
-
-
-def identified(data: Payload, identity: Identity) -> bytes:
-    """A sample with the identity behind its encapsulation header. 24 is a multiple of 8, so all stays aligned."""
-    return b"".join((data[:2], _IDENTIFIED, _identity.pack(*identity), data[4:]))
-
-
-def identity_of(data: Payload) -> Identity | None:
-    """What `identified` put in; None when it is a sample as others send it."""
-    if data[2:4] != _IDENTIFIED or len(data) < 4 + IDENTITY_BYTES:
-        return None
-    guid, sequence = _identity.unpack_from(data, 4)
-    return guid, sequence
+    from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
+    from rosidl_py_gen.runtime.transport.service_port import ClientPort, ServerPort, Service
 
 
 class TransportError(RosidlError):
@@ -101,30 +61,6 @@ class DomainSettings:
     warnings: tuple[str, ...] = ()
 
 
-# ------------------------------------------------------------------------------------------------------- reader queue
-
-
-class ReceiveQueue:
-    """Samples that arrived and were not taken yet: KEEP_LAST drops the oldest and counts it, KEEP_ALL keeps all.
-
-    Appending and popping are single operations of a deque, so that one thread may fill while another one empties.
-    """
-
-    __slots__ = ("dropped", "items")
-
-    def __init__(self, qos: QoSProfile) -> None:
-        depth = None if qos.history is History.KEEP_ALL else max(1, qos.depth)
-        self.items: deque[Sample] = deque(maxlen=depth)
-        self.dropped = 0
-
-    def push(self, sample: Sample) -> None:
-        """Add the newest sample."""
-        items = self.items
-        if len(items) == items.maxlen:
-            self.dropped += 1
-        items.append(sample)
-
-
 # ----------------------------------------------------------------------------------------------------------- contract
 
 
@@ -139,21 +75,11 @@ class Writer(Protocol):
     def handle(self) -> int:
         """Unsigned number that is unique among the writers of this machine's process (protocol.md 5.1)."""
 
-    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
+    def write(self, data: Payload) -> bool:
         """Send a sample. Never blocks and never holds the GIL inside the middleware.
-
-        Args:
-            identity: for services of peers that want it so (`Participant.identifies`).
-            timeout_s: how long the response to a request is waited for at most, if that is known.
 
         Returns:
             False when a reliable reader is so far behind that the middleware wants us to wait; nothing was sent.
-        """
-
-    def forget(self, number: int) -> None:
-        """Nobody waits for the reply to a request any more, given by the number of its identity. On the loop's thread.
-
-        It may be over, too.
         """
 
     def matched_readers(self) -> list[bytes]:
@@ -161,9 +87,6 @@ class Writer(Protocol):
 
     def has_readers(self) -> bool:
         """Whether anybody receives what is written; cheaper than listing them."""
-
-    def reaches(self, client: bytes) -> bool:
-        """Whether a response would arrive at the client of an `Identity`, as far as that can be told."""
 
     def all_acknowledged(self) -> bool:
         """True when every matched reliable reader confirmed everything written so far. Never blocks."""
@@ -240,33 +163,7 @@ class EndpointSpec:
         return Channel("bare" if self.is_bare else "topic", self.name)
 
 
-@dataclass(frozen=True, slots=True)
-class Service:
-    """A service as its clients and servers announce it.
-
-    Attributes:
-        name: fully qualified.
-        type: ``pkg/srv/Name``.
-        type_hash: RIHS01 text of the service; may be empty, as those of its messages.
-    """
-
-    name: str
-    type: str
-    type_hash: str
-    request_hash: str
-    response_hash: str
-
-
-class ServiceEndpoints(NamedTuple):
-    """The two halves of a client or a server.
-
-    Attributes:
-        gid: 16 bytes by which ROS names it.
-    """
-
-    reader: Reader
-    writer: Writer
-    gid: bytes
+# -------------------------------------------------------------------------------------------------------- participants
 
 
 class Participant(Protocol):
@@ -285,18 +182,7 @@ class Participant(Protocol):
 
     @property
     def identity_refusal(self) -> str | None:
-        """Why services of peers that want an `Identity` cannot be used; None when they can."""
-
-    @property
-    def ends_requests(self) -> bool:
-        """Whether a request that was sent and that nobody will answer any more is told as such (`unanswered`).
-        Discovery may tell of the end of its servers before their last responses arrive."""
-
-    def identifies(self, guid: bytes) -> bool:
-        """Whether a service with that endpoint has an `Identity` beside its samples, and not a header in them."""
-
-    def counts_requests(self, guid: bytes) -> bool:
-        """Whether such a server that has answered once knows requests without an `Identity` by writer and number."""
+        """Why services of peers on Fast DDS cannot be used; None when they can."""
 
     def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
         """Why a writer and a reader of one topic and type are not connected; empty when they are."""
@@ -307,11 +193,11 @@ class Participant(Protocol):
     def create_reader(self, spec: EndpointSpec) -> Reader:
         """Raises `TransportError`."""
 
-    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
-        """What reads replies and writes requests. Raises `TransportError`."""
+    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ClientPort:
+        """Raises `TransportError`."""
 
-    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
-        """What reads requests and writes replies. Raises `TransportError`."""
+    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServerPort:
+        """Raises `TransportError`."""
 
     def announce(self, nodes: Mapping[int, NodeEntities]) -> None:
         """Tell others which nodes we have, by number: all of them, each time. From any thread."""

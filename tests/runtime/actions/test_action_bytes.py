@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import on_wire
-import pytest
 from action_worlds import Fibonacci
 from worlds import World, until
 
@@ -53,19 +52,18 @@ async def until_canceled(goal: Any) -> Any:
     return goal.canceled(Fibonacci.Result(sequence=[1, 2]))
 
 
-@pytest.mark.without_zenoh("nobody else can read requests and replies")
-async def test_a_goal_from_sending_to_its_cancelled_end(world: World) -> None:
-    watcher = world.node("watcher")
+async def test_a_goal_from_sending_to_its_cancelled_end(dds: World) -> None:
+    watcher = dds.node("watcher")
     send = tap_service(watcher, "/fib/_action/send_goal", f"{ACTION}SendGoal_")
     result = tap_service(watcher, "/fib/_action/get_result", f"{ACTION}GetResult_")
     cancel = tap_service(watcher, "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
     feedback = Tap(watcher, "rt/fib/_action/feedback", f"{ACTION}FeedbackMessage_")
     status = Tap(watcher, "rt/fib/_action/status", "action_msgs::msg::dds_::GoalStatusArray_")
-    server = world.node("server")
+    server = dds.node("server")
     server.clock.enable_ros_time_override()
     server.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
     server.create_action_server(Fibonacci, "fib", until_canceled)
-    client = world.node("client").create_action_client(Fibonacci, "fib")
+    client = dds.node("client").create_action_client(Fibonacci, "fib")
     goal = await client.send_goal(Fibonacci.Goal(order=3), timeout_s=5, goal_id=GOAL_ID)
     await until(lambda: len(status.reader.queue.items) == 1)
     await goal.cancel(timeout_s=5)
@@ -84,22 +82,20 @@ async def test_a_goal_from_sending_to_its_cancelled_end(world: World) -> None:
     assert status.take(service=False) == [wire(*row, number) for number in ("02", "03", "05")]
 
 
-@pytest.mark.without_zenoh("nobody else can read requests and replies")
-async def test_cancel_all_and_cancel_before_select_by_zeros(world: World) -> None:
-    cancel = tap_service(world.node("watcher"), "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
-    world.node("server").create_action_server(Fibonacci, "fib", until_canceled)
-    client = world.node("client").create_action_client(Fibonacci, "fib")
+async def test_cancel_all_and_cancel_before_select_by_zeros(dds: World) -> None:
+    cancel = tap_service(dds.node("watcher"), "/fib/_action/cancel_goal", "action_msgs::srv::dds_::CancelGoal_")
+    dds.node("server").create_action_server(Fibonacci, "fib", until_canceled)
+    client = dds.node("client").create_action_client(Fibonacci, "fib")
     await client.cancel_all(timeout_s=5)
     await client.cancel_before(Time(seconds=10, nanoseconds=5), timeout_s=5)
     assert cancel[0].take() == [wire("00" * 24), wire("00" * 16, STAMP)]
     assert cancel[1].take() == [wire("00 00 00 00", "00 00 00 00")] * 2
 
 
-@pytest.mark.without_zenoh("nobody else can read requests and replies")
-async def test_an_unknown_goal_is_answered_unknown_with_a_default_result(world: World) -> None:
-    result = tap_service(world.node("watcher"), "/fib/_action/get_result", f"{ACTION}GetResult_")
-    world.node("server").create_action_server(Fibonacci, "fib", until_canceled)
-    ask = world.node("client").create_client(Fibonacci.GetResult, "fib/_action/get_result")
+async def test_an_unknown_goal_is_answered_unknown_with_a_default_result(dds: World) -> None:
+    result = tap_service(dds.node("watcher"), "/fib/_action/get_result", f"{ACTION}GetResult_")
+    dds.node("server").create_action_server(Fibonacci, "fib", until_canceled)
+    ask = dds.node("client").create_client(Fibonacci.GetResult, "fib/_action/get_result")
     await ask.call(Fibonacci.GetResult.Request(), timeout_s=5)
     assert result[1].take() == [wire("00 00 00 00", "00 00 00 00")]
 

@@ -8,6 +8,7 @@ import gc
 import math
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -382,13 +383,15 @@ async def test_the_result_of_an_unfinished_goal_is_asked_for_without_a_task(worl
     assert client._result.pending_count == client._result.client.pending_count == 0
 
 
-async def test_servers_that_keep_few_requests_get_the_questions_in_turn(world: World) -> None:
+async def test_servers_that_keep_few_requests_get_the_questions_in_turn(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """rclpy's services keep ten requests and overwrite older ones."""
 
     _, client = await pair(world, until_canceled)
     questions = client._result.client
-    questions.servers()
-    questions._kept = 3
+    servers = questions._port.servers
+    monkeypatch.setattr(questions._port, "servers", lambda: replace(servers(), keeps=3))
     handles = []
     for _ in range(10):
         handles.append(await client.send_goal(goal()))

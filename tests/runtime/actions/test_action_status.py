@@ -20,19 +20,20 @@ from rosidl_py_gen.runtime.actions.status import StatusRows, find_status
 def record(monkeypatch: pytest.MonkeyPatch, server: Any) -> list[str]:
     """What an action server writes from now on, in order, by the last part of the topic."""
     written: list[str] = []
-    endpoints = [one for one in server._parts.owned.values() if hasattr(one, "_writer")]
-    for writer in (endpoint._writer for endpoint in endpoints):
-        owner = next(one for one in endpoints if one._writer is writer)
-        name = str(getattr(owner, "topic", None) or owner.name).rpartition("/")[2]
+    for owner in server._parts.owned.values():
+        name = str(getattr(owner, "topic", None) or getattr(owner, "name", "")).rpartition("/")[2]
+        of, function = (owner._port, "send") if hasattr(owner, "_port") else (owner, "_write")
+        if not hasattr(of, function):
+            continue
 
-        def write(data: Any, name: str = name, inner: Any = writer.write) -> bool:
-            written.append(f"{name} {data[-1]}" if name == "status" else name)
-            done: bool = inner(data)
+        inner = getattr(of, function)
+
+        def write(*sent: Any, name: str = name, inner: Any = inner) -> bool:
+            written.append(f"{name} {sent[-1][-1]}" if name == "status" else name)
+            done: bool = inner(*sent)
             return done
 
-        monkeypatch.setattr(writer, "write", write)
-        if hasattr(owner, "_write"):
-            monkeypatch.setattr(owner, "_write", write)
+        monkeypatch.setattr(of, function, write)
     return written
 
 

@@ -6,6 +6,7 @@ import asyncio
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -105,7 +106,7 @@ async def test_what_a_server_answered_before_it_closed_counts(world: World) -> N
     for number in range(10):
         call = asyncio.ensure_future(client.call(Request(a=number), timeout_s=5))
         (await asyncio.wait_for(anext(server), 5)).respond(Response(sum=number))
-        await until(server._writer.all_acknowledged)
+        await until(server._port.all_acknowledged)
         if number == 9:
             server.close()
         assert (await call).sum == number
@@ -126,13 +127,13 @@ async def test_requests_that_wait_for_their_turn_go_to_the_server_that_comes_nex
     memory: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, client, (call,) = await asked(memory)
-    monkeypatch.setattr("rosidl_py_gen.runtime.endpoints.answering.kept_by", lambda *_: 1)
-    client._kept = 1
+    servers = client._port.servers
+    monkeypatch.setattr(client._port, "servers", lambda: replace(servers(), keeps=1))
     second = asyncio.ensure_future(client.call(Request(a=1, b=2), timeout_s=5))
     third = asyncio.ensure_future(client.call(Request(a=2, b=2), timeout_s=5))
     await until(lambda: client.pending_count == 3)
     memory.node("next").create_service(AddTwoInts, "add", add)
-    await until(lambda: len(client._presence.now()) == 4)
+    await until(lambda: len(client._port.present()) == 4)
     server.close()
     for lost in (call, second):
         with pytest.raises(ServerLostError, match=_LOST):

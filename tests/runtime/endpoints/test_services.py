@@ -6,19 +6,17 @@ import asyncio
 import logging
 import threading
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import on_wire
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_srvs.srv import Empty, SetBool
 from worlds import until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import CallTimeoutError, ForeignServiceError, WaitTimeoutError, WouldDeadlockError
-from rosidl_py_gen.runtime.endpoints.header import header_of, message_of, with_header
+from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError, WouldDeadlockError
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError, ServiceRequest
-from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.runtime.transport.dds.correlation import with_header
 
 if TYPE_CHECKING:
     from worlds import World
@@ -37,31 +35,16 @@ async def add_slowly(request: AddTwoInts.Request) -> AddTwoInts.Response:
     return add(request)
 
 
-def test_the_header_sits_between_encapsulation_and_message() -> None:
-    message = Request(a=1, b=2).encode()
-    wire = with_header(message, 0x1122334455667788, 1)
-    assert wire == bytes.fromhex(
-        "00010000"  # XCDR1, little endian
-        "8877665544332211"  # the client's number
-        "0100000000000000"  # sequence number
-        "0100000000000000"  # a
-        "0200000000000000"  # b
-    )
-    assert header_of(wire) == (0x1122334455667788, 1, 20) and message_of(wire, 20) == message
-    big = bytes.fromhex("00000000 1122334455667788 0000000000000001 07")
-    assert header_of(big) == (0x1122334455667788, 1, 20) and message_of(big, 20) == b"\0\0\0\0\7"
-    assert len(with_header(b"\0\1\0\0\7", 1, 1)) == 24, "filled up with zeros, so that nobody has to copy it again"
-
-
-async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(world: World) -> None:
+async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(dds: World) -> None:
     """Clients of different processes count alike."""
-    alice, bob = world.pair()
+    alice, bob = dds.pair()
     server = alice.create_service(AddTwoInts, "add", None)
     client = bob.create_client(AddTwoInts, "add")
     call = asyncio.create_task(client.call(Request(a=1, b=2), timeout_s=5))
     request = await asyncio.wait_for(anext(server), 5)
-    (number,) = client._pending
-    server._writer.write(with_header(Response(sum=100).encode(), 12345, number))
+    (number,) = client._by_number
+    replies: Any = server._port
+    replies._writer.write(with_header(Response(sum=100).encode(), 12345, number))
     await asyncio.sleep(0.05)
     assert not call.done()
     request.respond(Response(sum=3))
@@ -197,8 +180,8 @@ async def test_pending_calls_are_freed_by_timeout_cancellation_and_close(world: 
         await client.call(Request())
 
 
-async def test_late_and_foreign_replies_are_ignored(world: World) -> None:
-    alice, bob = world.pair()
+async def test_late_and_foreign_replies_are_ignored(dds: World) -> None:
+    alice, bob = dds.pair()
     server = alice.create_service(AddTwoInts, "add")
     client = bob.create_client(AddTwoInts, "add")
     task = asyncio.create_task(anext(aiter(server)))
@@ -209,8 +192,9 @@ async def test_late_and_foreign_replies_are_ignored(world: World) -> None:
         task = asyncio.create_task(anext(aiter(server)))
         await client.call(Request(a=1), timeout_s=0.2)
     (await task).respond(Response(sum=1))  # late
-    server._writer.write(with_header(Response(sum=2).encode(), 12345, 1))  # of another client
-    server._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense
+    replies: Any = server._port
+    replies._writer.write(with_header(Response(sum=2).encode(), 12345, 1))  # of another client
+    replies._writer.write(b"\0\1\0\0\7\7\7\7")  # nonsense
     task = asyncio.create_task(anext(aiter(server)))
     call = asyncio.create_task(client.call(Request(a=3), timeout_s=5))
     (await task).respond(Response(sum=3))
@@ -315,34 +299,10 @@ async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None
     client = bob.create_client(AddTwoInts, "add")
     assert await client.wait_for_service(timeout_s=5)
     graph = bob.scope.graph
-    ends = (server._reader, server._writer, client._reader, client._writer)
-    await until(lambda: graph.endpoints.keys() >= {end.guid for end in ends})
-    reads, writes = graph.endpoints[server._reader.guid], graph.endpoints[server._writer.guid]
+    await until(lambda: graph.endpoints.keys() >= {*server._port.endpoints, *client._port.endpoints})
+    reads, writes = (graph.endpoints[guid] for guid in server._port.endpoints)
     assert reads.service_id == writes.service_id != ""
     assert reads.type_hash == AddTwoInts.Request._TYPE.hash
     assert writes.type_hash == AddTwoInts.Response._TYPE.hash
-    own = {graph.endpoints[guid].service_id for guid in (client._reader.guid, client._writer.guid)}
+    own = {graph.endpoints[guid].service_id for guid in client._port.endpoints}
     assert len(own) == 1 and own.isdisjoint({"", reads.service_id})
-
-
-async def test_fast_dds_servers_are_refused_instead_of_hanging_where_they_cannot_be_called(memory: World) -> None:
-    bob = memory.node("bob")
-    bob.context.participant.identity_refusal = "this build is not known"  # type: ignore[misc]
-    client = bob.create_client(AddTwoInts, "add")
-    prefix = b"\x01\x0f" + bytes(10)
-    for number, (topic, kind) in enumerate((("rq/addRequest", "Request"), ("rr/addReply", "Response")), 1):
-        bob.scope.graph.apply(
-            on_wire.found(
-                prefix + bytes((0, 0, number, 3 if kind == "Response" else 4)),
-                prefix + b"\0\0\1\xc1",
-                topic,
-                f"example_interfaces::srv::dds_::AddTwoInts_{kind}_",
-                SERVICES_DEFAULT,
-            )
-        )
-    started = time.monotonic()
-    with pytest.raises(ForeignServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
-        await client.call(Request(), timeout_s=20)
-    with pytest.raises(ForeignServiceError, match="Fast DDS"):
-        await client.wait_for_service(timeout_s=20)
-    assert time.monotonic() - started < 5

@@ -96,7 +96,7 @@ async def test_endpoints_are_described_with_node_type_hash_and_qos(world: World)
     assert (info.qos_profile.history, info.qos_profile.depth) == (History.KEEP_LAST, 7)
     assert info.qos_profile.durability is Durability.TRANSIENT_LOCAL
     assert info.qos_profile.deadline_ns == 1_500_000_000
-    (other,) = bob.get_subscriptions_info_by_topic("/topic" if world.kind == "zenoh" else "rt/topic", no_mangle=True)
+    (other,) = bob.get_subscriptions_info_by_topic("rt/topic" if world.kind == "dds" else "/topic", no_mangle=True)
     assert other.qos_profile.history is History.KEEP_ALL
     assert other.qos_profile.depth == (42 if world.kind == "zenoh" else 0)
     assert other.qos_profile.reliability is Reliability.BEST_EFFORT
@@ -116,6 +116,8 @@ async def test_topics_and_services_are_listed_in_all_and_by_node(world: World) -
     requests = ("rq/addRequest", ["example_interfaces::srv::dds_::AddTwoInts_Request_"])
     if world.kind == "zenoh":
         requests = ("/add", ["example_interfaces::srv::dds_::AddTwoInts_"])
+    if world.kind == "memory":
+        requests = ("/add", [f"example_interfaces/srv/AddTwoInts_{half}" for half in ("Request", "Response")])
     assert requests in bob.get_topic_names_and_types(no_demangle=True)
     of_alice, of_bob = every_nodes_services("/alice"), every_nodes_services("/bob")
     await until(lambda: bob.get_service_names_and_types() == [("/add", add), *of_alice, *of_bob])

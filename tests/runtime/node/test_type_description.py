@@ -218,12 +218,11 @@ async def test_the_first_question_does_not_import_the_compiler(world: World, mon
         await asker.get_type_description("/n", "", type_hash(cls), timeout_s=5)
 
 
-@pytest.mark.without_zenoh("nobody else can read the replies")
-async def test_the_answer_byte_by_byte(world: World) -> None:
-    dds = "type_description_interfaces::srv::dds_::GetTypeDescription_Response_"
-    replies = on_wire.reader(world.node("watcher"), "rr/n/get_type_descriptionReply", dds)
-    world.node("n").create_publisher(Foo, "foo")
-    asker = world.node("asker")
+async def test_the_answer_byte_by_byte(dds: World) -> None:
+    kind = "type_description_interfaces::srv::dds_::GetTypeDescription_Response_"
+    replies = on_wire.reader(dds.node("watcher"), "rr/n/get_type_descriptionReply", kind)
+    dds.node("n").create_publisher(Foo, "foo")
+    asker = dds.node("asker")
     await asker.get_type_description("/n", "my_pkg/msg/Foo", type_hash(Foo), timeout_s=5)
     await until(lambda: len(replies.queue.items) == 1)
     with pytest.raises(TypeDescriptionError):

@@ -17,14 +17,14 @@ def wire(*parts: str) -> str:
     return "".join((HEADER, *parts)).replace(" ", "")
 
 
-async def test_setting_one_integer_and_the_event_it_causes(world: World) -> None:
-    watcher = world.node("watcher")
-    dds = "rcl_interfaces::srv::dds_::SetParameters_"
-    requests = on_wire.reader(watcher, request_name("/n/set_parameters"), f"{dds}Request_")
-    replies = on_wire.reader(watcher, reply_name("/n/set_parameters"), f"{dds}Response_")
-    node = world.node("n")
+async def test_setting_one_integer_and_the_event_it_causes(dds: World) -> None:
+    watcher = dds.node("watcher")
+    kind = "rcl_interfaces::srv::dds_::SetParameters_"
+    requests = on_wire.reader(watcher, request_name("/n/set_parameters"), f"{kind}Request_")
+    replies = on_wire.reader(watcher, reply_name("/n/set_parameters"), f"{kind}Response_")
+    node = dds.node("n")
     node.declare_parameter("ab", 1)
-    remote = world.node("other").create_parameter_client("/n")
+    remote = dds.node("other").create_parameter_client("/n")
     events = on_wire.reader(watcher, "rt/parameter_events", "rcl_interfaces::msg::dds_::ParameterEvent_")
     node.clock.enable_ros_time_override()
     node.clock.set_ros_time_override(Time(seconds=10, nanoseconds=5, clock_type=ClockType.ROS_TIME))
@@ -50,11 +50,11 @@ async def test_setting_one_integer_and_the_event_it_causes(world: World) -> None
     assert event.hex() == wire(*head, *value).format("00" * 7) + "00000000"
 
 
-async def test_asking_for_an_unknown_parameter_is_answered_with_nothing(world: World) -> None:
-    dds = "rcl_interfaces::srv::dds_::GetParameters_Response_"
-    replies = on_wire.reader(world.node("watcher"), reply_name("/n/get_parameters"), dds)
-    world.node("n")
-    remote = world.node("other").create_parameter_client("/n")
+async def test_asking_for_an_unknown_parameter_is_answered_with_nothing(dds: World) -> None:
+    kind = "rcl_interfaces::srv::dds_::GetParameters_Response_"
+    replies = on_wire.reader(dds.node("watcher"), reply_name("/n/get_parameters"), kind)
+    dds.node("n")
+    remote = dds.node("other").create_parameter_client("/n")
     with pytest.raises(ParameterNotDeclaredError):
         await remote.get(["use_sim_time", "nope"], timeout_s=5)
     (reply,) = [bytes(item[0]) for item in replies.queue.items]

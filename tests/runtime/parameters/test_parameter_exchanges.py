@@ -27,13 +27,13 @@ NONE = "00 00 00 00"
 class Wiretap:
     """Everybody's requests and replies of one service of the node ``/n``, without header and request id."""
 
-    def __init__(self, world: World, service: str, type_name: str) -> None:
-        watcher = world.node("watcher")
-        dds = f"rcl_interfaces::srv::dds_::{type_name}_"
-        self._requests = on_wire.reader(watcher, request_name(f"/n/{service}"), f"{dds}Request_")
-        self._replies = on_wire.reader(watcher, reply_name(f"/n/{service}"), f"{dds}Response_")
-        self.node: Node = world.node("n")
-        self.remote: ParameterClient = world.node("other").create_parameter_client("/n")
+    def __init__(self, dds: World, service: str, type_name: str) -> None:
+        watcher = dds.node("watcher")
+        kind = f"rcl_interfaces::srv::dds_::{type_name}_"
+        self._requests = on_wire.reader(watcher, request_name(f"/n/{service}"), f"{kind}Request_")
+        self._replies = on_wire.reader(watcher, reply_name(f"/n/{service}"), f"{kind}Response_")
+        self.node: Node = dds.node("n")
+        self.remote: ParameterClient = dds.node("other").create_parameter_client("/n")
 
     async def exchange(self, call: Callable[[], Awaitable[Any]]) -> tuple[str, str, Any]:
         """Request, reply and result of a call that may be made again, until both are heard: each one says the same."""
@@ -60,8 +60,8 @@ def wire(*parts: str) -> str:
     return text + "0" * (-len(text) % 8)
 
 
-async def test_describe_parameters(world: World) -> None:
-    tap = Wiretap(world, "describe_parameters", "DescribeParameters")
+async def test_describe_parameters(dds: World) -> None:
+    tap = Wiretap(dds, "describe_parameters", "DescribeParameters")
     tap.node.declare_parameter("ab", 3, ParameterDescriptor(description="d", integer_range=IntRange(1, 9, 2)))
     request, reply, found = await tap.exchange(lambda: tap.remote.describe(["ab"], 5))
     assert request == wire(ONE, AB)
@@ -76,8 +76,8 @@ async def test_describe_parameters(world: World) -> None:
     assert found == [ParameterDescriptor("ab", ParameterType.INTEGER, "d", integer_range=IntRange(1, 9, 2))]
 
 
-async def test_get_parameter_types(world: World) -> None:
-    tap = Wiretap(world, "get_parameter_types", "GetParameterTypes")
+async def test_get_parameter_types(dds: World) -> None:
+    tap = Wiretap(dds, "get_parameter_types", "GetParameterTypes")
     tap.node.declare_parameter("ab", 3)
     tap.node.declare_parameter("c", ["x"])
     request, reply, found = await tap.exchange(lambda: tap.remote.types(["ab", "c"], 5))
@@ -86,8 +86,8 @@ async def test_get_parameter_types(world: World) -> None:
     assert found == [ParameterType.INTEGER, ParameterType.STRING_ARRAY]
 
 
-async def test_list_parameters(world: World) -> None:
-    tap = Wiretap(world, "list_parameters", "ListParameters")
+async def test_list_parameters(dds: World) -> None:
+    tap = Wiretap(dds, "list_parameters", "ListParameters")
     tap.node.declare_parameter("g.b", 3)
     request, reply, found = await tap.exchange(lambda: tap.remote.list(["g"], 1, 5))
     # One prefix, which ends at 10; the depth is a uint64 at 16.
@@ -97,8 +97,8 @@ async def test_list_parameters(world: World) -> None:
     assert (found.names, found.prefixes) == (("g.b",), ("g",))
 
 
-async def test_get_parameters(world: World) -> None:
-    tap = Wiretap(world, "get_parameters", "GetParameters")
+async def test_get_parameters(dds: World) -> None:
+    tap = Wiretap(dds, "get_parameters", "GetParameters")
     tap.node.declare_parameter("ab", 0.5)
     tap.node.declare_parameter("c", ["x"])
     request, reply, found = await tap.exchange(lambda: tap.remote.get(["ab", "c"], 5))
@@ -119,8 +119,8 @@ def integer(number: str) -> str:
     return wire(AB, "02 00", "00 00 00", number, "00" * 8, "01 00 00 00  00", "00 00 00", NONE * 5)
 
 
-async def test_set_parameters_atomically(world: World) -> None:
-    tap = Wiretap(world, "set_parameters_atomically", "SetParametersAtomically")
+async def test_set_parameters_atomically(dds: World) -> None:
+    tap = Wiretap(dds, "set_parameters_atomically", "SetParametersAtomically")
     tap.node.declare_parameter("ab", 3)
     request, reply, found = await tap.exchange(lambda: tap.remote.set_atomically({"ab": 7}, 5))
     assert request == wire(ONE, integer("07 00 00 00 00 00 00 00"))
@@ -129,8 +129,8 @@ async def test_set_parameters_atomically(world: World) -> None:
     assert found == SetResult(True)
 
 
-async def test_a_refusal_carries_its_reason(world: World) -> None:
-    tap = Wiretap(world, "set_parameters", "SetParameters")
+async def test_a_refusal_carries_its_reason(dds: World) -> None:
+    tap = Wiretap(dds, "set_parameters", "SetParameters")
     tap.node.declare_parameter("ab", 3, ParameterDescriptor(read_only=True))
     request, reply, found = await tap.exchange(lambda: tap.remote.set({"ab": -1}, 5))
     assert request == wire(ONE, integer("ff ff ff ff ff ff ff ff"))

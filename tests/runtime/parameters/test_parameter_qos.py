@@ -6,7 +6,7 @@ import pytest
 from worlds import World, run, until
 
 from rosidl_py_gen.runtime import Durability, History, QoSProfile, Reliability
-from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
+from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 
 SERVICES = [
@@ -51,17 +51,11 @@ def test_the_services_are_reliable_volatile_and_drop_nothing(world: World, servi
         world.node("n")
         other = world.node("other")
         remote = other.create_parameter_client("/n")
-        request, reply = request_name(f"/n/{service}"), reply_name(f"/n/{service}")
+        channels = Channel("request", f"/n/{service}"), Channel("reply", f"/n/{service}")
 
         def endpoints() -> list[QoSProfile]:
-            return [
-                info.qos_profile
-                for topic in (request, reply)
-                for info in (
-                    *other.get_publishers_info_by_topic(topic, no_mangle=True),
-                    *other.get_subscriptions_info_by_topic(topic, no_mangle=True),
-                )
-            ]
+            other.scope.discovery.refresh()
+            return [one.qos for one in other.scope.graph.endpoints.values() if one.channel in channels]
 
         await until(lambda: len(endpoints()) == 4)  # two of the server, two of the client
         for qos in endpoints():

@@ -128,9 +128,8 @@ async def test_the_answer_comes_before_the_events_it_caused(world: World) -> Non
     assert await events.wait_for_publishers(5) and await client.wait_for_services(5)
     await until(lambda: _event_publisher(node).has_subscriptions)
     written: list[str] = []
-    for writer, name in ((_event_publisher(node)._writer, "event"), (_set_service(node)._writer, "answer")):
-        _note_writes(writer, name, written)
-    _event_publisher(node)._write = _event_publisher(node)._writer.write
+    _note(_event_publisher(node), "_write", "event", written)
+    _note(_set_service(node)._port, "send", "answer", written)
     assert (await client.set({"a": 2}, 5))[0].successful
     await until(lambda: len(written) == 2)
     assert written == ["answer", "event"]
@@ -149,14 +148,14 @@ def _set_service(node: Any) -> Any:
     return next(item for item in node.scope.owned.values() if getattr(item, "name", "") == "/n/set_parameters")
 
 
-def _note_writes(writer: Any, name: str, written: list[str]) -> None:
-    write = writer.write
+def _note(of: Any, function: str, name: str, written: list[str]) -> None:
+    write = getattr(of, function)
 
-    def noted(data: bytes, *identity: object) -> bool:
+    def noted(*sent: object) -> bool:
         written.append(name)
-        return bool(write(data, *identity))
+        return bool(write(*sent))
 
-    writer.write = noted
+    setattr(of, function, noted)
 
 
 @pytest.mark.without_zenoh("sessions find each other after the node has published the first of these events")

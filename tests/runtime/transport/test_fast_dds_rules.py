@@ -30,6 +30,7 @@ from rosidl_py_gen.runtime import ForeignServiceError
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import rtps
 from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+from rosidl_py_gen.runtime.transport.dds import correlation, services
 from rosidl_py_gen.runtime.transport.discovered import Lost, ParticipantFound
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
@@ -49,9 +50,12 @@ AS_FAST_DDS = """
 import asyncio, os, sys
 from rosidl_py_gen.runtime import Node
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+from rosidl_py_gen.runtime.transport.dds import correlation, services
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes as Types
 
-cyclone.CycloneParticipant.identifies = lambda self, guid: True  # every server is taken for one on Fast DDS
+# Every server is taken for one on Fast DDS, and none for one that counts requests.
+correlation.has_identities = services.has_identities = lambda guid: True
+correlation.Answered.all_have = lambda self: False
 cyclone._fast_dds.notice(-1)  # and there may be clients
 
 def answer(request):
@@ -120,7 +124,9 @@ def program(text: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 @pytest.fixture
 def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Clients of this test take every server for one on Fast DDS, and received samples are looked into."""
-    monkeypatch.setattr(cyclone.CycloneParticipant, "identifies", lambda self, guid: True)
+    for module in (correlation, services):
+        monkeypatch.setattr(module, "has_identities", lambda guid: True)
+    monkeypatch.setattr(correlation.Answered, "all_have", lambda self: False)
     cyclone._fast_dds.notice(READER)
     yield
     cyclone._fast_dds.forget(READER)
@@ -221,7 +227,7 @@ async def test_calls_in_the_way_of_fast_dds_inside_one_process(dds: World, as_fa
     for number in range(20):
         response = await client.call(SetBool.Request(data=bool(number % 2)), timeout_s=10)
         assert (response.success, len(response.message)) == (bool(number % 2), 999_999 * (number % 2))
-    assert client._sent == 20
+    assert client._port._sent == 20
 
 
 @pytest.mark.parametrize("lossiness", [0, 100], ids=["all packets", "one of ten lost"])
@@ -248,7 +254,7 @@ async def test_nothing_is_kept_of_what_was_sent(dds: World, as_fast_dds: None) -
         types = node.create_client(GetParameterTypes, "types")
         for _ in range(100):
             await types.call(GetParameterTypes.Request(names=["x"]), timeout_s=20)
-        assert await types._scope.wait_until(types._writer.all_acknowledged, 10, lambda: False)
+        assert await types._scope.wait_until(types._port.all_acknowledged, 10, lambda: False)
         await types.call(GetParameterTypes.Request(names=["x"]), timeout_s=20)
         assert len(cyclone._fast_dds.outgoing) < 5
         node.context.close()
@@ -263,7 +269,7 @@ async def test_requests_given_up_leave_no_numbers_behind(dds: World, as_fast_dds
     for _ in range(5):
         calls = (client.call(SetBool.Request(), timeout_s=0.05) for _ in range(100))
         assert all(isinstance(error, TimeoutError) for error in await asyncio.gather(*calls, return_exceptions=True))
-    assert client._sent == 500 and client._by_number == {}
+    assert client._port._sent == 500 and client._by_number == {}
 
 
 async def test_endpoints_come_and_go_while_others_call(dds: World, as_fast_dds: None) -> None:
@@ -347,7 +353,10 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
     for number, (topic, kind) in enumerate((("rq/set_boolRequest", "Request"), ("rr/set_boolReply", "Response")), 1):
         last = b"\x03" if kind == "Response" else b"\x04"
         guid, type_name = FAST_GUID[:12] + bytes((0, 0, number)) + last, f"std_srvs::srv::dds_::SetBool_{kind}_"
-        bob.scope.graph.apply(on_wire.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT))
+        bob.scope.discovery._on_events([found := on_wire.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)])
+        bob.scope.participant.service_peers.apply([found])
+    with pytest.raises(ForeignServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
+        await client.wait_for_service(timeout_s=10)
     with pytest.raises(ForeignServiceError, match=r"Topics work with it.*this build is not known"):
         await client.call(SetBool.Request(), timeout_s=10)
 

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime.transport.cyclone import rtps
-from rosidl_py_gen.runtime.transport.port import identified, identity_of, in_fours
+from rosidl_py_gen.runtime.transport.dds.correlation import identified, identity_of
+from rosidl_py_gen.runtime.transport.samples import in_fours
 
 FAST, CYCLONE, RTI, OTHER = b"\x01\x0f", b"\x01\x10", b"\x01\x01", b"\x01\x12"
 READER = bytes(range(12)) + b"\0\0\x13\x04"

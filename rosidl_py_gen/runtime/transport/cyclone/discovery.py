@@ -19,8 +19,8 @@ from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.pipe import putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
+from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR
 from rosidl_py_gen.runtime.transport.dds.names import channel_of, parse_user_data
-from rosidl_py_gen.runtime.transport.dds.participant import FAST_DDS_VENDOR
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, ParticipantFound
 from rosidl_py_gen.runtime.transport.type_names import ros_type
 

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_about_socket_buffers
-from rosidl_py_gen.runtime.transport.dds.participant import reaches
-from rosidl_py_gen.runtime.transport.port import in_fours
+from rosidl_py_gen.runtime.transport.samples import in_fours
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
     from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
-    from rosidl_py_gen.runtime.transport.port import Identity, Payload, ReceiveQueue, Sink
+    from rosidl_py_gen.runtime.transport.dds.correlation import Identity
+    from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
 
 _BATCH = 32
 """Samples per take. More only helps when the queue is deeper; the arrays cost 80 bytes a piece."""
@@ -89,19 +89,28 @@ class CycloneWriter:
         api.check(api.get_instance_handle(entity, ct.byref(handle)), "read an instance handle")
         self.handle = handle.value
 
-    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
+    def write(self, data: Payload) -> bool:
         """See `port.Writer`. Raises `ClosedError` or `TransportError`."""
         if data.__class__ is not bytes or len(data) & 3:
             data = in_fours(data)
         if len(data) > LARGE_BYTES:
             warn_about_socket_buffers(len(data))
-        if identity is None:
-            code = self._dds_write(self._entity, _by_reference(_Container(data, len(data))))
-        else:
-            if self._entity == 0:
-                raise ClosedError(f"the writer of {self._topic} is closed")
-            type_object = self._owner.type_object(self._type)
-            code = self._owner.fast_dds.write(self._entity, self.guid, type_object, data, identity)
+        code = self._dds_write(self._entity, _by_reference(_Container(data, len(data))))
+        if code == 0 and self._key not in _local_readers:
+            return True
+        return self._is_written(code, data)
+
+    def write_for(self, data: Payload, identity: Identity) -> bool:
+        """As `write`, with an identity beside the sample."""
+        data = in_fours(data)
+        if len(data) > LARGE_BYTES:
+            warn_about_socket_buffers(len(data))
+        if self._entity == 0:
+            raise ClosedError(f"the writer of {self._topic} is closed")
+        type_object = self._owner.type_object(self._type)
+        return self._is_written(self._owner.fast_dds.write(self._entity, self.guid, type_object, data, identity), data)
+
+    def _is_written(self, code: int, data: Payload) -> bool:
         if code == 0:
             if self._key in _local_readers:
                 for reader in _local_readers.get(self._key, ()):
@@ -120,12 +129,6 @@ class CycloneWriter:
     def has_readers(self) -> bool:
         status = abi.MatchedStatus()
         return self._api.bare_matched(self._entity, _by_reference(status)) == 0 and status.current > 0
-
-    def forget(self, number: int) -> None:
-        """DDS keeps nothing of requests."""
-
-    def reaches(self, client: bytes) -> bool:
-        return reaches(client, self.matched_readers)
 
     def all_acknowledged(self) -> bool:
         code = self._api.wait_for_acks(self._entity, 0)

@@ -5,7 +5,7 @@ writes no parameters of that kind. But its tables of functions for samples are d
 them with some functions replaced by ours.
 
 - Receiving (`from_ser`): the parameters are read from the packet, and the sample becomes one with an identity, as
-  `port.identified` makes it.
+  `correlation.identified` makes it.
 - Sending (`to_ser_ref`): called while Cyclone makes a packet, whether the first time or to repeat a lost one. The
   parameters go in front of the message, and a flag in the packet says so. Readers of this process need no packet and
   get the identity in `to_sample`.
@@ -35,15 +35,14 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from rosidl_py_gen.runtime.transport.cyclone import abi, rtps
-from rosidl_py_gen.runtime.transport.dds.participant import FAST_DDS_VENDOR
+from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, IDENTITY_BYTES, identified
 from rosidl_py_gen.runtime.transport.discovered import Lost
-from rosidl_py_gen.runtime.transport.port import IDENTITY_BYTES, identified
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from rosidl_py_gen.runtime.transport.dds.correlation import Identity
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
-    from rosidl_py_gen.runtime.transport.port import Identity
 
 
 class _Layout(NamedTuple):

@@ -44,8 +44,9 @@ from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data, partic
 from rosidl_py_gen.runtime.transport.dds.nodes import running_loop
 from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound
-from rosidl_py_gen.runtime.transport.port import BackendMissingError, DiscoveryRange, ReceiveQueue
+from rosidl_py_gen.runtime.transport.port import BackendMissingError, DiscoveryRange
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
+from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,7 +54,8 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
-    from rosidl_py_gen.runtime.transport.port import DomainSettings, Sink
+    from rosidl_py_gen.runtime.transport.port import DomainSettings
+    from rosidl_py_gen.runtime.transport.samples import Sink
 
 _MAX_IDLE_TOPICS = 256
 _CONNECTING_S = 0.002

@@ -10,11 +10,10 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.dds.participant import FAST_DDS_VENDOR
-from rosidl_py_gen.runtime.transport.port import IDENTITY_BYTES
+from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR, IDENTITY_BYTES
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.port import Identity
+    from rosidl_py_gen.runtime.transport.dds.correlation import Identity
 
 DATA, DATA_FRAG, INFO_SRC, INFO_DST = 0x15, 0x16, 0x0C, 0x0E
 DATA_BYTES, DATA_FRAG_BYTES = 24, 36

@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime.transport.discovered import NodeEntities
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from rosidl_py_gen.runtime.transport.port import Payload
+    from rosidl_py_gen.runtime.transport.samples import Payload
 
 _NAME = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 _MAX_ITEMS = 1 << 20

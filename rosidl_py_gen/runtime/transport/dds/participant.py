@@ -10,24 +10,21 @@ import itertools
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, reply_name, request_name, wire_name
+from rosidl_py_gen.runtime.transport.dds.names import entity_gid, entity_id, wire_name
 from rosidl_py_gen.runtime.transport.dds.nodes import NodeTopic
+from rosidl_py_gen.runtime.transport.dds.services import DdsClient, DdsServer
 from rosidl_py_gen.runtime.transport.matching import check_compatible
-from rosidl_py_gen.runtime.transport.port import ServiceEndpoints
+from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
 from rosidl_py_gen.runtime.transport.type_names import wire_type
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from rosidl_py_gen.runtime.transport.dds.services import ServiceWriter
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
-    from rosidl_py_gen.runtime.transport.port import EndpointSpec, Reader, Service, Writer
+    from rosidl_py_gen.runtime.transport.port import EndpointSpec, Reader, Writer
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
-
-FAST_DDS_VENDOR = b"\x01\x0f"
-"""First bytes of every GUID that Fast DDS makes (RTPS vendor id)."""
-
-_READER_BIT = 0x04
-"""In the last byte of a GUID: it is a reader's."""
+    from rosidl_py_gen.runtime.transport.service_port import Service
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +48,10 @@ class DdsParticipant:
     """The part of a `port.Participant` that is the same for all of DDS."""
 
     middleware = "DDS"
-    ends_requests = False
     guid: bytes
 
     def __init__(self) -> None:
+        self.service_peers = ServicePeers()
         self._entity_numbers = itertools.count(1)
         self._nodes: NodeTopic | None = None
 
@@ -66,7 +63,7 @@ class DdsParticipant:
         """See `port.Participant`."""
         return self.make_reader(_on_wire(spec))
 
-    def make_writer(self, end: DdsEndpoint) -> Writer:
+    def make_writer(self, end: DdsEndpoint) -> ServiceWriter:
         """What sends samples. Raises `TransportError`."""
         raise NotImplementedError
 
@@ -76,29 +73,29 @@ class DdsParticipant:
 
     # ------------------------------------------------------------------------------------------------- services
 
-    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> DdsClient:
         """See `port.Participant`."""
         own_id = entity_id(self.guid, next(self._entity_numbers))
         request, reply = _halves(service, qos)
         reader = self.make_reader(replace(reply, client_id=own_id))
         writer = self.make_writer(replace(request, client_id=own_id))
-        return ServiceEndpoints(reader, writer, entity_gid(own_id))
+        return DdsClient(service, self.service_peers, reader, writer, entity_gid(own_id), self._refusal)
 
-    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> DdsServer:
         """See `port.Participant`."""
         own_id = entity_id(self.guid, next(self._entity_numbers))
         request, reply = _halves(service, qos)
         writer = self.make_writer(replace(reply, service_id=own_id))
         reader = self.make_reader(replace(request, service_id=own_id))
-        return ServiceEndpoints(reader, writer, entity_gid(own_id))
+        return DdsServer(self.service_peers, reader, writer, entity_gid(own_id), self._refusal)
 
-    def identifies(self, guid: bytes) -> bool:
-        """See `port.Participant`; Fast DDS does (protocol.md 5.3)."""
-        return guid.startswith(FAST_DDS_VENDOR)
+    @property
+    def identity_refusal(self) -> str | None:
+        """See `port.Participant`."""
+        raise NotImplementedError
 
-    def counts_requests(self, guid: bytes) -> bool:
-        """See `port.Participant`; Fast DDS does."""
-        return guid.startswith(FAST_DDS_VENDOR)
+    def _refusal(self) -> str | None:
+        return self.identity_refusal
 
     def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
         """See `port.Participant`."""
@@ -116,8 +113,13 @@ class DdsParticipant:
         """Report to `sink` what others tell of their nodes; the sink for all other discovery is returned."""
         if self._nodes is not None:
             self._nodes.close()
-        self._nodes = NodeTopic(self, sink)
-        return self._nodes.pass_on
+        self._nodes = nodes = NodeTopic(self, sink)
+
+        def take(events: list[DiscoveryEvent]) -> None:
+            self.service_peers.apply(events)
+            nodes.pass_on(events)
+
+        return take
 
     def read_nodes(self) -> None:
         """Report what has arrived already."""
@@ -130,13 +132,6 @@ class DdsParticipant:
             self._nodes.close()
 
 
-def reaches(client: bytes, matched: Callable[[], list[bytes]]) -> bool:
-    """Whether a reply writer reaches a client: its GUID is of its reply reader, or of its request writer, which says
-    nothing (protocol.md 5.3).
-    """
-    return not client[15] & _READER_BIT or client in matched()
-
-
 def _on_wire(spec: EndpointSpec) -> DdsEndpoint:
     name, type = wire_name(spec.channel), wire_type(spec.type)
     return DdsEndpoint(name, type, spec.qos, spec.type_hash, ignore_local=spec.ignore_local)
@@ -144,9 +139,9 @@ def _on_wire(spec: EndpointSpec) -> DdsEndpoint:
 
 def _halves(service: Service, qos: QoSProfile) -> tuple[DdsEndpoint, DdsEndpoint]:
     """Of the requests and of the replies."""
-    prefix = not qos.avoid_ros_namespace_conventions
-    request, response = (wire_type(f"{service.type}_{half}") for half in ("Request", "Response"))
+    requests, replies = map(wire_name, service.channels)
+    asks, answers = (wire_type(f"{service.type}_{half}") for half in ("Request", "Response"))
     return (
-        DdsEndpoint(request_name(service.name, prefix=prefix), request, qos, service.request_hash),
-        DdsEndpoint(reply_name(service.name, prefix=prefix), response, qos, service.response_hash),
+        DdsEndpoint(requests, asks, qos, service.request_hash),
+        DdsEndpoint(replies, answers, qos, service.response_hash),
     )

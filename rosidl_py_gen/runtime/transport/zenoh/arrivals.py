@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.port import Sink
+    from rosidl_py_gen.runtime.transport.samples import Sink
 
 _MOST_BYTES = 64
 

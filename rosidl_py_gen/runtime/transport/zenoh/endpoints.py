@@ -26,10 +26,10 @@ import zenoh.handlers
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.runtime.transport.port import ReceiveQueue, TransportError
+from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
+from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
 from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
-from rosidl_py_gen.runtime.transport.zenoh.graph import participant_guid
 from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_channel
 from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
 
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.transport.discovered import EndpointFound
-    from rosidl_py_gen.runtime.transport.port import Identity, Payload, Sink
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.samples import Payload, Sink
     from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
     from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph
 
@@ -142,7 +142,7 @@ class ZenohWriter:
         self._put = self._publisher.put
         self._closed = False
 
-    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
+    def write(self, data: Payload) -> bool:
         """See `port.Writer`. A reliable keep-all writer waits here for slow peers, without the GIL."""
         if self._closed:
             raise ClosedError(f"the writer of {self.info.channel.name} is closed")
@@ -158,13 +158,6 @@ class ZenohWriter:
 
     def has_readers(self) -> bool:
         return bool(self._owner.graph.connected(self.info))
-
-    def forget(self, number: int) -> None:
-        """Requests are not written here."""
-
-    def reaches(self, client: bytes) -> bool:
-        """Replies are not written here."""
-        return True
 
     def all_acknowledged(self) -> bool:
         """Zenoh tells nothing of that; reliable links pass on what they took."""
@@ -189,7 +182,7 @@ class ZenohWriter:
 
 
 class ZenohReader:
-    """See `port.Reader`; the queue is filled by `take`."""
+    """See `port.Reader`; the queue is filled by `_take`."""
 
     def __init__(self, owner: Host, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
         self._owner = owner
@@ -213,8 +206,8 @@ class ZenohReader:
         if told is not None and data:
             self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns()))
 
-    def receive(self, sample: tuple[Payload, int, int, int]) -> None:
-        """Take a sample into the queue."""
+    def receive(self, sample: Any) -> None:
+        """Take a sample, or what else is received here, into the queue."""
         self.queue.push(sample)
         sink = self._sink  # another thread may take it away
         if sink is not None:
@@ -249,7 +242,7 @@ class ZenohReader:
     def matched_writers(self) -> list[bytes]:
         connected = self._owner.graph.connected(self.info)
         own = self.info.participant_guid if self._ignore_local else None
-        return [guid for guid, zid in connected.items() if participant_guid(zid) != own]
+        return [guid for guid, one in connected.items() if one.participant_guid != own]
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         return None

@@ -92,8 +92,8 @@ class TokenGraph:
         self._lock = threading.RLock()
         self._sessions: dict[str, _Session] = {}
         self._tokens: dict[str, tuple[EndpointFound, ...]] = {}
-        self._connected: defaultdict[Key, dict[bytes, str]] = defaultdict(dict)
-        """The GUIDs of those who are there, and the sessions they belong to."""
+        self._connected: defaultdict[Key, dict[bytes, EndpointFound]] = defaultdict(dict)
+        """Those who are there, by their GUIDs."""
         self._events: list[DiscoveryEvent] = [ParticipantFound(participant_guid(own_zid), enclave)]
         self._gone_clients: list[bytes] = []
         self.changes = 0
@@ -109,7 +109,7 @@ class TokenGraph:
         """An endpoint of ours is there."""
         with self._lock:
             for endpoint in endpoints:
-                self._connect(endpoint, self._own_zid)
+                self._connect(endpoint)
                 self._events.append(endpoint)
 
     def remove_own(self, endpoints: Iterable[EndpointFound]) -> None:
@@ -119,8 +119,8 @@ class TokenGraph:
                 self._disconnect(endpoint)
                 self._events.append(Lost(endpoint.guid))
 
-    def _connect(self, endpoint: EndpointFound, zid: str) -> None:
-        self._connected[_key(endpoint, endpoint.is_writer)][endpoint.guid] = zid
+    def _connect(self, endpoint: EndpointFound) -> None:
+        self._connected[_key(endpoint, endpoint.is_writer)][endpoint.guid] = endpoint
         self.changes += 1
 
     def _disconnect(self, endpoint: EndpointFound) -> None:
@@ -162,7 +162,7 @@ class TokenGraph:
         endpoints = self._tokens[text] = endpoints_of(token, gid_of(text))
         for endpoint in endpoints:
             (node.writers if endpoint.is_writer else node.readers).add(endpoint.guid)
-            self._connect(endpoint, zid)
+            self._connect(endpoint)
             self._events.append(endpoint)
         return True
 
@@ -217,12 +217,25 @@ class TokenGraph:
             gone, self._gone_clients = self._gone_clients, []
         return gone
 
-    def connected(self, endpoint: EndpointFound) -> dict[bytes, str]:
-        """The GUIDs of those at the other side of an endpoint, and the sessions they belong to."""
+    def version(self) -> int:
+        """Counts changes of who is there, all that was heard of included."""
+        if self._news:
+            self.read()
+        return self.changes
+
+    def connected(self, endpoint: EndpointFound) -> dict[bytes, EndpointFound]:
+        """Those at the other side of an endpoint, by their GUIDs."""
+        return self._of(_key(endpoint, not endpoint.is_writer))
+
+    def beside(self, endpoint: EndpointFound) -> dict[bytes, EndpointFound]:
+        """Those at the same side of an endpoint, itself included, by their GUIDs."""
+        return self._of(_key(endpoint, endpoint.is_writer))
+
+    def _of(self, key: Key) -> dict[bytes, EndpointFound]:
         if self._news:
             self.read()
         with self._lock:
-            return dict(self._connected.get(_key(endpoint, not endpoint.is_writer), ()))
+            return dict(self._connected.get(key, ()))
 
 
 def _key(endpoint: EndpointFound, is_writer: bool) -> Key:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.port import ServiceEndpoints, TransportError
+from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability
 from rosidl_py_gen.runtime.transport.type_names import wire_type
 from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
@@ -26,7 +26,7 @@ from rosidl_py_gen.runtime.transport.zenoh.endpoints import BufferReader, ZenohR
 from rosidl_py_gen.runtime.transport.zenoh.graph import TokenGraph, endpoints_of, participant_guid, why_apart
 from rosidl_py_gen.runtime.transport.zenoh.keys import data_key
 from rosidl_py_gen.runtime.transport.zenoh.qos import qos_text, read_qos
-from rosidl_py_gen.runtime.transport.zenoh.services import ReplyReader, ReplyWriter, RequestReader, RequestWriter
+from rosidl_py_gen.runtime.transport.zenoh.services import ZenohClient, ZenohServer
 from rosidl_py_gen.runtime.transport.zenoh.tokens import (
     CPU_BACKEND,
     EndpointToken,
@@ -40,8 +40,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent, EndpointFound, NodeEntities
-    from rosidl_py_gen.runtime.transport.port import EndpointSpec, Service, Sink
+    from rosidl_py_gen.runtime.transport.port import EndpointSpec
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.samples import Sink
+    from rosidl_py_gen.runtime.transport.service_port import Service
 
 _EndpointT = TypeVar("_EndpointT", bound=ZenohReader | ZenohWriter)
 _NOBODY = "_"
@@ -69,8 +71,6 @@ class ZenohParticipant:
 
     middleware = "Zenoh"
     identity_refusal: str | None = None
-    ends_requests = True
-    """A query does; tokens overtake its replies, for which Zenoh has a queue of its own."""
 
     def __init__(self, session: Any, domain_id: int, enclave: str, *, is_humble: bool = False) -> None:
         """`is_humble`: keys and tokens as in Humble, so without hashes."""
@@ -106,17 +106,15 @@ class ZenohParticipant:
         told = self._describe(EntityKind.SUBSCRIPTION, *_named(spec), backends)
         return self._adopt(told, lambda: make(self, told.endpoints[0], told.key, ignore_local=spec.ignore_local))
 
-    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+    def create_client(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ZenohClient:
         told = self._describe_service(EntityKind.CLIENT, service, qos, node)
         replies, requests = told.endpoints
-        reader = self._adopt(told, lambda: ReplyReader(self, replies, told.key))
-        return ServiceEndpoints(reader, RequestWriter(self, requests, reader), replies.guid)
+        return self._adopt(told, lambda: ZenohClient(self, replies, requests, told.key))
 
-    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ServiceEndpoints:
+    def create_server(self, service: Service, qos: QoSProfile, *, node: int = 0) -> ZenohServer:
         told = self._describe_service(EntityKind.SERVER, service, qos, node)
         requests, replies = told.endpoints
-        reader = self._adopt(told, lambda: RequestReader(self, requests, told.key))
-        return ServiceEndpoints(reader, ReplyWriter(self, replies, reader, told.key), requests.guid)
+        return self._adopt(told, lambda: ZenohServer(self, requests, replies, told.key))
 
     def _describe(
         self,
@@ -176,14 +174,6 @@ class ZenohParticipant:
             self.graph.remove_own(owned.told)
             self.arrivals.put(self.report_discovery)
 
-    def identifies(self, guid: bytes) -> bool:
-        """See `port.Participant`; everybody does here."""
-        return True
-
-    def counts_requests(self, guid: bytes) -> bool:
-        """See `port.Participant`; nobody does here."""
-        return False
-
     def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
         """See `port.Participant`; nobody looks at profiles here."""
         return why_apart(writer, reader)
@@ -218,7 +208,7 @@ class ZenohParticipant:
         events = self.graph.events()
         for client in self.graph.take_gone_clients():
             for owned in list(self._owned.values()):
-                if isinstance(owned.endpoint, RequestReader):
+                if isinstance(owned.endpoint, ZenohServer):
                     owned.endpoint.forget(client)
         if events:
             sink(events)

@@ -13,20 +13,21 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import zenoh
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.port import TransportError, identified
-from rosidl_py_gen.runtime.transport.unanswered import unanswered
+from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.service_ends import kept_by
+from rosidl_py_gen.runtime.transport.service_port import Servers, Unanswered
 from rosidl_py_gen.runtime.transport.zenoh.attachment import pack
 from rosidl_py_gen.runtime.transport.zenoh.endpoints import ZenohReader, handler, keep
-from rosidl_py_gen.runtime.transport.zenoh.graph import twin
+from rosidl_py_gen.runtime.transport.zenoh.graph import participant_guid, twin
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovered import EndpointFound
-    from rosidl_py_gen.runtime.transport.port import Identity, Payload
+    from rosidl_py_gen.runtime.transport.service_port import RequestId
     from rosidl_py_gen.runtime.transport.zenoh.endpoints import Host
 
 _ENDLESS_S = 1e9
@@ -45,60 +46,55 @@ _MOST_CHARACTERS = 300
 _time_ns = time.time_ns
 
 
-class _Half:
-    """A writer whose other half has the Zenoh entity; see `port.Writer`."""
+class _End(ZenohReader):
+    """What both ends of a service have in common.
 
-    def __init__(self, owner: Host, info: EndpointFound) -> None:
-        self._owner = owner
-        self.info = info
-        self.guid = info.guid
-        self.handle = int.from_bytes(info.guid, "little")
-        self._closed = False
+    Args:
+        reads, writes: the two endpoints by which the graph knows it.
+    """
 
-    def matched_readers(self) -> list[bytes]:
+    def __init__(self, owner: Host, reads: EndpointFound, writes: EndpointFound, key: str) -> None:
+        self.gid = reads.guid
+        self.endpoints = reads.guid, writes.guid
+        self._key = key
+        super().__init__(owner, reads, key)
+
+    def take(self) -> Any:
+        """The next of what was received."""
+        items = self.queue.items
+        return items.popleft() if items else None
+
+    def connected(self) -> list[bytes]:
+        """The GUIDs of what sends to it."""
         return list(self._owner.graph.connected(self.info))
-
-    def has_readers(self) -> bool:
-        return bool(self._owner.graph.connected(self.info))
-
-    def forget(self, number: int) -> None:
-        """Only requests are kept."""
-
-    def reaches(self, client: bytes) -> bool:
-        """A reply goes where its query came from."""
-        return True
 
     def all_acknowledged(self) -> bool:
         """See `ZenohWriter`."""
         return True
 
-    def event_counts(self, event: str) -> tuple[int, ...] | None:
-        return None
-
-    def assert_liveliness(self) -> None:
-        """Nobody looks for it."""
-
-    def close(self) -> None:
-        self._closed = True
-
 
 # -------------------------------------------------------------------------------------------------------------- client
 
 
-class ReplyReader(ZenohReader):
-    """The half of a client that has its queries answered."""
+class ZenohClient(_End):
+    """See `port.ClientPort`."""
 
-    def __init__(self, owner: Host, info: EndpointFound, key: str) -> None:
+    def __init__(self, owner: Host, replies: EndpointFound, requests: EndpointFound, key: str) -> None:
+        self._requests = requests
+        self._sent = 0
         self._asked: dict[int, _Asked] = {}
         self._answered: deque[int] = deque()
         """Those that other servers may still answer."""
-        self._servers: tuple[int, dict[str, int]] = (-1, {})
-        """The handles of the servers of each session, when the graph had changed so often."""
+        self._seen_at = -1
+        """How often the graph had changed when the following was so."""
+        self._servers = Servers()
+        self._present: frozenset[bytes] = frozenset()
+        self._by_session: dict[bytes, bytes] = {}
+        """What answers, by its session."""
         self._reached_at = -1
         """How often the graph had changed when a server was within reach; asking Zenoh takes 40 us."""
-        self._key = key
         self._longest_s = _ENDLESS_S if _GET_RESULT in key else None
-        super().__init__(owner, info, key)
+        super().__init__(owner, replies, requests, key)
 
     def _declare(self, key: str) -> Any:
         return self._owner.session.declare_querier(
@@ -107,15 +103,19 @@ class ReplyReader(ZenohReader):
             consolidation=zenoh.ConsolidationMode.NONE,
         )
 
-    def ask(self, data: bytes, number: int, timeout_s: float | None) -> bool:
-        """Send a request; False while no server is within reach."""
+    # ---------------------------------------------------------------------------------------------------- requests
+
+    def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
+        if self._closed:
+            raise ClosedError(f"the client of {self.info.channel.name} is closed")
         # Not by a listener: Zenoh calls that on the thread which undeclaring an advanced publisher waits for, for up to
         # ten seconds and with Python's lock.
         changes = self._owner.graph.changes
         if changes != self._reached_at:
             if not self._subscriber.matching_status.matching:
-                return False
+                return None
             self._reached_at = changes
+        number = self._sent + 1
         asked = self._asked[number] = _Asked(self, number)
         callback, attachment = handler(asked.on_reply, asked.on_end), pack(number, _time_ns(), self.guid)
         try:
@@ -129,12 +129,17 @@ class ReplyReader(ZenohReader):
                 attachment=attachment,
                 cancellation_token=asked.token,
             )
-        except BaseException:
+        except BaseException as error:
+            self._sent = number
             self._cancel(number)
+            if isinstance(error, zenoh.ZError):
+                what = f"send a request of {len(data)} bytes on {self.info.channel.name}"
+                raise TransportError(f"{what}: {error}") from None
             raise
-        return True
+        self._sent = number
+        return number
 
-    def forget(self, number: int) -> None:
+    def cancel(self, number: int) -> None:
         """Nobody waits for that reply any more, or it came: then the query mostly ends by itself, which costs less."""
         asked = self._asked.get(number)
         if asked is None:
@@ -156,6 +161,40 @@ class ReplyReader(ZenohReader):
         """Called by Zenoh: nothing more will come for that request."""
         self._asked.pop(number, None)
 
+    # ----------------------------------------------------------------------------------------------------- servers
+
+    def servers(self) -> Servers:
+        self._look()
+        return self._servers
+
+    def present(self) -> frozenset[bytes]:
+        self._look()
+        return self._present
+
+    def look_for_lost(self) -> None:
+        """Nothing to be done: a query ends when nobody is left to answer. Tokens may overtake the last replies."""
+
+    def _look(self) -> None:
+        graph = self._owner.graph
+        changes = graph.version()
+        if changes == self._seen_at:
+            return
+        reading, answering = graph.connected(self._requests), graph.connected(self.info)
+        by_session = {one.participant_guid: one.guid for one in answering.values()}
+        is_available = any(one.participant_guid in by_session for one in reading.values())
+        keeps = kept_by((one.qos for one in reading.values()), graph.beside(self._requests).values())
+        self._servers, self._present = Servers(is_available, keeps), frozenset((*reading, *answering))
+        self._by_session, self._seen_at = by_session, changes
+
+    def server_of(self, reply: Any) -> bytes | None:
+        """The GUID of what answered, None when it is not known; called by Zenoh."""
+        if reply.replier_id is None:
+            return None
+        session = participant_guid(str(reply.replier_id.zid))
+        if session not in self._by_session:
+            self._look()
+        return self._by_session.get(session)
+
     def close(self) -> None:
         for number in list(self._asked):  # while undeclaring, Zenoh would end them with its session locked
             self._cancel(number)
@@ -166,25 +205,15 @@ class ReplyReader(ZenohReader):
         keep(self._asked)
         self._asked = {}
 
-    def server_of(self, reply: Any) -> int:
-        """The handle of the server that answered, 0 when it is not known."""
-        if reply.replier_id is None:
-            return 0
-        changes = self._owner.graph.changes
-        if self._servers[0] != changes:
-            connected = self._owner.graph.connected(self.info)
-            self._servers = changes, {zid: int.from_bytes(guid, "little") for guid, zid in connected.items()}
-        return self._servers[1].get(str(reply.replier_id.zid), 0)
-
 
 class _Asked:
     """A query under way."""
 
-    __slots__ = ("_client", "_identity", "_reason", "is_over", "token")
+    __slots__ = ("_client", "_number", "_reason", "is_over", "token")
 
-    def __init__(self, client: ReplyReader, number: int) -> None:
+    def __init__(self, client: ZenohClient, number: int) -> None:
         self._client = client
-        self._identity = (client.guid, number)
+        self._number = number
         self.is_over = False
         self._reason: tuple[str, ...] = ()
         self.token = zenoh.CancellationToken()
@@ -197,19 +226,16 @@ class _Asked:
             is_late = said == _TIMEOUT
             self._reason = ("did not answer in time" if is_late else f"answered with an error: {_printable(said)}",)
             return
-        told = self._client.read_attachment(sample)
         data = sample.payload.to_bytes()
-        if told is not None and len(data) >= _HEADER_BYTES:
+        if self._client.read_attachment(sample) is not None and len(data) >= _HEADER_BYTES:
             self.is_over = True
-            answer = identified(data, self._identity)
-            self._client.receive((answer, told[1], self._client.server_of(reply), _time_ns()))
+            self._client.receive((self._number, data, self._client.server_of(reply)))
 
     def on_end(self) -> None:
         """Called by Zenoh when nothing more will come."""
-        self._client.ended(self._identity[1])
+        self._client.ended(self._number)
         if not self.is_over:
-            now = _time_ns()
-            self._client.receive((unanswered(self._identity, *self._reason), now, 0, now))
+            self._client.receive((self._number, Unanswered(*self._reason), None))
 
     def cancel(self) -> None:
         """Let Zenoh forget it; waits while Zenoh is in one of the functions above."""
@@ -223,30 +249,11 @@ def _printable(text: bytes) -> str:
     return "".join(char if char.isprintable() else " " for char in shown)
 
 
-class RequestWriter(_Half):
-    """The half of a client that sends requests."""
-
-    def __init__(self, owner: Host, info: EndpointFound, reader: ReplyReader) -> None:
-        super().__init__(owner, info)
-        self._reader = reader
-
-    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
-        """See `port.Writer`; False while no server is within reach."""
-        if self._closed:
-            raise ClosedError(f"the writer of {self.info.channel.name} is closed")
-        if identity is None:
-            raise TransportError(f"a request on {self.info.channel.name} needs an identity")
-        try:
-            return self._reader.ask(bytes(data), identity[1], timeout_s)
-        except zenoh.ZError as error:
-            raise TransportError(f"send a request of {len(data)} bytes on {self.info.channel.name}: {error}") from None
-
-    def forget(self, number: int) -> None:
-        """See `port.Writer`."""
-        self._reader.forget(number)
-
-
 # -------------------------------------------------------------------------------------------------------------- server
+
+
+_Asker: TypeAlias = "tuple[bytes, int]"
+"""What a `RequestId` is: the GID of the client and the number of its request."""
 
 
 class _Query(NamedTuple):
@@ -256,14 +263,14 @@ class _Query(NamedTuple):
     size_bytes: int
 
 
-class RequestReader(ZenohReader):
-    """The half of a server that gets queries, and keeps those that are not answered yet."""
+class ZenohServer(_End):
+    """See `port.ServerPort`; keeps the queries that are not answered yet."""
 
-    def __init__(self, owner: Host, info: EndpointFound, key: str) -> None:
-        self._queries: dict[Identity, _Query] = {}
+    def __init__(self, owner: Host, requests: EndpointFound, replies: EndpointFound, key: str) -> None:
+        self._queries: dict[_Asker, _Query] = {}
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
-        super().__init__(owner, info, key)
+        super().__init__(owner, requests, replies, key)
 
     def _declare(self, key: str) -> Any:
         return self._owner.session.declare_queryable(key, handler(self._take), complete=True)
@@ -275,13 +282,13 @@ class RequestReader(ZenohReader):
         if told is None or len(data) < _HEADER_BYTES:
             query.drop()
             return
-        number, stamp_ns, gid = told
+        number, _, gid = told
         if not self._keep((gid, number), _Query(query, len(data))):
             query.drop()
             return
-        self.receive((identified(data, (gid, number)), stamp_ns, int.from_bytes(twin(gid), "little"), _time_ns()))
+        self.receive(((gid, number), data, twin(gid)))
 
-    def _keep(self, identity: Identity, query: _Query) -> bool:
+    def _keep(self, identity: _Asker, query: _Query) -> bool:
         """Remember a query until it is answered, and give up the oldest where there are too many; False: not wanted."""
         given_up = []
         with self._queries_lock:
@@ -295,7 +302,7 @@ class RequestReader(ZenohReader):
             old.drop()
         return True
 
-    def claim(self, identity: Identity) -> Any | None:
+    def claim(self, identity: _Asker) -> Any | None:
         """The query to be answered; None when it is gone."""
         with self._queries_lock:
             found = self._queries.pop(identity, None)
@@ -304,13 +311,43 @@ class RequestReader(ZenohReader):
             self._queries_bytes -= found.size_bytes
             return found.query
 
+    def send(self, to: RequestId, data: bytes) -> bool:
+        """What answers nothing that is still asked is dropped."""
+        if self._closed:
+            raise ClosedError(f"the server of {self.info.channel.name} is closed")
+        asker: _Asker = to
+        query = self.claim(asker)
+        if query is None:
+            return True
+        gid, number = asker
+        try:
+            query.reply(self._key, data, attachment=pack(number, _time_ns(), gid))
+        except zenoh.ZError as error:
+            what = f"send a response of {len(data)} bytes on {self.info.channel.name}"
+            raise TransportError(f"{what}: {error}") from None
+        finally:
+            query.drop()
+        return True
+
+    def hears(self, to: RequestId) -> bool:
+        """A response goes where its query came from."""
+        return True
+
+    def patience_s(self, to: RequestId) -> float:
+        """Nothing is waited for."""
+        return 0.0
+
+    def asked_by(self, to: RequestId) -> tuple[bytes, int]:
+        asker: _Asker = to
+        return asker
+
     def forget(self, client: bytes) -> None:
         """That client is gone."""
         with self._queries_lock:
             of_client = [identity for identity in self._queries if identity[0] == client]
         self._drop(of_client)
 
-    def _drop(self, identities: list[Identity]) -> None:
+    def _drop(self, identities: list[_Asker]) -> None:
         for query in filter(None, map(self.claim, identities)):
             query.drop()
 
@@ -324,28 +361,3 @@ class RequestReader(ZenohReader):
         super().abandon()
         keep(self._queries)
         self._queries, self._queries_lock = {}, threading.RLock()
-
-
-class ReplyWriter(_Half):
-    """The half of a server that answers."""
-
-    def __init__(self, owner: Host, info: EndpointFound, reader: RequestReader, key: str) -> None:
-        super().__init__(owner, info)
-        self._reader = reader
-        self._key = key
-
-    def write(self, data: Payload, identity: Identity | None = None, timeout_s: float | None = None) -> bool:
-        """See `port.Writer`; what answers nothing that is still asked is dropped."""
-        if self._closed:
-            raise ClosedError(f"the writer of {self.info.channel.name} is closed")
-        query = None if identity is None else self._reader.claim(identity)
-        if query is None or identity is None:
-            return True
-        gid, number = identity
-        try:
-            query.reply(self._key, bytes(data), attachment=pack(number, _time_ns(), gid))
-        except zenoh.ZError as error:
-            raise TransportError(f"send a response of {len(data)} bytes on {self.info.channel.name}: {error}") from None
-        finally:
-            query.drop()
-        return True

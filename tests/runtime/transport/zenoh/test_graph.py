@@ -70,4 +70,4 @@ def test_services_without_a_hash_are_connected_whatever_our_messages_have() -> N
     server = str(EndpointToken(NodeToken(0, "1a", 1, "m"), 2, EntityKind.SERVER, "/s", "p::srv::dds_::X_", "", DEFAULT))
     assert read_token(server) is not None
     graph.hear(True, server)
-    assert list(graph.connected(replies).values()) == ["1a"]
+    assert [one.participant_guid for one in graph.connected(replies).values()] == [participant_guid("1a")]

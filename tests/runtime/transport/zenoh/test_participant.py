@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import zenoh
 
-from rosidl_py_gen.runtime.transport.port import EndpointSpec, Service, TransportError
+from rosidl_py_gen.runtime.transport.port import EndpointSpec, TransportError
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.runtime.transport.service_port import Service
 from rosidl_py_gen.runtime.transport.zenoh import endpoints
 from rosidl_py_gen.runtime.transport.zenoh.arrivals import Arrivals
 from rosidl_py_gen.runtime.transport.zenoh.participant import ZenohParticipant

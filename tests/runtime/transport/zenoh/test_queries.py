@@ -30,8 +30,8 @@ class Pair:
         self.node = world.node("server")
         self.server = self.node.create_service(AddTwoInts, "add")
         self.client = world.node("caller").create_client(AddTwoInts, "add")
-        self.reader: Any = self.server._reader
-        self.replies: Any = self.client._reader
+        self.reader: Any = self.server._port
+        self.replies: Any = self.client._port
         self.session: Any = self.node.scope.participant.session  # type: ignore[attr-defined]
         self.key = (
             f"{self.node.context.domain_id}/add/example_interfaces::srv::dds_::AddTwoInts_/{AddTwoInts._TYPE.hash}"
@@ -70,13 +70,13 @@ async def test_a_call_that_was_answered_leaves_nothing_in_zenoh(zenoh: World) ->
     client = zenoh.node("caller").create_client(AddTwoInts, "add")
     calls = (client.call(AddTwoInts.Request(), timeout_s=20) for _ in range(200))
     assert {response.sum for response in await asyncio.gather(*calls)} == {3}
-    replies: Any = client._reader
+    replies: Any = client._port
     await until(lambda: not replies._asked)
 
 
 async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pair: Pair, zenoh: World) -> None:
     zenoh.node("second").create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=3))
-    await until(lambda: len(pair.replies.matched_writers()) == 2)
+    await until(lambda: len(pair.replies.connected()) == 2)
     for _ in range(30):
         assert (await pair.call()).sum == 3
     assert len(pair.replies._asked) == services._MOST_ANSWERED
@@ -129,9 +129,7 @@ async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_go
     calling = pair.call()
     await until(lambda: pair.reader._queries)
     caller: Any = pair.client._scope.participant
-    (token,) = (
-        text for text, ends in caller.graph._tokens.items() if pair.server._reader.guid in {e.guid for e in ends}
-    )
+    (token,) = (text for text, ends in caller.graph._tokens.items() if pair.server._port.gid in {e.guid for e in ends})
     caller.graph.hear(False, token)
     caller.report_discovery()
     await until(lambda: not pair.client.servers())
@@ -187,7 +185,7 @@ async def test_a_forked_child_touches_no_query(pair: Pair) -> None:
     pair.reader.abandon()
     pair.replies.abandon()
     pair.reader.close()
-    pair.replies.forget(1)
+    pair.replies.cancel(1)
     assert not pair.reader._queries and not pair.replies._asked
     await asyncio.sleep(0.1)
     assert not calling.done()

@@ -1,0 +1,183 @@
+"""Clients and servers on DDS: each has a reader and a writer, and `correlation.py` says whose a message is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+from rosidl_py_gen.errors import DecodeError
+from rosidl_py_gen.runtime.logs.loggers import internal_logger
+from rosidl_py_gen.runtime.transport.dds.correlation import (
+    ClientCorrelation,
+    client_gid,
+    find_servers,
+    has_identities,
+    header_of,
+    identity_of,
+    listens,
+    message_of,
+    with_header,
+)
+from rosidl_py_gen.runtime.transport.port import Writer
+from rosidl_py_gen.runtime.transport.service_ends import ClientEnd, ServerEnd, ServicePeers
+from rosidl_py_gen.runtime.transport.service_port import Refused, Servers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.runtime.transport.dds.correlation import ClientId, Identity
+    from rosidl_py_gen.runtime.transport.port import Reader
+    from rosidl_py_gen.runtime.transport.samples import Payload
+    from rosidl_py_gen.runtime.transport.service_port import Reply, Request, RequestId, Service
+
+_PATIENCE_S = 0.1
+"""So long a response waits for its client's reader (protocol.md 5.2)."""
+_FAST_DDS_PATIENCE_S = 5.0
+"""Endpoints of a Fast DDS participant are known up to 1.2 s after it knows ours and calls (fastdds.md 7)."""
+_Asker: TypeAlias = "tuple[ClientId, int, bytes | None, int]"
+"""What a `RequestId` is: the client, the number of its request, the GUID of its request writer (None when it vanished
+before it was known) and the local handle of that writer."""
+
+
+class ServiceWriter(Writer, Protocol):
+    """A writer that can say whose a sample is beside it."""
+
+    def write_for(self, data: Payload, identity: Identity) -> bool:
+        """As `write`."""
+
+
+class DdsClient(ClientEnd):
+    """See `port.ClientPort`.
+
+    Args:
+        refusal: why servers on Fast DDS cannot be talked to; None when they can.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        peers: ServicePeers,
+        reader: Reader,
+        writer: ServiceWriter,
+        gid: bytes,
+        refusal: Callable[[], str | None],
+    ) -> None:
+        super().__init__(peers, *service.channels, reader, writer, gid)
+        self._service = service
+        self._request_writer = writer
+        self._refusal = refusal
+        self._refused_because: str | None = None
+        self._correlation = ClientCorrelation(writer.handle, reader.guid, writer.guid)
+        self._sent = 0
+
+    def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
+        self.servers()
+        number, writer = self._sent + 1, self._request_writer
+        message, identity = self._correlation.request(data, number)
+        try:
+            is_sent = writer.write(message) if identity is None else writer.write_for(message, identity)
+        except Exception:
+            raise
+        except BaseException:  # it was written; what interrupted us came behind
+            self._sent = number
+            raise
+        if not is_sent:
+            return None
+        self._sent = number
+        self._asked[number] = self.present()
+        return number
+
+    def take(self) -> Reply | None:
+        items = self._reader.queue.items
+        while items:
+            data, _, handle, _ = items.popleft()
+            server = self._reader.writer_guid(handle)
+            try:
+                found = self._correlation.reply(data, server)
+            except DecodeError as err:
+                internal_logger().warning(f"dropped a reply on {self._service.name}: {err}", throttle_s=1.0)
+                continue
+            if found is not None:
+                return *found, server
+        return self._next_lost()
+
+    def servers(self) -> Servers:
+        refusal = self._refusal()
+        if refusal != self._refused_because:
+            self._refused_because, self._known_at = refusal, -1
+        return super().servers()
+
+    def _find(self) -> Servers:
+        peers, refusal = self._peers, self._refused_because
+        matched, answering = self._writer.matched_readers(), self._reader.matched_writers()
+        announced, clients = (peers.on(self._requests, writers=writers) for writers in (False, True))
+        known = peers.known(matched), peers.known(answering)
+        found = find_servers(*known, announced, clients, refusal, self._service.counts)
+        readers = {*matched, *(one.guid for one in announced)}
+        self._correlation.settle(readers, is_identified=found.is_identified)
+        refused = None if found.refused is None else Refused(found.refused.guid, refusal or "")
+        return Servers(found.is_available, found.keeps, refused)
+
+
+class DdsServer(ServerEnd):
+    """See `port.ServerPort`."""
+
+    def __init__(
+        self,
+        peers: ServicePeers,
+        reader: Reader,
+        writer: ServiceWriter,
+        gid: bytes,
+        refusal: Callable[[], str | None],
+    ) -> None:
+        super().__init__(reader, writer, gid)
+        self._peers = peers
+        self._reply_writer = writer
+        self._refusal = refusal
+        self._listening: set[tuple[ClientId, bytes | None]] = set()
+        """Clients known to be connected, until something changes."""
+        self._listening_at = -1
+
+    def take(self) -> Request | None:
+        items = self._reader.queue.items
+        if not items:
+            return None
+        data, _, handle, _ = items.popleft()
+        writer = self._reader.writer_guid(handle)
+        if writer is not None and has_identities(writer) and identity_of(data) is None:
+            return None, Refused(writer, self._refusal() or ""), writer
+        try:
+            client, number, begin = header_of(data)
+        except DecodeError as err:
+            return None, err, writer
+        return (client, number, writer, handle), message_of(data, begin), writer
+
+    def send(self, to: RequestId, data: bytes) -> bool:
+        asker: _Asker = to
+        client, number, _, _ = asker
+        if isinstance(client, bytes):
+            return self._reply_writer.write_for(data, (client, number))
+        return self._reply_writer.write(with_header(data, client, number))
+
+    def hears(self, to: RequestId) -> bool:
+        asker: _Asker = to
+        client, _, guid, _ = asker
+        peers = self._peers
+        if peers.version != self._listening_at:
+            self._listening.clear()
+            self._listening_at = peers.version
+        if (client, guid) in self._listening:
+            return True
+        writer = None if guid is None else peers.get(guid)
+        if not listens(client, writer, self._writer.matched_readers, peers.get):
+            return False
+        self._listening.add((client, guid))
+        return True
+
+    def patience_s(self, to: RequestId) -> float:
+        asker: _Asker = to
+        return _FAST_DDS_PATIENCE_S if isinstance(asker[0], bytes) else _PATIENCE_S
+
+    def asked_by(self, to: RequestId) -> tuple[bytes, int]:
+        asker: _Asker = to
+        client, number, _, handle = asker
+        return client_gid(client, handle), number

@@ -1,0 +1,101 @@
+"""Clients and servers of the memory transport: a request says which client it is of, and its response goes there.
+
+Who is there, and who is lost, is found out as on DDS, from what discovery reports.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+from rosidl_py_gen.runtime.transport.port import Reader, Writer
+from rosidl_py_gen.runtime.transport.service_ends import ClientEnd, ServerEnd, kept_by
+from rosidl_py_gen.runtime.transport.service_port import Servers
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.runtime.transport.service_ends import ServicePeers
+    from rosidl_py_gen.runtime.transport.service_port import Reply, Request, RequestId, Service
+
+_PATIENCE_S = 0.1
+"""As on DDS."""
+
+
+class Inbox(Reader, Protocol):
+    """What is read, of one end of a service."""
+
+    closed: bool
+
+    def accept(self, thing: Any, sender: Writer) -> None:
+        """Take something into the queue."""
+
+
+class Outbox(Writer, Protocol):
+    """What is written, of one end of a service."""
+
+    def put(self, thing: Any) -> bool:
+        """Give something to all that are connected."""
+
+
+class MemoryClient(ClientEnd):
+    """See `port.ClientPort`."""
+
+    def __init__(self, service: Service, peers: ServicePeers, reader: Inbox, writer: Outbox, gid: bytes) -> None:
+        super().__init__(peers, *service.channels, reader, writer, gid)
+        self._counts = service.counts
+        self._outbox = writer
+        self.inbox = reader
+        self._sent = 0
+
+    def send(self, data: bytes, timeout_s: float | None = None) -> int | None:
+        self._outbox.put((self, self._sent + 1, data))
+        self._sent += 1
+        self._asked[self._sent] = self.present()
+        return self._sent
+
+    def take(self) -> Reply | None:
+        items: Any = self._reader.queue.items
+        if not items:
+            return self._next_lost()
+        (number, data), _, handle, _ = items.popleft()
+        return number, data, self._reader.writer_guid(handle)
+
+    def _find(self) -> Servers:
+        reading = self._peers.known(self._writer.matched_readers())
+        answering = self._peers.known(self._reader.matched_writers())
+        ids = [{one.service_id for one in ends if self._counts(one)} for ends in (reading, answering)]
+        clients = self._peers.on(self._requests, writers=True)
+        return Servers(not ids[0].isdisjoint(ids[1]), kept_by((one.qos for one in reading), clients))
+
+
+_Asker: TypeAlias = "tuple[MemoryClient, int]"
+
+
+class MemoryServer(ServerEnd):
+    """See `port.ServerPort`."""
+
+    def take(self) -> Request | None:
+        items: Any = self._reader.queue.items
+        if not items:
+            return None
+        (client, number, data), _, handle, _ = items.popleft()
+        return (client, number), data, self._reader.writer_guid(handle)
+
+    def send(self, to: RequestId, data: bytes) -> bool:
+        asker: _Asker = to
+        client, number = asker
+        if self._is_connected(client):
+            client.inbox.accept((number, data), self._writer)
+        return True
+
+    def hears(self, to: RequestId) -> bool:
+        asker: _Asker = to
+        return asker[0].inbox.closed or self._is_connected(asker[0])
+
+    def _is_connected(self, client: MemoryClient) -> bool:
+        return client.inbox.guid in self._writer.matched_readers()
+
+    def patience_s(self, to: RequestId) -> float:
+        return _PATIENCE_S
+
+    def asked_by(self, to: RequestId) -> tuple[bytes, int]:
+        asker: _Asker = to
+        return asker[0].gid, asker[1]

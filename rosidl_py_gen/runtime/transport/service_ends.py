@@ -1,0 +1,179 @@
+"""What transports have in common whose clients and servers consist of a reader and a writer each.
+
+Decides who is asked: what was discovered of the endpoints of services, and which of them are connected. A yes is
+remembered until something changes there; a no is looked at again each time, because nothing announces when endpoints
+that are known get connected. And which requests are lost: those that were sent while servers were there none of whom is
+left.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost
+from rosidl_py_gen.runtime.transport.qos import History
+from rosidl_py_gen.runtime.transport.service_port import Servers, Unanswered
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rosidl_py_gen.runtime.transport.discovered import Channel, DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.port import Reader, Writer
+    from rosidl_py_gen.runtime.transport.qos import QoSProfile
+    from rosidl_py_gen.runtime.transport.samples import Sink
+    from rosidl_py_gen.runtime.transport.service_port import Reply
+
+
+def kept_by(servers: Iterable[QoSProfile], clients: Iterable[EndpointFound]) -> int:
+    """How many requests of ours the server that keeps fewest keeps; 0 when all keep all.
+
+    All clients share what a server keeps, whatever process they are in; each participant takes its part, and at least
+    one.
+
+    Args:
+        servers: profiles of what the servers read.
+        clients: what clients write, ours included.
+    """
+    kept = min((qos.depth for qos in servers if qos.history is History.KEEP_LAST), default=0)
+    return kept and max(1, kept // max(1, len({one.participant_guid for one in clients})))
+
+
+class ServicePeers:
+    """What was discovered of the endpoints of services."""
+
+    def __init__(self) -> None:
+        self.version = 0
+        """Grows with each change."""
+        self._known: dict[bytes, EndpointFound] = {}
+        self._by_channel: defaultdict[Channel, dict[bytes, EndpointFound]] = defaultdict(dict)
+
+    def apply(self, events: Iterable[DiscoveryEvent]) -> None:
+        """Take in what discovery reports."""
+        for event in events:
+            if isinstance(event, EndpointFound) and event.service_type is not None:
+                self._known[event.guid] = self._by_channel[event.channel][event.guid] = event
+                self.version += 1
+            elif isinstance(event, Lost) and event.guid in self._known:
+                gone = self._known.pop(event.guid)
+                del self._by_channel[gone.channel][event.guid]
+                self.version += 1
+
+    def get(self, guid: bytes) -> EndpointFound | None:
+        """An endpoint, if it is known."""
+        return self._known.get(guid)
+
+    def on(self, channel: Channel, *, writers: bool) -> list[EndpointFound]:
+        """The writers or readers of a channel."""
+        return [one for one in self._by_channel.get(channel, {}).values() if one.is_writer is writers]
+
+    def known(self, guids: Iterable[bytes]) -> list[EndpointFound]:
+        """Those of the endpoints that are known."""
+        return [self._known[guid] for guid in guids if guid in self._known]
+
+
+class ClientEnd:
+    """The part of a `port.ClientPort` that knows its servers.
+
+    Args:
+        requests, replies: where it meets them.
+    """
+
+    def __init__(
+        self, peers: ServicePeers, requests: Channel, replies: Channel, reader: Reader, writer: Writer, gid: bytes
+    ) -> None:
+        self.gid = gid
+        self.endpoints = reader.guid, writer.guid
+        self._peers = peers
+        self._requests = requests
+        self._replies = replies
+        self._reader = reader
+        self._writer = writer
+        self._asked: dict[int, frozenset[bytes]] = {}
+        """The servers that were there when a request was sent that somebody waits for."""
+        self._lost: deque[int] = deque()
+        self._known = Servers()
+        self._known_at = -1
+        self._present: frozenset[bytes] = frozenset()
+        self._present_at = -1
+
+    def servers(self) -> Servers:
+        """See `port.ClientPort`."""
+        version = self._peers.version
+        if version != self._known_at or not self._known.is_available:
+            self._known_at = version
+            self._known = self._find()
+        return self._known
+
+    def _find(self) -> Servers:
+        """Look who is there."""
+        raise NotImplementedError
+
+    def present(self) -> frozenset[bytes]:
+        """See `port.ClientPort`."""
+        peers = self._peers
+        if peers.version != self._present_at:
+            self._present_at = peers.version
+            ends = *peers.on(self._requests, writers=False), *peers.on(self._replies, writers=True)
+            self._present = frozenset(one.guid for one in ends)
+        return self._present
+
+    def cancel(self, number: int) -> None:
+        """See `port.ClientPort`."""
+        self._asked.pop(number, None)
+
+    def look_for_lost(self) -> None:
+        """See `port.ClientPort`."""
+        present = self.present()
+        self._reader.fetch()
+        lost = [number for number, servers in self._asked.items() if servers and servers.isdisjoint(present)]
+        for number in lost:
+            del self._asked[number]
+        self._lost.extend(lost)
+
+    def _next_lost(self) -> Reply | None:
+        return (self._lost.popleft(), Unanswered(), None) if self._lost else None
+
+    def connected(self) -> list[bytes]:
+        """See `port.ClientPort`."""
+        return self._reader.matched_writers()
+
+    def all_acknowledged(self) -> bool:
+        """See `port.ClientPort`."""
+        return self._writer.all_acknowledged()
+
+    def set_sink(self, sink: Sink | None) -> None:
+        """See `port.ClientPort`."""
+        self._reader.set_sink(sink)
+
+    def close(self) -> None:
+        """See `port.ClientPort`."""
+        self._writer.close()
+        self._reader.close()
+
+
+class ServerEnd:
+    """The part of a `port.ServerPort` that is no correlation."""
+
+    def __init__(self, reader: Reader, writer: Writer, gid: bytes) -> None:
+        self.gid = gid
+        self.endpoints = reader.guid, writer.guid
+        self._reader = reader
+        self._writer = writer
+
+    def connected(self) -> list[bytes]:
+        """See `port.ServerPort`."""
+        return self._reader.matched_writers()
+
+    def all_acknowledged(self) -> bool:
+        """See `port.ServerPort`."""
+        return self._writer.all_acknowledged()
+
+    def set_sink(self, sink: Sink | None) -> None:
+        """See `port.ServerPort`."""
+        self._reader.set_sink(sink)
+
+    def close(self) -> None:
+        """See `port.ServerPort`."""
+        self._reader.close()
+        self._writer.close()
