@@ -157,10 +157,8 @@ def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], s
     @contextmanager
     def listening(network: session.Network) -> Iterator[None]:
         try:
-            context = Context(
-                network.get("domain_id"), discovery=network.get("discovery"), args=[], transport=world.transport
-            )
-            context.discovery.together_s = session._TOGETHER_S
+            options: Any = {"discovery": network.get("discovery"), "announce_delay_s": session._TOGETHER_S}
+            context = Context(network.get("domain_id"), args=[], transport=world.transport, **options)
             network["context"] = context
             world.contexts.append(context)
         except Exception as error:

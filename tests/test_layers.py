@@ -44,6 +44,7 @@ OWNERS = {
     "importable": "base",
     "description_cache": "base",
     "registration": "base",
+    "waiting": "base",
     "signatures": "base",
     "rclpy_names": "base",
     "resources": "base",
@@ -84,6 +85,8 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "lifecycle": (*_LOW, "node"),
     "": (*_LOW, "parameters", "actions", "node", "lifecycle"),
 }
+# These use what the runtime shows to everybody: `rosidl_py_gen.runtime` and `rosidl_py_gen.runtime.qos`.
+ABOVE_THE_RUNTIME = ("numpy", "tf", "mcap", "tools")
 MOST_MODULES = 16
 # What each folder of the command line may import of the others; all may import what lies beside the folders.
 TOOLS: dict[str, tuple[str, ...]] = {
@@ -280,6 +283,31 @@ def test_every_foreign_import_is_a_declared_dependency() -> None:
         for path, imports in IMPORTS.items()
         for one in imports
         if (top := one.module.split(".")[0]) not in known or (top == "typing_extensions" and not one.for_typing)
+    ]
+    assert wrong == []
+
+
+def test_what_stands_above_the_runtime_uses_its_public_names() -> None:
+    wrong = [
+        where(path, one)
+        for path, imports in IMPORTS.items()
+        for one in imports
+        if part_of(module_of(path)) in ABOVE_THE_RUNTIME
+        and one.module.startswith(f"{NAME}.runtime.")
+        and one.module != f"{NAME}.runtime.qos"
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("path", WRITTEN, ids=module_of)
+def test_what_stands_above_the_runtime_reaches_through_nothing(path: Path) -> None:
+    if part_of(module_of(path)) not in ABOVE_THE_RUNTIME:
+        return
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    wrong = [
+        f"line {node.lineno}: .{node.attr}"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute) and node.attr in {"scope", "bridge", "participant", "discovery"}
     ]
     assert wrong == []
 

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from rosidl_py_gen.mcap.common import BagError, BagTopic
-from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, POLICIES, QoSProfile
+from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

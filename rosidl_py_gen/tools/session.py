@@ -14,7 +14,6 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any, TypedDict
 
 from rosidl_py_gen.runtime import Context
-from rosidl_py_gen.runtime.graph.state import UNKNOWN_NODE
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
     from rosidl_py_gen.runtime import Node
-    from rosidl_py_gen.runtime.graph.state import Graph
 
 _LEAST_S, _QUIET_S, _ALONE_S, _MOST_S = 0.2, 0.1, 1.0, 2.0
 """When nothing is said: peers are asked at once and answer within milliseconds on a quiet network; those that answer
@@ -79,9 +77,7 @@ def _end(number: int, _: object) -> None:
 
 
 def _listen(network: Network) -> Context:
-    context = Context(network.get("domain_id"), discovery=network.get("discovery"), args=[])
-    context.discovery.together_s = _TOGETHER_S
-    return context
+    return Context(network.get("domain_id"), discovery=network.get("discovery"), args=[], announce_delay_s=_TOGETHER_S)
 
 
 class Session:
@@ -107,7 +103,7 @@ class Session:
             raise
 
     async def __aenter__(self) -> Self:
-        self.context.discovery.on_mismatch = self._note_mismatch
+        self.context.on_mismatch = self._note_mismatch
         await self.node.__aenter__()
         return self
 
@@ -138,7 +134,7 @@ class Session:
         def end() -> float:
             if len(self.node.get_nodes()) <= 1:
                 return self._began + _ALONE_S
-            if any(one.is_ros and one.announces_hashes is None for one in self.node.scope.graph.participants()):
+            if any(one.is_ros and one.announces_hashes is None for one in self.context.participants()):
                 return self._began + _MOST_S  # every ROS participant has endpoints: these will come
             return min(last[0] + _QUIET_S, self._began + _MOST_S)
 
@@ -156,7 +152,7 @@ class Session:
         """
         await self.settle()
         if self._spin_time_s is None:
-            await self.wait_for(lambda: names_are_known(self.node.scope.graph), _MOST_S)
+            await self.wait_for(self.node.names_are_known, _MOST_S)
 
     async def wait_for(self, is_there: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Wait until `is_there` gives something true, asked after every change of the graph.
@@ -206,12 +202,3 @@ class Session:
 
 def _nothing_there() -> str:
     return "; there is none at all: is the domain right, and does `rosidl-py doctor` see other participants?"
-
-
-def names_are_known(graph: Graph) -> bool:
-    """Whether every ROS participant has told its nodes, and every endpoint is of one of them."""
-    return all(one.nodes for one in graph.participants() if one.is_ros) and not any(
-        graph.node_of(endpoint) == UNKNOWN_NODE
-        for endpoint in graph.endpoints.values()
-        if endpoint.channel.kind != "bare"  # of the participant itself, or of no ROS
-    )

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rosidl_py_gen.errors import printable
-from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter, show_log
+from rosidl_py_gen.runtime import ZenohRouter
 from rosidl_py_gen.tools import Job
 
 if TYPE_CHECKING:
@@ -18,12 +18,11 @@ if TYPE_CHECKING:
 
 def run(listen: Sequence[str], connect: Sequence[str]) -> Job:
     """The command; ends with 0 when it is interrupted."""
-    show_log("error")
     return Job(_serve(listen, connect), endless=True)
 
 
 async def _serve(listen: Sequence[str], connect: Sequence[str]) -> int:
-    with ZenohRouter(os.environ, _warn, listen=listen, connect=connect) as router:
+    with ZenohRouter(os.environ, _warn, listen=listen, connect=connect, log="error") as router:
         click.echo(printable(f"Zenoh router {router.zid} listens on {', '.join(router.endpoints)}"))
         await asyncio.Event().wait()
     return 0

@@ -75,7 +75,7 @@ async def test_what_does_not_fit_together_is_told(network: World, tool: Tool) ->
     refused = "no messages on /scan from /same to /same: their quality of service is incompatible. ERROR: Best effort"
     assert (refused in done.out) == (network.kind == "dds")  # on Zenoh they connect
     assert "types differ, std_msgs/msg/String and std_msgs/msg/Bool" in done.out
-    assert "no calls of /stop from node /same to node /same: types differ, " in done.out
+    assert "no calls of /stop from /same to /same: types differ, " in done.out
     assert "2 nodes have the same name" in report.out
     assert "/same" not in report.out and "/scan" not in report.out
 
@@ -180,7 +180,7 @@ def interface(name: str, address: str | None = "10.0.0.1", **facts: Any) -> Inte
 
 
 LO = interface("lo", "127.0.0.1", is_loopback=True, multicast_flag=False)
-SUBNET, LOCALHOST = DomainSettings(), DomainSettings(discovery=DiscoveryRange.LOCALHOST)
+SUBNET, LOCALHOST = DomainSettings(), DomainSettings(discovery_range=DiscoveryRange.LOCALHOST)
 PEERS = DomainSettings(static_peers=("10.0.0.9",))
 
 

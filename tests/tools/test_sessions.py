@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime import EnvironmentSettingError
 from rosidl_py_gen.runtime.transport.discovered import NodeEntities, ParticipantFound
 from rosidl_py_gen.tools import ToolError, session
 from rosidl_py_gen.tools.messages import type_and_values
-from rosidl_py_gen.tools.session import Network, Session, listening, names_are_known
+from rosidl_py_gen.tools.session import Network, Session, listening
 
 if TYPE_CHECKING:
     from worlds import World
@@ -63,21 +63,21 @@ async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatc
         session.node.create_publisher(String, "/short")
         session.node.create_publisher(String, "/brief")
         await until(lambda: told)
-        assert told[0] - began >= discovery.together_s > 0.01
+        assert told[0] - began >= discovery._announce_delay_s > 0.01
         assert len(told) == 1
 
 
 async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> None:
     dds.node("base").create_publisher(String, "/speed")
     async with Session({}) as session:
-        graph = session.node.scope.graph
+        graph, names_are_known = session.node.scope.graph, session.node.names_are_known
         await until(lambda: "/base" in session.node.get_node_names() and session.node.count_publishers("/speed") == 1)
-        await until(lambda: names_are_known(graph))
+        await until(lambda: names_are_known())
         participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"
         graph.apply(ParticipantFound(participant, "/"))
-        assert not names_are_known(graph)
+        assert not names_are_known()
         graph.set_nodes(participant, [NodeEntities("/", "slow", frozenset(), frozenset())])
-        assert names_are_known(graph)
+        assert names_are_known()
 
 
 @pytest.mark.parametrize("error", [None, ToolError("wrong")])

@@ -12,8 +12,8 @@ from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.loop.stream import Stream
-from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.deadline import Deadline
+from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

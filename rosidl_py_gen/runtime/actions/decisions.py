@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from rosidl_py_gen.runtime.actions.states import GoalDecision
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError
-from rosidl_py_gen.runtime.loop.callbacks import settle
+from rosidl_py_gen.waiting import settle
 
 if TYPE_CHECKING:
     import asyncio

@@ -23,10 +23,10 @@ from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stam
 from rosidl_py_gen.runtime.endpoints.scope import Composite, counted, shown
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
-from rosidl_py_gen.runtime.loop.callbacks import settle_threadsafe
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.waiting import settle_threadsafe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -20,10 +20,9 @@ from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, G
 from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.loop.callbacks import current_loop, settle, settle_threadsafe
-from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.waiting import Waiters, current_loop, settle, settle_threadsafe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection

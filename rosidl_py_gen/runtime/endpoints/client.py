@@ -22,10 +22,10 @@ from rosidl_py_gen.runtime.endpoints.service_parts import (
 )
 from rosidl_py_gen.runtime.endpoints.window import OutOfTimeError, PendingRequest
 from rosidl_py_gen.runtime.loop.blocking import blocking
-from rosidl_py_gen.runtime.loop.callbacks import settle, settle_threadsafe
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.service_port import Unanswered
+from rosidl_py_gen.waiting import settle, settle_threadsafe
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -16,11 +16,12 @@ from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
-from rosidl_py_gen.runtime.loop.callbacks import current_loop, start_task
+from rosidl_py_gen.runtime.loop.callbacks import start_task
 from rosidl_py_gen.runtime.loop.failures import Failures
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import NS_PER_S, ClockType
+from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -23,11 +23,11 @@ from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.loop.concurrency import drops_warning, require_concurrency
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
-from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 from rosidl_py_gen.runtime.transport.port import EndpointSpec
 from rosidl_py_gen.signatures import require_signature
+from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable

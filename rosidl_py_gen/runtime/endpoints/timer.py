@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
-from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.time.clock import Clock, on_every_jump
 from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
 from rosidl_py_gen.signatures import require_signature
+from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
     from collections.abc import Callable

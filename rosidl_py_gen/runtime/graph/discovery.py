@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import itertools
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.graph.definitions import definitions_differ
-from rosidl_py_gen.runtime.graph.state import Graph
+from rosidl_py_gen.runtime.graph.state import Graph, Mismatch
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
-from rosidl_py_gen.runtime.loop.waiters import Waiters
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodeEntities
+from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from rosidl_py_gen.runtime.loop.bridge import Bridge
-    from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
+    from rosidl_py_gen.runtime.transport.discovered import Channel, DiscoveryEvent
     from rosidl_py_gen.runtime.transport.port import Participant
 
 _USED = "; they are used all the same, as type_check says"
@@ -34,18 +34,18 @@ _NAME_PATIENCE_S = 1.0
 class Discovery:
     """The graph side of one context."""
 
-    def __init__(self, participant: Participant, bridge: Bridge) -> None:
+    def __init__(self, participant: Participant, bridge: Bridge, announce_delay_s: float = 0.0) -> None:
+        """`announce_delay_s`: see `Context`."""
         self._participant = participant
         self._bridge = bridge
-        self.graph = Graph()
+        self.graph = Graph(participant.guid)
         self._nodes: dict[int, NodeEntities] = {}
         self._node_numbers = itertools.count(1)
         self.changes = Waiters()
         """Who waits for the graph to change."""
         self.departures: Registrations[Callable[[], None]] = Registrations()
         """Called when participants or endpoints have left the graph, on the loop's thread or where no loop runs."""
-        self.together_s = 0.0
-        """How long changes of our own nodes wait for others before peers are told; 0 is one iteration of the loop."""
+        self._announce_delay_s = announce_delay_s
         self._dirty = False
         self._lock = threading.RLock()
         """Held from a change of our own nodes until it is written, so that no older state is written after it."""
@@ -54,7 +54,7 @@ class Discovery:
         self._warned_services: set[tuple[str, bytes, bytes]] = set()
         self._mismatches: list[tuple[EndpointFound, EndpointFound, str]] = []
         self.on_mismatch: Callable[[str], None] | None = None
-        """Is told instead of the log which endpoints of ours do not understand others; of commands, which have none."""
+        """See `Context`."""
         self.type_checks: dict[bytes, str] = {}
         """Of our endpoints, what becomes of messages of another definition, where that is not "error"."""
         participant.set_discovery_sink(self._on_events)
@@ -107,7 +107,7 @@ class Discovery:
         loop = self._bridge.loop
         if not self._dirty and loop is not None:
             self._dirty = True
-            loop.call_later(self.together_s, self._publish_if_dirty)
+            loop.call_later(self._announce_delay_s, self._publish_if_dirty)
 
     def _publish_if_dirty(self) -> None:
         # A participant that leaves says all there is to say: DDS would hold up the end until this were acknowledged.
@@ -157,8 +157,10 @@ class Discovery:
 
     # ------------------------------------------------------------------------------------------------ mismatches
 
-    def apart(self, writer: EndpointFound, reader: EndpointFound) -> tuple[str, str]:
-        """In what a writer and a reader of one topic differ: ``type``, ``definition`` or ``qos``, and the reason."""
+    def apart(
+        self, writer: EndpointFound, reader: EndpointFound
+    ) -> tuple[Literal["", "type", "definition", "qos"], str]:
+        """In what a writer and a reader of one channel differ, and the reason in words; both empty when they do not."""
         if writer.type != reader.type:
             return "type", f"types differ, {_shown_type(writer)} and {_shown_type(reader)}"
         differ = definitions_differ(writer, reader.type_hash, reader.service_hash)
@@ -169,9 +171,14 @@ class Discovery:
             return "definition", f"they have {_shown_type(writer)} by different definitions, {one} and {two}"
         return "", ""
 
-    def why_apart(self, writer: EndpointFound, reader: EndpointFound) -> str:
-        """Why they do not understand each other; empty when they do."""
-        return self.apart(writer, reader)[1]
+    def mismatches(self, channel: Channel) -> Iterator[Mismatch]:
+        """Who does not understand whom on a channel, as far as both are known."""
+        info = self.graph.info
+        for writer in self.graph.on(channel, writers=True):
+            for reader in self.graph.on(channel, writers=False):
+                kind, reason = self.apart(writer, reader)
+                if kind:
+                    yield Mismatch(info(writer), info(reader), kind, reason)
 
     def _compare(self, new: EndpointFound) -> None:
         """Look for endpoints that `new` should talk to but cannot; one side must be ours."""
@@ -181,7 +188,7 @@ class Discovery:
             ours = [one for one in (writer, reader) if one.participant_guid == mine]
             if not ours or (writer.guid, reader.guid) in self._warned:
                 continue
-            reason = self.why_apart(writer, reader)
+            reason = self.apart(writer, reader)[1]
             if not reason or not self._is_news(writer, reader):
                 continue
             self._warned.add((writer.guid, reader.guid))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound, Lost, NodesFound, ParticipantFound
@@ -49,13 +49,14 @@ class NodeInfo:
 
 @dataclass(frozen=True, slots=True)
 class TopicEndpointInfo:
-    """One publisher or subscription, as `ros2 topic info --verbose` shows it.
+    """One publisher or subscription, as `ros2 topic info --verbose` shows it; or what a client or server writes.
 
     Attributes:
         topic_type: ``pkg/msg/Name``, or the DDS type name when it has no ROS shape.
         topic_type_hash: RIHS01 text, empty when the endpoint does not tell (Humble, bare DDS).
         endpoint_gid: 16 bytes.
         qos_profile: as discovered; unset durations are infinite.
+        participant_guid: of the member of the domain it belongs to; see `Context.participants`.
     """
 
     node_name: str
@@ -65,6 +66,36 @@ class TopicEndpointInfo:
     endpoint_type: EndpointType
     endpoint_gid: bytes
     qos_profile: QoSProfile
+    participant_guid: bytes = b""
+
+    @property
+    def is_named(self) -> bool:
+        """Whether its node is known; the names of nodes follow their endpoints, and some programs have none."""
+        return (self.node_namespace, self.node_name) not in (UNKNOWN_NODE, BARE_DDS_NODE)
+
+    @property
+    def node(self) -> str:
+        """``/ns/name`` of its node, or in words why there is none."""
+        if self.is_named:
+            return fully_qualified_node_name(self.node_name, self.node_namespace)
+        return "(DDS program without node)" if self.node_name == BARE_DDS_NODE[1] else "(unknown node)"
+
+
+@dataclass(frozen=True, slots=True)
+class Mismatch:
+    """A publisher and a subscription of one topic, or a client and a server, that do not understand each other.
+
+    Attributes:
+        writer: what sends the messages, or the requests.
+        reader: what should receive them.
+        kind: whether their types differ, the definitions of one type, or their quality of service.
+        reason: in words.
+    """
+
+    writer: TopicEndpointInfo
+    reader: TopicEndpointInfo
+    kind: Literal["type", "definition", "qos"]
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,12 +106,14 @@ class ParticipantInfo:
         guid: 16 bytes; the first two are the number of the vendor.
         is_ros: it says that it is a ROS participant.
         announces_hashes: an endpoint of it has a type hash, as in Iron and later; None when it has no endpoints (yet).
+        is_own: it is that of the context that was asked.
     """
 
     guid: bytes
     is_ros: bool
     announces_hashes: bool | None
     nodes: tuple[NodeInfo, ...]
+    is_own: bool = False
 
 
 @dataclass(slots=True)
@@ -92,7 +125,8 @@ class _Participant:
 class Graph:
     """The state; every method that asks is a pure function of it."""
 
-    def __init__(self) -> None:
+    def __init__(self, own_participant: bytes = b"") -> None:
+        self._own_participant = own_participant
         self.version = 0
         self.endpoints: dict[bytes, EndpointFound] = {}
         self._participants: dict[bytes, _Participant] = {}
@@ -166,24 +200,30 @@ class Graph:
             return "a DDS program without node name" if name == BARE_DDS_NODE[1] else "an unknown node"
         return f"node {fully_qualified_node_name(name, namespace)}"
 
-    def on_topic(self, name: str, *, writers: bool) -> list[EndpointFound]:
-        """The publishers or subscriptions of a topic, given by its fully qualified name."""
-        return self.on(Channel("topic", name), writers=writers)
-
     def on_wire(self, name: str, *, writers: bool) -> list[EndpointFound]:
         """Those of the topic that the middleware calls so."""
         return [one for one in self.endpoints.values() if one.wire_name == name and one.is_writer is writers]
 
     def infos(self, endpoints: Iterable[EndpointFound]) -> list[TopicEndpointInfo]:
         """For `get_publishers_info_by_topic` and its twin."""
-        infos = []
-        for one in endpoints:
-            namespace, name = self.node_of(one)
-            kind = EndpointType.PUBLISHER if one.is_writer else EndpointType.SUBSCRIPTION
-            infos.append(TopicEndpointInfo(name, namespace, one.type, one.type_hash, kind, one.guid, one.qos))
-        return infos
+        return [self.info(one) for one in endpoints]
+
+    def info(self, one: EndpointFound) -> TopicEndpointInfo:
+        """What users are told of an endpoint."""
+        namespace, name = self.node_of(one)
+        kind = EndpointType.PUBLISHER if one.is_writer else EndpointType.SUBSCRIPTION
+        told = one.type_hash or one.service_hash
+        return TopicEndpointInfo(name, namespace, one.type, told, kind, one.guid, one.qos, one.participant_guid)
 
     # -------------------------------------------------------------------------------------------------------- lists
+
+    def names_are_known(self) -> bool:
+        """Whether every ROS participant has told its nodes, and every endpoint is of one of them."""
+        return all(one.nodes for one in self.participants() if one.is_ros) and not any(
+            self.node_of(endpoint) == UNKNOWN_NODE
+            for endpoint in self.endpoints.values()
+            if endpoint.channel.kind != "bare"  # of the participant itself, or of no ROS
+        )
 
     def nodes(self) -> list[NodeInfo]:
         """Every node of every ROS participant; two nodes of one name are two entries."""
@@ -206,6 +246,7 @@ class Graph:
                 participant.enclave is not None,
                 hashed.get(guid),
                 tuple(NodeInfo(node.name, node.namespace, participant.enclave or "") for node in participant.nodes),
+                guid == self._own_participant,
             )
             for guid, participant in self._participants.items()
         ]

@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, TypeVar
 from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.logs.loggers import report_failure
-from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.portal import Portal
+from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable

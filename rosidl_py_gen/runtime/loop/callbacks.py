@@ -30,30 +30,6 @@ def is_async(function: object) -> bool:
     return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(called)
 
 
-def current_loop() -> asyncio.AbstractEventLoop | None:
-    """The loop that this thread runs just now."""
-    try:
-        return asyncio.get_running_loop()
-    except RuntimeError:
-        return None
-
-
-def settle(future: asyncio.Future[T], result: T) -> None:
-    """Let whoever waits go on, on the future's loop; nothing happens when nobody can any more."""
-    if not future.done() and not future.get_loop().is_closed():
-        future.set_result(result)
-
-
-def settle_threadsafe(future: asyncio.Future[Any], result: object, error: BaseException | None = None) -> None:
-    """`settle` from any thread, with an error if there is one."""
-    loop = future.get_loop()
-    if loop is not current_loop():
-        with contextlib.suppress(RuntimeError):  # it is closed
-            loop.call_soon_threadsafe(settle_threadsafe, future, result, error)
-    elif not future.done():
-        future.set_result(result) if error is None else future.set_exception(error)
-
-
 def is_own_cancel() -> bool:
     """Whether the CancelledError at hand is meant for the current task, and not the outcome of something awaited.
 

@@ -29,10 +29,11 @@ from rosidl_py_gen.runtime.parameters.initial import InitialValues
 
 if TYPE_CHECKING:
     import asyncio
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from typing_extensions import Self
 
+    from rosidl_py_gen.runtime.graph.state import ParticipantInfo
     from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.arguments import RosArguments
@@ -66,6 +67,7 @@ class Context:
         domain_id: None means ``ROS_DOMAIN_ID``, else 0.
         discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None means the environment (protocol.md 10.6).
         args: a command line that may contain ``--ros-args``; None means `sys.argv`.
+        announce_delay_s: how long changes of our nodes wait for others before peers are told of them, together.
         on_error: what nodes do that are not told otherwise, when a callback raises; see `Node`.
         transport: ``"dds"`` or ``"zenoh"``; None means what ``RMW_IMPLEMENTATION`` says, else DDS where cyclonedds is
             installed. A `MemoryTransport` stays inside this process.
@@ -87,6 +89,7 @@ class Context:
         args: Sequence[str] | None = None,
         transport: Transport | str | None = None,
         on_error: OnError = "log",
+        announce_delay_s: float = 0.0,
     ) -> None:
         self.on_error = require_on_error(on_error)
         chosen = chosen_transport(transport)
@@ -96,20 +99,21 @@ class Context:
         """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""
         outputs.open(self.ros_arguments.logs, next(iter(self.arguments), ""), os.environ)
         try:
-            self._open(settings, chosen)
+            self._open(settings, chosen, announce_delay_s)
         except BaseException:
             outputs.close()
             raise
 
-    def _open(self, settings: DomainSettings, transport: Transport) -> None:
+    def _open(self, settings: DomainSettings, transport: Transport, announce_delay_s: float) -> None:
         for sentence in (*settings.warnings, *self.ros_arguments.warnings):
             get_root_logger().warning(sentence)
         self.domain_id = settings.domain_id
         self.settings = settings
+        """What arguments and environment came to."""
         self.clocks = transport.clocks
         self.participant = transport.open(settings, self.ros_arguments.enclave)
         self.bridge = Bridge(self.participant)
-        self.discovery = Discovery(self.participant, self.bridge)
+        self.discovery = Discovery(self.participant, self.bridge, announce_delay_s)
         self.request_windows = RequestWindows()
         self.initial_values = InitialValues(self.ros_arguments.parameters, self.bridge)
         """Of parameters, for all nodes."""
@@ -120,6 +124,33 @@ class Context:
         self._nodes: dict[int, OpenNode] = {}
         self._guards: list[Guard] = []
         _open_contexts.add(self)
+
+    # ------------------------------------------------------------------------------------------------------- domain
+
+    @property
+    def middleware(self) -> str:
+        """``DDS``, ``Zenoh`` or ``memory``."""
+        return self.participant.middleware
+
+    @property
+    def service_refusal(self) -> str | None:
+        """Why services of nodes on Fast DDS cannot be used here; None when they can."""
+        return self.participant.identity_refusal
+
+    @property
+    def on_mismatch(self) -> Callable[[str], None] | None:
+        """Is told, when it is set, instead of the log, which endpoints of ours do not understand those of others."""
+        return self.discovery.on_mismatch
+
+    @on_mismatch.setter
+    def on_mismatch(self, tell: Callable[[str], None] | None) -> None:
+        self.discovery.on_mismatch = tell
+
+    def participants(self) -> list[ParticipantInfo]:
+        """Every member of the domain that was found, this one included; usually each is a process."""
+        self.require_open()
+        self.discovery.refresh()
+        return self.discovery.graph.participants()
 
     # ----------------------------------------------------------------------------------------------------- sharing
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
+from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.names import did_you_mean
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.graph.state import Graph, NamesAndTypes, NodeInfo, TopicEndpointInfo
+    from rosidl_py_gen.runtime.graph.state import Graph, Mismatch, NamesAndTypes, NodeInfo, TopicEndpointInfo
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.context import Context
 
@@ -68,7 +69,13 @@ class NodeGraph:
         return self._count(self._topic(topic), writers=False)
 
     def _topic(self, topic: str) -> Channel:
-        return Channel("topic", self._names.resolve_topic(topic))
+        try:
+            return Channel("topic", self._names.resolve_topic(topic))
+        except InvalidNameError:  # programs that know nothing of ROS use names that ROS refuses
+            channel, graph = Channel("topic", topic), self._look()
+            if not any(graph.on(channel, writers=writers) for writers in (True, False)):
+                raise
+            return channel
 
     # ----------------------------------------------------------------------------------------------------- services
 
@@ -84,6 +91,30 @@ class NodeGraph:
         """How many clients a service has, those of this node included: they read replies."""
         return self._count(Channel("reply", self._names.resolve_service(service)), writers=False)
 
+    def get_servers_info_by_service(self, service: str) -> list[TopicEndpointInfo]:
+        """Every server of a service, by what it writes its responses with."""
+        graph = self._look()
+        return graph.infos(graph.on(Channel("reply", self._names.resolve_service(service)), writers=True))
+
+    def get_clients_info_by_service(self, service: str) -> list[TopicEndpointInfo]:
+        """Every client of a service, those of this node included, by what it writes its requests with."""
+        graph = self._look()
+        return graph.infos(graph.on(Channel("request", self._names.resolve_service(service)), writers=True))
+
+    # --------------------------------------------------------------------------------------------------- mismatches
+
+    def topic_mismatches(self, topic: str) -> list[Mismatch]:
+        """Publishers and subscriptions of a topic that do not understand each other, whoever has them."""
+        return self._mismatches(self._topic(topic))
+
+    def service_mismatches(self, service: str) -> list[Mismatch]:
+        """Clients and servers of a service that do not understand each other, whoever has them."""
+        return self._mismatches(Channel("request", self._names.resolve_service(service)))
+
+    def _mismatches(self, channel: Channel) -> list[Mismatch]:
+        self._look()
+        return list(self.scope.discovery.mismatches(channel))
+
     def _count(self, channel: Channel, *, writers: bool) -> int:
         return len(self._look().on(channel, writers=writers))
 
@@ -92,6 +123,13 @@ class NodeGraph:
     def get_nodes(self) -> list[NodeInfo]:
         """All nodes: name, namespace, enclave."""
         return self._look().nodes()
+
+    def names_are_known(self) -> bool:
+        """Whether every participant of ROS has told its nodes, and every endpoint found belongs to one of them.
+
+        Names follow endpoints by some 50 ms, those of nodes on Fast DDS by more.
+        """
+        return self._look().names_are_known()
 
     def get_node_names(self) -> list[str]:
         """Fully qualified names of all nodes, sorted; two nodes of one name are listed twice."""

@@ -17,7 +17,6 @@ from rosidl_py_gen.runtime.endpoints.scope import counted
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
 from rosidl_py_gen.runtime.endpoints.types import Untyped, message_type, raw_type
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
-from rosidl_py_gen.runtime.loop.callbacks import current_loop
 from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
@@ -31,6 +30,7 @@ from rosidl_py_gen.runtime.node.services import NodeServices
 from rosidl_py_gen.runtime.node.time import NodeTime
 from rosidl_py_gen.runtime.node.types import NodeTypes
 from rosidl_py_gen.runtime.transport.qos import as_profile
+from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

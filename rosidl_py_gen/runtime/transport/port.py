@@ -49,13 +49,14 @@ class DomainSettings:
     """What a context needs to know before it creates a participant.
 
     Attributes:
+        discovery_range: how far discovery looks for peers.
         static_peers: hosts or addresses to contact directly, in the order given.
         cyclonedds_uri: the user's own configuration, XML or ``file://`` names separated by commas; may be empty.
         warnings: sentences to log once.
     """
 
     domain_id: int = 0
-    discovery: DiscoveryRange = DiscoveryRange.SUBNET
+    discovery_range: DiscoveryRange = DiscoveryRange.SUBNET
     static_peers: tuple[str, ...] = ()
     cyclonedds_uri: str = ""
     warnings: tuple[str, ...] = ()

@@ -76,7 +76,8 @@ class ClientEnd:
     """The part of a `port.ClientPort` that knows its servers.
 
     Args:
-        requests, replies: where it meets them.
+        requests: where requests go.
+        replies: where replies come from.
     """
 
     def __init__(

@@ -18,8 +18,7 @@ from rosidl_py_gen.mcap import BagReader
 from rosidl_py_gen.mcap.metadata import qos_profiles
 from rosidl_py_gen.mcap.pacing import paced
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError
-from rosidl_py_gen.runtime.names.validation import validate_full_name
+from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError, validate_full_name
 from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.bag.described import wrong
 from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress

@@ -12,7 +12,7 @@ import textwrap
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.node.environment import read_environment
+from rosidl_py_gen.runtime import read_environment
 from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.doctor import machine as doctor_machine
 from rosidl_py_gen.tools.doctor import network as doctor_network
@@ -23,7 +23,7 @@ from rosidl_py_gen.tools.session import Network, Session
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.runtime.transport.port import DomainSettings
+    from rosidl_py_gen.runtime import DomainSettings
 
 _STYLES = {OK: "", NOTE: "cyan", WARNING: "yellow", BROKEN: "bold red"}
 _INDENT = 11
@@ -97,16 +97,15 @@ async def _answers(network: Network) -> list[Finding]:
         return [Finding(BROKEN, f"{middleware} does not start: {name}{reason}")]
     async with session:
         fast_dds = careful("services of Fast DDS nodes", lambda: _fast_dds(session))
-        if session.context.settings.discovery.name == "OFF":
+        if session.context.settings.discovery_range.name == "OFF":
             return [*fast_dds, Finding(NOTE, "discovery is off: nobody is looked for, and nobody finds this process")]
         return [*fast_dds, *await _found(session)]
 
 
 def _fast_dds(session: Session) -> Iterator[Finding]:
-    participant = session.context.participant
-    refusal = participant.identity_refusal
-    if participant.middleware != "DDS":
-        yield Finding(OK, f"this program and all it sees are on {participant.middleware}")
+    refusal = session.context.service_refusal
+    if session.context.middleware != "DDS":
+        yield Finding(OK, f"this program and all it sees are on {session.context.middleware}")
     elif refusal is None:
         yield Finding(OK, "topics and services work with nodes on Cyclone DDS and Fast DDS")
     else:
@@ -122,7 +121,7 @@ async def _found(session: Session) -> list[Finding]:
         test = doctor_peers.SelfTest(session)
         results = [await test.result()]
         await session.settle_names()
-        node, other = session.node, test.participant
+        node, other = session.node, test.guid
         results += careful("the peers", lambda: doctor_peers.peers(session, other))
         results += careful("names of nodes", lambda: doctor_peers.twins(node))
         results += careful("quality of service", lambda: doctor_peers.mismatches(node))

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen import __version__
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.resources import install_command
-from rosidl_py_gen.runtime.node.environment import DDS, ZENOH, middleware, read_environment
-from rosidl_py_gen.runtime.transport.cyclone.sockets import ENOUGH_BYTES
+from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, middleware, read_environment
 from rosidl_py_gen.spec.find import search_path
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, PRIVATE_VARIABLES, WARNING, Finding
 
@@ -26,12 +25,12 @@ _SHOWN_VARIABLES = (
 )
 _DDS = ("rmw_cyclonedds_cpp", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
 _FIRST_PORT, _PORTS = 7400, 250
-_ONLY_FOR = {"cyclonedds": DDS, "eclipse-zenoh": ZENOH}
+_ONLY_FOR = {"cyclonedds": "dds", "eclipse-zenoh": "zenoh"}
 
 
 def on_zenoh(environ: Mapping[str, str]) -> bool:
     """Whether nodes are on Zenoh, to which nothing applies that is said of DDS."""
-    return middleware(environ, lambda warning: None) == ZENOH
+    return middleware(environ, lambda warning: None) == "zenoh"
 
 
 # -------------------------------------------------------------------------------------------------------- installation
@@ -47,7 +46,7 @@ def python() -> Iterator[Finding]:
 
 def libraries() -> Iterator[Finding]:
     """What the extra brings, and what the base needs."""
-    chosen, extra = (ZENOH, "zenoh") if on_zenoh(os.environ) else (DDS, "node")
+    chosen, extra = ("zenoh", "zenoh") if on_zenoh(os.environ) else ("dds", "node")
     for name in (*_ONLY_FOR, "PyYAML", "rich", "numpy"):
         try:
             yield Finding(OK, f"{name} {version(name)}", data={name: version(name)})
@@ -87,10 +86,10 @@ def settings(environ: Mapping[str, str], domain_id: int | None, discovery: str |
     except RosidlError as error:
         yield Finding(BROKEN, str(error), "correct the variable or the option")
     else:
-        text = f"domain {found.domain_id}, discovery range {found.discovery.name}"
+        text = f"domain {found.domain_id}, discovery range {found.discovery_range.name}"
         peers = f", static peers: {', '.join(found.static_peers)}" if found.static_peers else ""
         public = f"{text}, {len(found.static_peers)} static peers" if peers else ""
-        data = {"domain": found.domain_id, "discovery": found.discovery.value}
+        data = {"domain": found.domain_id, "discovery": found.discovery_range.value}
         yield Finding(OK, text + peers, public=public, data=data)
         for sentence in found.warnings:
             yield Finding(WARNING, sentence)
@@ -167,7 +166,7 @@ def socket_buffers(file: Path = Path("/proc/sys/net/core/rmem_max")) -> Iterator
         yield Finding(NOTE, "how large socket buffers may be is not told by this system")
         return
     text = f"net.core.rmem_max is {limit}: socket buffers of {limit / (1 << 20):.1f} MiB"
-    if limit >= ENOUGH_BYTES:
+    if limit >= ENOUGH_SOCKET_BYTES:
         yield Finding(OK, text, data={"rmem_max": limit})
     else:
         advice = "sudo sysctl -w net.core.rmem_max=33554432, and in /etc/sysctl.d to keep it"

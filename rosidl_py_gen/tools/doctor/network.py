@@ -18,7 +18,7 @@ from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Findi
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.runtime.transport.port import DomainSettings
+    from rosidl_py_gen.runtime import DomainSettings
 
 _SIOCGIFFLAGS, _SIOCGIFADDR = 0x8913, 0x8915  # linux/sockios.h
 _UP, _LOOPBACK, _MULTICAST = 0x1, 0x8, 0x1000  # linux/if.h
@@ -111,7 +111,7 @@ def check_interfaces(found: list[Interface], settings: DomainSettings | None) ->
     if not any(one.is_up and one.address for one in found):
         yield Finding(BROKEN, "no network interface is up, not even loopback", "ip link set lo up")
         return
-    if settings is None or settings.discovery.name != "SUBNET":
+    if settings is None or settings.discovery_range.name != "SUBNET":
         return
     yield from _check_subnet([one for one in found if one.reaches_others], settings)
 

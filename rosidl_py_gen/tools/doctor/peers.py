@@ -17,15 +17,13 @@ from typing import TYPE_CHECKING
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.runtime import WaitTimeoutError
-from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.tools.doctor.echo import topics
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, WARNING, Finding
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.runtime import Node, TopicEndpointInfo
-    from rosidl_py_gen.runtime.graph.state import ParticipantInfo
+    from rosidl_py_gen.runtime import Mismatch, Node, ParticipantInfo
     from rosidl_py_gen.tools.session import Session
 
 _VENDORS = {
@@ -57,15 +55,15 @@ class SelfTest:
         self._session = session
         self._mark = f"p{os.getpid()}"
         settings = session.context.settings
-        arguments = (str(settings.domain_id), settings.discovery.value, self._mark)
+        arguments = (str(settings.domain_id), settings.discovery_range.value, self._mark)
         self._process = subprocess.Popen(
             [sys.executable, "-m", "rosidl_py_gen.tools.doctor.echo", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        self.participant = b""
-        """Its participant, once it was found."""
+        self.guid = b""
+        """Of its participant, once it was found."""
 
     async def result(self) -> Finding:
         """Wait for it."""
@@ -79,8 +77,7 @@ class SelfTest:
         except WaitTimeoutError:
             return self._failed(f"two processes of this machine did not find each other within {_FOUND_S:.0f} s")
         found_s = monotonic() - began
-        found = node.get_publishers_info_by_topic(back)[0].endpoint_gid
-        self.participant = node.scope.graph.participant_of(found) or b""
+        self.guid = node.get_publishers_info_by_topic(back)[0].participant_guid
         try:
             for number in range(2):  # the first may wait until the other side has found us, too
                 began = monotonic()
@@ -116,14 +113,13 @@ class SelfTest:
 
 def peers(session: Session, without: bytes) -> Iterator[Finding]:
     """Who is in the domain, by make; `without` is the participant of the self-test."""
-    own = session.context.participant
-    found = [one for one in session.node.scope.graph.participants() if one.guid not in (own.guid, without)]
+    found = [one for one in session.context.participants() if not one.is_own and one.guid != without]
     if not found:
         yield _nobody(session)
         return
     groups: defaultdict[str, list[ParticipantInfo]] = defaultdict(list)
     for one in found:
-        groups[make(one, own.middleware)].append(one)
+        groups[make(one, session.context.middleware)].append(one)
     for name, members in sorted(groups.items()):
         yield _group(name, members)
 
@@ -153,7 +149,7 @@ def _counted(count: int, noun: str) -> str:
 
 
 def _is_dds(session: Session) -> bool:
-    return session.context.participant.middleware == "DDS"
+    return session.context.middleware == "DDS"
 
 
 def _nobody(session: Session) -> Finding:
@@ -161,9 +157,9 @@ def _nobody(session: Session) -> Finding:
     first = 7400 + 250 * settings.domain_id
     advice = (
         f"do the others have ROS_DOMAIN_ID={settings.domain_id}, and a ROS_AUTOMATIC_DISCOVERY_RANGE that fits "
-        f"{settings.discovery.name}?"
+        f"{settings.discovery_range.name}?"
     )
-    if settings.discovery.name != "LOCALHOST":
+    if settings.discovery_range.name != "LOCALHOST":
         advice += (
             f" Between machines UDP ports {first} to {first + 249} and multicast to 239.255.0.1 have to pass "
             "firewalls; else name the machines in ROS_STATIC_PEERS"
@@ -190,40 +186,30 @@ def mismatches(node: Node) -> Iterator[Finding]:
     found = (
         finding
         for topic, _ in node.get_topic_names_and_types()
-        for writer in node.get_publishers_info_by_topic(topic)
-        for reader in node.get_subscriptions_info_by_topic(topic)
-        for finding in _mismatch(node, topic, writer, reader)
+        for one in node.topic_mismatches(topic)
+        for finding in _mismatch(node, topic, one)
     )
     yield from islice(chain(found, _service_mismatches(node)), _MOST_MISMATCHES)
 
 
 def _service_mismatches(node: Node) -> Iterator[Finding]:
-    graph, why_apart = node.scope.graph, node.scope.discovery.why_apart
     for service, _ in node.get_service_names_and_types():
-        requests = Channel("request", service)
-        for client in graph.on(requests, writers=True):
-            for server in graph.on(requests, writers=False):
-                if reason := why_apart(client, server):
-                    who = f"{graph.describe_node(client)} to {graph.describe_node(server)}"
-                    advice = "give both one type by one definition" if "quality" not in reason else ""
-                    public = "a client and a server of one name do not connect"
-                    yield Finding(WARNING, f"no calls of {service} from {who}: {reason}", advice, public=public)
+        for found in node.service_mismatches(service):
+            said = f"no calls of {service} from {found.writer.node} to {found.reader.node}: {found.reason}"
+            advice = "give both one type by one definition" if found.kind != "qos" else ""
+            yield Finding(WARNING, said, advice, public="a client and a server of one name do not connect")
 
 
-def _mismatch(node: Node, topic: str, writer: TopicEndpointInfo, reader: TopicEndpointInfo) -> Iterator[Finding]:
-    endpoints, participant = node.scope.graph.endpoints, node.scope.participant
-    nodes = [f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in (writer, reader)]
-    said = f"no messages on {topic} from {nodes[0]} to {nodes[1]}"
-    discovery = node.scope.discovery
-    reason = discovery.why_apart(endpoints[writer.endpoint_gid], endpoints[reader.endpoint_gid])
-    if writer.topic_type != reader.topic_type:
-        yield Finding(WARNING, f"{said}: {reason}", public="types differ on a topic")
-    elif reason and reason == participant.mismatch(endpoints[writer.endpoint_gid], endpoints[reader.endpoint_gid]):
+def _mismatch(node: Node, topic: str, one: Mismatch) -> Iterator[Finding]:
+    said = f"no messages on {topic} from {one.writer.node} to {one.reader.node}: {one.reason}"
+    if one.kind == "type":
+        yield Finding(WARNING, said, public="types differ on a topic")
+    elif one.kind == "qos":
         advice, public = "", "two ends of a topic do not connect"
-        if participant.middleware == "DDS":  # elsewhere the reason may name a type
+        if node.context.middleware != "Zenoh":  # there the reason may name a type
             advice = "give both the same reliability and durability, or the publisher the stronger ones"
-            public += f": {reason}"
-        yield Finding(WARNING, f"{said}: {reason}", advice, public=public)
-    elif reason:
+            public += f": {one.reason}"
+        yield Finding(WARNING, said, advice, public=public)
+    else:
         advice = "bring both to one definition; until then our nodes do not use what arrives, and others may misread it"
-        yield Finding(WARNING, f"{said}: {reason}", advice, public="definitions differ on a topic")
+        yield Finding(WARNING, said, advice, public="definitions differ on a topic")

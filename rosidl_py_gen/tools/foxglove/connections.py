@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.runtime.names.validation import normalize_namespace
+from rosidl_py_gen.runtime import validate_full_name
 from rosidl_py_gen.tools.node.list import is_hidden_node
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime import Node
-    from rosidl_py_gen.runtime.graph.state import NodeInfo
+    from rosidl_py_gen.runtime import Node, NodeInfo
     from rosidl_py_gen.tools.foxglove.server import Server
 
 Names = dict[str, list[str]]
@@ -49,7 +48,7 @@ class Connections:
     def _is_shown(self, info: NodeInfo) -> bool:
         """Not with a namespace that ROS refuses: participants may tell anything."""
         try:
-            normalize_namespace(info.namespace)
+            validate_full_name(info.fully_qualified_name)
         except InvalidNameError:
             return False
         return self._hidden or not is_hidden_node(info.fully_qualified_name)

@@ -18,7 +18,7 @@ from rosidl_py_gen.tools.node.list import LIST_PARAMETERS, is_hidden_node, nodes
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.parameters.client import ParameterClient
+    from rosidl_py_gen.runtime import ParameterClient
     from rosidl_py_gen.tools.foxglove.server import Server
     from rosidl_py_gen.tools.session import Session
 

@@ -94,14 +94,10 @@ class Topics:
 
     def _others(self, topic: str) -> list[TopicEndpointInfo]:
         """By participant: names of nodes come later than endpoints, and others may have ours."""
-        infos = [*self._infos(topic, writers=True), *self._infos(topic, writers=False)]
-        participant_of, mine = self._node.scope.graph.participant_of, self._node.scope.participant.guid
-        return [one for one in infos if participant_of(one.endpoint_gid) != mine]
-
-    def _infos(self, topic: str, *, writers: bool) -> list[TopicEndpointInfo]:
-        """Of any name: programs that know nothing of ROS use some that ROS refuses."""
-        graph = self._node.scope.graph
-        return graph.infos(graph.on_topic(topic, writers=writers))
+        node = self._node
+        infos = [*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)]
+        own = {one.guid for one in node.context.participants() if one.is_own}
+        return [one for one in infos if one.participant_guid not in own]
 
     async def _open(self, key: _Key, shown: _Shown) -> None:
         async with self._turns:
@@ -145,7 +141,8 @@ class Topics:
         return topic_qos.is_too_much(profile, self._publishers(key))
 
     def _publishers(self, key: _Key) -> list[TopicEndpointInfo]:
-        return [one for one in self._infos(key.topic, writers=True) if one.topic_type == key.type_name]
+        found = self._node.get_publishers_info_by_topic(key.topic)
+        return [one for one in found if one.topic_type == key.type_name]
 
     def _subscribe(self, key: _Key, shown: _Shown) -> None:
         assert shown.channel is not None

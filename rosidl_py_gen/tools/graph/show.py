@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.names import did_you_mean
-from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
 from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.graph.picture import Edge, Picture
 from rosidl_py_gen.tools.session import Network, Session
@@ -22,14 +21,12 @@ from rosidl_py_gen.tools.session import Network, Session
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from rosidl_py_gen.runtime import Node
-    from rosidl_py_gen.runtime.graph.state import NamesAndTypes, TopicEndpointInfo
+    from rosidl_py_gen.runtime import NamesAndTypes, Node
 
 _ENDINGS = {".svg": "svg", ".mmd": "mermaid", ".mermaid": "mermaid", ".md": "markdown", ".json": "json", ".txt": "text"}
 _ACTION, _GOAL = "/_action/", "/_action/send_goal"
 _EVERY_TOPIC = ("/rosout", "/parameter_events")
 _EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
-_STRANGERS = {BARE_DDS_NODE: "(DDS program without node)", UNKNOWN_NODE: "(unknown node)"}
 
 
 def run(network: Network, kind: str | None, as_json: bool, output: str | None, **chosen: Any) -> Job:
@@ -98,22 +95,15 @@ def _picture(session: Session, everything: bool) -> Picture:
 
 def _apart(node: Node, edges: Iterable[Edge]) -> frozenset[tuple[str, str, str]]:
     """Publisher's node, topic and subscriber's node of those whose endpoints all do not match."""
-    endpoints, why_apart = node.scope.graph.endpoints, node.scope.discovery.why_apart
     match: dict[tuple[str, str, str], bool] = {}
     for topic in {edge.name for edge in edges if edge.kind == "topic"}:
+        apart = {(one.writer.endpoint_gid, one.reader.endpoint_gid) for one in node.topic_mismatches(topic)}
         for writer, reader in product(
             node.get_publishers_info_by_topic(topic), node.get_subscriptions_info_by_topic(topic)
         ):
-            one, other = endpoints.get(writer.endpoint_gid), endpoints.get(reader.endpoint_gid)
-            pair = _name_of(writer), topic, _name_of(reader)
-            apart = one is not None and other is not None and why_apart(one, other)
-            match[pair] = match.get(pair, False) or not apart
+            pair = writer.node, topic, reader.node
+            match[pair] = match.get(pair, False) or (writer.endpoint_gid, reader.endpoint_gid) not in apart
     return frozenset(pair for pair, are_connected in match.items() if not are_connected)
-
-
-def _name_of(info: TopicEndpointInfo) -> str:
-    known = info.node_namespace, info.node_name
-    return _STRANGERS.get(known) or f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
 def _edges_of(node: Node, name: str, namespace: str, full: str, everything: bool) -> Iterator[Edge]:
@@ -147,9 +137,8 @@ def _edges_of_strangers(node: Node, everything: bool) -> Iterator[Edge]:
                 ("subscribes", node.get_subscriptions_info_by_topic(topic)),
             ):
                 for info in infos:
-                    stranger = _STRANGERS.get((info.node_namespace, info.node_name))
-                    if stranger is not None:
-                        yield Edge(stranger, role, "topic", topic, (info.topic_type,))
+                    if not info.is_named:
+                        yield Edge(info.node, role, "topic", topic, (info.topic_type,))
 
 
 def _is_topic(topic: str, everything: bool) -> bool:

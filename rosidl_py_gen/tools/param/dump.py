@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rosidl_py_gen.runtime.parameters.files import parse_parameter_file
+from rosidl_py_gen.runtime import parse_parameter_file
 from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network

@@ -18,7 +18,7 @@ from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.parameters.client import ParameterClient
+    from rosidl_py_gen.runtime import ParameterClient
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from rosidl_py_gen.tools.session import Network, Session
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
-    from rosidl_py_gen.runtime.parameters.client import ParameterClient
+    from rosidl_py_gen.runtime import ParameterClient
 
 _WORDS = {"BOOL": "boolean", "BOOL_ARRAY": "boolean array"}
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rosidl_py_gen.runtime import Parameter, ParameterValue
-from rosidl_py_gen.runtime.parameters.files import parse_parameter_value
+from rosidl_py_gen.runtime import Parameter, ParameterValue, parse_parameter_value
 from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network

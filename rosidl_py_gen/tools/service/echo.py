@@ -8,8 +8,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime import WaitTimeoutError
-from rosidl_py_gen.runtime.endpoints.introspection import ServiceEventType
+from rosidl_py_gen.runtime import ServiceEventType, WaitTimeoutError
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 from rosidl_py_gen.tools import Job, messages, printing, types
 from rosidl_py_gen.tools.service.info import find_service

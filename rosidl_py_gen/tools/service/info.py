@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
-from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -55,18 +53,14 @@ async def find_service(session: Session, service: str, timeout_s: float | None =
 
 def _ends(node: Node, name: str) -> list[dict[str, Any]]:
     """Servers, then clients, by what each writes: a server its replies, a client its requests."""
-    graph = node.scope.graph
-    return [
-        _end(one, kind)
-        for kind, channel in (("SERVER", Channel("reply", name)), ("CLIENT", Channel("request", name)))
-        for one in graph.infos(graph.on(channel, writers=True))
-    ]
+    servers, clients = node.get_servers_info_by_service(name), node.get_clients_info_by_service(name)
+    return [*(_end(one, "SERVER") for one in servers), *(_end(one, "CLIENT") for one in clients)]
 
 
 def _end(one: TopicEndpointInfo, kind: str) -> dict[str, Any]:
     qos = one.qos_profile
     return {
-        "node": fully_qualified_node_name(one.node_name, one.node_namespace),
+        "node": one.node,
         "endpoint": kind,
         "gid": one.endpoint_gid.hex("."),
         "reliability": qos.reliability.name,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import History
-from rosidl_py_gen.runtime.transport.qos import INFINITE_NS
+from rosidl_py_gen.runtime.qos import INFINITE_NS
 from rosidl_py_gen.tools import Job, printing
 from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic.wait import found
@@ -30,7 +30,10 @@ async def _info(
         types = dict(node.get_topic_names_and_types()).get(name, [])
         publishers = node.get_publishers_info_by_topic(name)
         subscribers = node.get_subscriptions_info_by_topic(name)
-        apart = [*_apart(session, publishers, subscribers)]
+        apart = [
+            f"no messages from {one.writer.node} to {one.reader.node}: {one.reason}"
+            for one in node.topic_mismatches(name)
+        ]
     if only_type:
         if as_json:
             printing.document(types)
@@ -44,20 +47,6 @@ async def _info(
         for text in apart if verbose else ():
             printing.line(f"warning: {text}", "yellow")
     return 0
-
-
-def _apart(
-    session: Session, publishers: Sequence[TopicEndpointInfo], subscribers: Sequence[TopicEndpointInfo]
-) -> Iterator[str]:
-    """Which of them do not understand each other, and why."""
-    discovery = session.context.discovery
-    endpoints = discovery.graph.endpoints
-    for one in publishers:
-        for two in subscribers:
-            ends = endpoints.get(one.endpoint_gid), endpoints.get(two.endpoint_gid)
-            if ends[0] is not None and ends[1] is not None and (reason := discovery.why_apart(ends[0], ends[1])):
-                names = [f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in (one, two)]
-                yield f"no messages from {names[0]} to {names[1]}: {reason}"
 
 
 def _show(

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from rosidl_py_gen.runtime.loop.waiters import Waiters
+from rosidl_py_gen.waiting import Waiters
 
 
 def test_a_wake_lets_all_look_and_those_go_on_for_whom_it_is_so() -> None:

@@ -26,7 +26,7 @@ def test_a_bad_domain_id_names_the_variable_and_the_limit(text: str) -> None:
 def test_arguments_win_over_variables() -> None:
     environ = {"ROS_DOMAIN_ID": "junk", "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF", "ROS_LOCALHOST_ONLY": "1"}
     settings = read_environment(environ, domain_id=3, discovery="subnet")
-    assert (settings.domain_id, settings.discovery, settings.warnings) == (3, DiscoveryRange.SUBNET, ())
+    assert (settings.domain_id, settings.discovery_range, settings.warnings) == (3, DiscoveryRange.SUBNET, ())
 
 
 class BoolOfNumpy22:
@@ -63,15 +63,15 @@ def test_bad_discovery_argument() -> None:
 )
 def test_discovery_range(value: str, expected: DiscoveryRange, warned: bool) -> None:
     settings = read_environment({"ROS_AUTOMATIC_DISCOVERY_RANGE": value})
-    assert (settings.discovery, bool(settings.warnings)) == (expected, warned)
+    assert (settings.discovery_range, bool(settings.warnings)) == (expected, warned)
 
 
 def test_localhost_only_is_the_old_way_and_drops_static_peers() -> None:
     settings = read_environment({"ROS_LOCALHOST_ONLY": "1", "ROS_STATIC_PEERS": "a;b"})
-    assert (settings.discovery, settings.static_peers) == (DiscoveryRange.LOCALHOST, ())
+    assert (settings.discovery_range, settings.static_peers) == (DiscoveryRange.LOCALHOST, ())
     assert "deprecated" in settings.warnings[0]
     other = read_environment({"ROS_LOCALHOST_ONLY": "0", "ROS_STATIC_PEERS": "a"})
-    assert (other.discovery, other.static_peers) == (DiscoveryRange.SUBNET, ("a",))
+    assert (other.discovery_range, other.static_peers) == (DiscoveryRange.SUBNET, ("a",))
     assert "no effect" in other.warnings[0]
 
 

@@ -20,7 +20,7 @@ def test_subnet_sets_what_ros_peers_expect() -> None:
 
 
 def test_localhost_has_no_multicast_binds_to_loopback_and_asks_localhost() -> None:
-    assert cyclone_xml(DomainSettings(discovery=DiscoveryRange.LOCALHOST), process_id=1) == (
+    assert cyclone_xml(DomainSettings(discovery_range=DiscoveryRange.LOCALHOST), process_id=1) == (
         '<CycloneDDS><Domain Id="any"><General><Interfaces><NetworkInterface address="127.0.0.1" multicast="false"/>'
         "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"
         "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
@@ -30,28 +30,30 @@ def test_localhost_has_no_multicast_binds_to_loopback_and_asks_localhost() -> No
 
 
 def test_off_has_a_tag_of_its_own() -> None:
-    text = cyclone_xml(DomainSettings(discovery=DiscoveryRange.OFF), process_id=77)
+    text = cyclone_xml(DomainSettings(discovery_range=DiscoveryRange.OFF), process_id=77)
     assert "<ParticipantIndex>none</ParticipantIndex><Tag>ros_discovery_off_77</Tag>" in text
     assert "<AllowMulticast>false</AllowMulticast>" in text and 'address="127.0.0.1"' in text
 
 
 def test_system_default_says_nothing() -> None:
-    assert cyclone_xml(DomainSettings(discovery=DiscoveryRange.SYSTEM_DEFAULT), process_id=1) == ""
+    assert cyclone_xml(DomainSettings(discovery_range=DiscoveryRange.SYSTEM_DEFAULT), process_id=1) == ""
 
 
 def test_a_static_peer_elsewhere_or_chosen_interfaces_keep_us_from_binding() -> None:
-    away = DomainSettings(discovery=DiscoveryRange.LOCALHOST, static_peers=("10.1.2.3",))
+    away = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST, static_peers=("10.1.2.3",))
     assert "127.0.0.1" not in cyclone_xml(away, process_id=1)
-    home = DomainSettings(discovery=DiscoveryRange.LOCALHOST, static_peers=("127.0.0.1",))
+    home = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST, static_peers=("127.0.0.1",))
     assert 'NetworkInterface address="127.0.0.1"' in cyclone_xml(home, process_id=1)
     inner = '<General><Interfaces><NetworkInterface name="lo"/></Interfaces></General>'
     uri = f"<CycloneDDS><Domain>{inner}</Domain></CycloneDDS>"
-    chosen = DomainSettings(discovery=DiscoveryRange.LOCALHOST, cyclonedds_uri=uri)
+    chosen = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST, cyclonedds_uri=uri)
     assert "127.0.0.1" not in cyclone_xml(chosen, process_id=1)
 
 
 def test_the_users_configuration_comes_after_ours_but_cannot_turn_multicast_on_in_localhost_mode() -> None:
-    text = cyclone_xml(DomainSettings(discovery=DiscoveryRange.LOCALHOST, cyclonedds_uri="file:///c.xml"), process_id=1)
+    text = cyclone_xml(
+        DomainSettings(discovery_range=DiscoveryRange.LOCALHOST, cyclonedds_uri="file:///c.xml"), process_id=1
+    )
     ours, theirs, last = text.split(",")
     assert "localhost" in ours and theirs == "file:///c.xml"
     assert last.endswith("<General><AllowMulticast>false</AllowMulticast></General></Domain></CycloneDDS>")

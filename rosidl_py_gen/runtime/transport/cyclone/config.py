@@ -53,14 +53,14 @@ def cyclone_xml(settings: DomainSettings, *, process_id: int, extra: str = "") -
         fragments.append(f'<CycloneDDS><Domain Id="any">{body}</Domain></CycloneDDS>')
     if settings.cyclonedds_uri:
         fragments.append(settings.cyclonedds_uri)
-        if settings.discovery in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF):
+        if settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF):
             fragments.append(f'<CycloneDDS><Domain Id="any">{_general("")}</Domain></CycloneDDS>')
     return ",".join(fragments)
 
 
 def _domain_elements(settings: DomainSettings, process_id: int) -> str:
     interfaces = _LOOPBACK_INTERFACE if _binds_to_loopback(settings) else ""
-    match settings.discovery:
+    match settings.discovery_range:
         case DiscoveryRange.SYSTEM_DEFAULT:
             return ""
         case DiscoveryRange.SUBNET:
@@ -77,7 +77,7 @@ _LOOPBACK_INTERFACE = '<Interfaces><NetworkInterface address="127.0.0.1" multica
 
 
 def _binds_to_loopback(settings: DomainSettings) -> bool:
-    if settings.discovery not in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF):
+    if settings.discovery_range not in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF):
         return False
     if "NetworkInterface" in settings.cyclonedds_uri:
         return False

@@ -41,12 +41,12 @@ from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writers, greet
 from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data, participant_user_data
-from rosidl_py_gen.runtime.transport.dds.nodes import running_loop
 from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound
 from rosidl_py_gen.runtime.transport.port import BackendMissingError, DiscoveryRange
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
+from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -104,7 +104,7 @@ class CycloneTransport:
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
         """Join the domain, which all participants of a process configure alike; see `domain.py`."""
         xml = cyclone_xml(settings, process_id=os.getpid(), extra=TUNING)
-        is_local = settings.discovery in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
+        is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
         return CycloneParticipant(settings.domain_id, participant_user_data(enclave), xml, is_local=is_local)
 
 
@@ -252,7 +252,7 @@ class CycloneParticipant(DdsParticipant):
             and event.qos.reliability is Reliability.RELIABLE
             and self.discovery.fast_dds_addresses(event.guid)
         ]
-        loop = running_loop()
+        loop = current_loop()
         if new and loop is not None:
             loop.call_later(_CONNECTING_S, self._ask_writers, new)
 

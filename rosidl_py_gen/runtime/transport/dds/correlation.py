@@ -186,7 +186,8 @@ class ClientCorrelation:
 
     Args:
         handle: a number that no other client has (protocol.md 5.1).
-        reader, writer: the GUIDs of its endpoints.
+        reader: the GUID of what it reads.
+        writer: the GUID of what it writes.
     """
 
     def __init__(self, handle: int, reader: bytes, writer: bytes) -> None:

@@ -15,6 +15,7 @@ from rosidl_py_gen.runtime.transport.dds import nodes_message
 from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound, Lost, NodesFound
 from rosidl_py_gen.runtime.transport.port import EndpointSpec
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -86,7 +87,7 @@ class NodeTopic:
                 self._expect_message(event.guid)
 
     def _expect_message(self, writer: bytes) -> None:
-        loop = running_loop()
+        loop = current_loop()
         is_own = writer[:_PREFIX_BYTES] == self._participant.guid[:_PREFIX_BYTES]
         if loop is not None and not is_own and writer not in self._told:
             if not self._silent:
@@ -132,11 +133,3 @@ class NodeTopic:
 
 def _spec(qos: QoSProfile) -> EndpointSpec:
     return EndpointSpec(_CHANNEL.name, _TYPE, qos, HASHES[_TYPE], is_bare=True, ignore_local=True)
-
-
-def running_loop() -> asyncio.AbstractEventLoop | None:
-    """The loop that this thread runs just now."""
-    try:
-        return asyncio.get_running_loop()
-    except RuntimeError:
-        return None

@@ -29,6 +29,8 @@ class ZenohRouter:
         warn: told of what was left out of them.
         listen: endpoints in place of the configured ones; ``tcp/127.0.0.1:0`` takes a free port.
         connect: endpoints of other routers.
+        log: from which level on Zenoh writes its log of this process to standard output, or as RUST_LOG says; empty for
+            no log.
 
     Raises:
         ZenohConfigError: the configuration cannot be used.
@@ -42,7 +44,10 @@ class ZenohRouter:
         *,
         listen: Sequence[str] = (),
         connect: Sequence[str] = (),
+        log: str = "",
     ) -> None:
+        if log:
+            zenoh.init_log_from_env_or(log)
         if not listen and not environ.get("ZENOH_ROUTER_CONFIG_URI") and not _has_ipv6():
             listen = [IPV4_ONLY]
         config = router_config(environ, warn, listen=listen, connect=connect)
@@ -84,8 +89,3 @@ def _has_ipv6() -> bool:
     except OSError:
         return False
     return True
-
-
-def show_log(level: str) -> None:
-    """Let Zenoh write its log of this process to standard output, from `level` on, or as RUST_LOG says."""
-    zenoh.init_log_from_env_or(level)

@@ -50,7 +50,8 @@ class _End(ZenohReader):
     """What both ends of a service have in common.
 
     Args:
-        reads, writes: the two endpoints by which the graph knows it.
+        reads: the endpoint by which the graph knows it as a reader.
+        writes: that by which it knows it as a writer.
     """
 
     def __init__(self, owner: Host, reads: EndpointFound, writes: EndpointFound, key: str) -> None:

@@ -1,8 +1,9 @@
-"""Tasks that wait until something is so, and whoever wakes them.
+"""Waiting on an event loop: the loop of this thread, ends of futures from any thread, and `Waiters`.
 
-Decides what `asyncio.Event` and `asyncio.Condition` leave open here: those who wait may be on different loops and may
-have a time limit that costs no task, whoever wakes them may be in any thread, and a loop that was closed with somebody
-waiting on it disturbs nobody. The state itself belongs to the user of this file; he changes it first and wakes then.
+`Waiters` decide what `asyncio.Event` and `asyncio.Condition` leave open here: those who wait may be on different loops
+and may have a time limit that costs no task, whoever wakes them may be in any thread, and a loop that was closed with
+somebody waiting on it disturbs nobody. The state itself belongs to the user of this file; he changes it first and wakes
+then.
 """
 
 from __future__ import annotations
@@ -10,12 +11,36 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import deque
-from typing import TYPE_CHECKING
-
-from rosidl_py_gen.runtime.loop.callbacks import current_loop, settle
+from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+T = TypeVar("T")
+
+
+def current_loop() -> asyncio.AbstractEventLoop | None:
+    """The loop that this thread runs just now."""
+    try:
+        return asyncio.get_running_loop()
+    except RuntimeError:
+        return None
+
+
+def settle(future: asyncio.Future[T], result: T) -> None:
+    """Let whoever waits go on, on the future's loop; nothing happens when nobody can any more."""
+    if not future.done() and not future.get_loop().is_closed():
+        future.set_result(result)
+
+
+def settle_threadsafe(future: asyncio.Future[Any], result: object, error: BaseException | None = None) -> None:
+    """`settle` from any thread, with an error if there is one."""
+    loop = future.get_loop()
+    if loop is not current_loop():
+        with contextlib.suppress(RuntimeError):  # it is closed
+            loop.call_soon_threadsafe(settle_threadsafe, future, result, error)
+    elif not future.done():
+        future.set_result(result) if error is None else future.set_exception(error)
 
 
 class Waiters:
