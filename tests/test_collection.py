@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
-import conftest
 import pytest
 
 TESTS = Path(__file__).resolve().parent
+_spec = spec_from_file_location("the_conftest", TESTS / "conftest.py")  # "conftest" may be that of another folder
+assert _spec is not None and _spec.loader is not None
+conftest = module_from_spec(_spec)
+_spec.loader.exec_module(conftest)
 
 
 def left_out(name: str) -> bool:

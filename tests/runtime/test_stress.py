@@ -216,10 +216,10 @@ async def test_create_and_close_a_thousand_times(world: World) -> None:
 
     def topics() -> set[str]:
         endpoints = peer.scope.graph.endpoints.values()
-        ours = {one.wire_name for one in endpoints if one.participant_guid == node.context.participant.guid}
-        return {topic for topic in ours if not topic.startswith(("rq/n/", "rr/n/"))}
+        ours = {one.channel.name for one in endpoints if one.participant_guid == node.context.participant.guid}
+        return {name for name in ours if not name.startswith("/n/")}
 
-    await until(lambda: topics() <= {"rt/rosout", "rt/parameter_events", "ros_discovery_info"})
+    await until(lambda: topics() <= {"/rosout", "/parameter_events", "ros_discovery_info"})
 
 
 def test_contexts_can_be_opened_and_closed_again_and_again(world: World) -> None:

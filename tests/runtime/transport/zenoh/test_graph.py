@@ -63,6 +63,20 @@ def test_a_node_of_two_tokens_is_there_until_both_are_gone() -> None:
     assert graph.events() == [Lost(participant_guid("1a"))]
 
 
+def test_who_comes_back_is_there_again() -> None:
+    graph = TokenGraph("ff", "/")
+    node = NodeToken(0, "1a", 1, "m")
+    tokens = [str(node), str(EndpointToken(node, 2, EntityKind.PUBLISHER, "/t", "p::msg::dds_::X_", "", DEFAULT))]
+    mine = EndpointToken(NodeToken(0, "ff", 1, "n"), 2, EntityKind.SUBSCRIPTION, "/t", "p::msg::dds_::X_", "", DEFAULT)
+    (reader,) = endpoints_of(mine, gid_of(str(mine)))
+    known = []
+    for is_there in (True, False, True, True, False):
+        for token in tokens:
+            graph.hear(is_there, token)
+        known.append(len(graph.connected(reader)))
+    assert known == [1, 0, 1, 1, 0]
+
+
 def test_services_without_a_hash_are_connected_whatever_our_messages_have() -> None:
     graph = TokenGraph("ff", "/")
     token = EndpointToken(NodeToken(0, "ff", 1, "n"), 2, EntityKind.CLIENT, "/s", "p::srv::dds_::X_", "", DEFAULT)
