@@ -8,9 +8,11 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+import on_wire
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String
+from std_srvs.srv import SetBool
 from worlds import ROOT, domain_id, second_domain_id, until
 
 from rosidl_py_gen import get_message, get_service, runtime
@@ -390,3 +392,41 @@ async def test_two_contexts_of_different_domains_of_a_network_do_not_meet() -> N
         await until(lambda: sorted(first.get_node_names()) == ["/first", "/near"])
         assert far.get_node_names() == ["/far"]
         assert far.count_publishers("s") == 0
+
+
+async def test_who_does_not_understand_whom_is_listed_with_the_reason(world: World) -> None:
+    alice, bob, asker = world.node("alice"), world.node("bob"), world.node("asker")
+    alice.create_publisher(String, "t")
+    bob.create_subscription(Int32, "t")
+    alice.create_service(AddTwoInts, "s")
+    bob.create_client(SetBool, "s")
+    await until(lambda: asker.topic_mismatches("t") and asker.service_mismatches("/s") and asker.names_are_known())
+    (topic,), (service,) = asker.topic_mismatches("t"), asker.service_mismatches("/s")
+    assert (topic.writer.node, topic.reader.node, topic.kind) == ("/alice", "/bob", "type")
+    assert topic.reason == "types differ, std_msgs/msg/String and std_msgs/msg/Int32"
+    assert (service.writer.node, service.reader.node, service.kind) == ("/bob", "/alice", "type")
+    assert service.reason == "types differ, std_srvs/srv/SetBool and example_interfaces/srv/AddTwoInts"
+    assert asker.topic_mismatches("/rosout") == asker.service_mismatches("nobody") == []
+
+
+async def test_the_ends_of_a_service_and_the_participants_are_told(world: World) -> None:
+    alice, bob = world.pair()
+    alice.create_service(AddTwoInts, "add")
+    bob.create_client(AddTwoInts, "add")
+    await until(lambda: bob.count_services("add") == 1 and bob.get_servers_info_by_service("add")[0].is_named)
+    (server,), (client,) = bob.get_servers_info_by_service("add"), bob.get_clients_info_by_service("/add")
+    assert (server.node, client.node) == ("/alice", "/bob")
+    found = {one.guid: one for one in bob.context.participants()}
+    assert [one.guid for one in found.values() if one.is_own] == [client.participant_guid]
+    assert [node.fully_qualified_name for node in found[server.participant_guid].nodes] == ["/alice"]
+    assert bob.context.middleware.lower() == world.kind
+
+
+async def test_names_that_ros_refuses_are_found_where_there_are_some(world: World) -> None:
+    other, asker = world.node("other"), world.node("asker")
+    on_wire.announce(other, "rt/2d_scan", "std_msgs::msg::dds_::String_", "")
+    await until(lambda: "/2d_scan" in dict(asker.get_topic_names_and_types()))
+    assert [one.topic_type for one in asker.get_publishers_info_by_topic("/2d_scan")] == ["std_msgs/msg/String"]
+    assert (asker.count_publishers("/2d_scan"), asker.topic_mismatches("/2d_scan")) == (1, [])
+    with pytest.raises(InvalidNameError):
+        asker.get_publishers_info_by_topic("/3d_scan")
