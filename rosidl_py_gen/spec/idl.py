@@ -94,6 +94,8 @@ def parse_idl_interface(name: RosName, source: Source, findings: Findings) -> In
     try:
         scope = _Scope()
         scope.collect(parse_idl(source.text), ())
+        for typedef in scope.typedefs.values():
+            _check_sizes(typedef, scope)
         messages = _messages(name, scope, source)
     except SyntaxProblem as problem:
         findings.add(Location(source, problem.line, problem.column), problem.text)
@@ -102,6 +104,19 @@ def parse_idl_interface(name: RosName, source: Source, findings: Findings) -> In
         findings.add(Location(source, wrong.at.line, wrong.at.column), wrong.text)
         return None
     return derive.assemble(name, messages, source)
+
+
+def _check_sizes(typedef: IdlTypedef, scope: _Scope) -> None:
+    """Also of a typedef that nothing uses; what its name stands for is looked at where it is used."""
+    declarator, kind = typedef.declarator, typedef.type
+    if len(declarator.sizes) > 1:
+        raise _Wrong(declarator.name, "arrays of more than one dimension are not supported")
+    if kind.element is not None and kind.element.kind == "sequence":
+        raise _Wrong(kind.at, "sequences of sequences or arrays are not supported")
+    element_size = None if kind.element is None else kind.element.size
+    for size in (*declarator.sizes, kind.size, element_size):
+        if size is not None:
+            _positive(size, scope)
 
 
 def _messages(name: RosName, scope: _Scope, source: Source) -> list[MessageDef]:

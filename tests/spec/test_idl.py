@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from compiler_worlds import message, parse, read
-from rosidl_oracle import compare
+from rosidl_oracle import OTHERS, accepted, compare, ours
 
 from rosidl_py_gen.spec.model import ActionDef, ServiceDef
 
@@ -248,3 +248,23 @@ def test_what_is_wrong_is_said_and_located(text: str, problem: str) -> None:
     assert problem in problems[0], problems
     if problem[0].isdigit():
         assert problems[0].startswith(problem), problems
+
+
+@pytest.mark.parametrize(
+    ("unused", "problem"),
+    [
+        ('boolean t["text"]', 'expected a whole number above 0, found "text"'),
+        ("boolean t[0]", 'expected a whole number above 0, found "0"'),
+        ("boolean t[2][3]", "arrays of more than one dimension are not supported"),
+        ("string<1.5> t", 'expected a whole number above 0, found "1.5"'),
+        ("sequence<boolean, 0> t", 'expected a whole number above 0, found "0"'),
+        ("sequence<string<0> > t", 'expected a whole number above 0, found "0"'),
+        ("sequence<sequence<boolean> > t", "sequences of sequences or arrays are not supported"),
+    ],
+)
+def test_a_typedef_that_nothing_uses_is_checked_as_rosidl_does(rosidl: Rosidl, unused: str, problem: str) -> None:
+    text = f"module a_msgs {{ module msg {{ typedef {unused}; struct Sample {{ long x; }}; }}; }};"
+    definition = ("a_msgs/msg/Sample", text, "idl")
+    (mine,) = ours([definition], OTHERS)["refused"]
+    assert problem in mine
+    assert not any(accepted(reply) for reply in rosidl.compile([definition]).values())
