@@ -72,7 +72,29 @@ class ServicePeers:
         return [self._known[guid] for guid in guids if guid in self._known]
 
 
-class ClientEnd:
+class _End:
+    """A reader and a writer, and what both kinds of ports ask of them."""
+
+    def __init__(self, reader: Reader, writer: Writer, gid: bytes) -> None:
+        self.gid = gid
+        self.endpoints = reader.guid, writer.guid
+        self._reader = reader
+        self._writer = writer
+
+    def connected(self) -> list[bytes]:
+        """See the ports."""
+        return self._reader.matched_writers()
+
+    def all_acknowledged(self) -> bool:
+        """See the ports."""
+        return self._writer.all_acknowledged()
+
+    def set_sink(self, sink: Sink | None) -> None:
+        """See the ports."""
+        self._reader.set_sink(sink)
+
+
+class ClientEnd(_End):
     """The part of a `port.ClientPort` that knows its servers.
 
     Args:
@@ -83,13 +105,10 @@ class ClientEnd:
     def __init__(
         self, peers: ServicePeers, requests: Channel, replies: Channel, reader: Reader, writer: Writer, gid: bytes
     ) -> None:
-        self.gid = gid
-        self.endpoints = reader.guid, writer.guid
+        super().__init__(reader, writer, gid)
         self._peers = peers
         self._requests = requests
         self._replies = replies
-        self._reader = reader
-        self._writer = writer
         self._asked: dict[int, frozenset[bytes]] = {}
         """The servers that were there when a request was sent that somebody waits for."""
         self._lost: deque[int] = deque()
@@ -135,44 +154,14 @@ class ClientEnd:
     def _next_lost(self) -> Reply | None:
         return (self._lost.popleft(), Unanswered(), None) if self._lost else None
 
-    def connected(self) -> list[bytes]:
-        """See `port.ClientPort`."""
-        return self._reader.matched_writers()
-
-    def all_acknowledged(self) -> bool:
-        """See `port.ClientPort`."""
-        return self._writer.all_acknowledged()
-
-    def set_sink(self, sink: Sink | None) -> None:
-        """See `port.ClientPort`."""
-        self._reader.set_sink(sink)
-
     def close(self) -> None:
         """See `port.ClientPort`."""
         self._writer.close()
         self._reader.close()
 
 
-class ServerEnd:
+class ServerEnd(_End):
     """The part of a `port.ServerPort` that is no correlation."""
-
-    def __init__(self, reader: Reader, writer: Writer, gid: bytes) -> None:
-        self.gid = gid
-        self.endpoints = reader.guid, writer.guid
-        self._reader = reader
-        self._writer = writer
-
-    def connected(self) -> list[bytes]:
-        """See `port.ServerPort`."""
-        return self._reader.matched_writers()
-
-    def all_acknowledged(self) -> bool:
-        """See `port.ServerPort`."""
-        return self._writer.all_acknowledged()
-
-    def set_sink(self, sink: Sink | None) -> None:
-        """See `port.ServerPort`."""
-        self._reader.set_sink(sink)
 
     def close(self) -> None:
         """See `port.ServerPort`."""
