@@ -413,8 +413,9 @@ async def test_the_ends_of_a_service_and_the_participants_are_told(world: World)
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "add")
     bob.create_client(AddTwoInts, "add")
-    await until(lambda: bob.count_services("add") == 1 and bob.get_servers_info_by_service("add")[0].is_named)
-    (server,), (client,) = bob.get_servers_info_by_service("add"), bob.get_clients_info_by_service("/add")
+    servers, clients = (lambda: bob.get_servers_info_by_service("add")), (lambda: bob.get_clients_info_by_service("/add"))
+    await until(lambda: [one.is_named for one in (*servers(), *clients())] == [True, True])
+    (server,), (client,) = servers(), clients()
     assert (server.node, client.node) == ("/alice", "/bob")
     found = {one.guid: one for one in bob.context.participants()}
     assert [one.guid for one in found.values() if one.is_own] == [client.participant_guid]
