@@ -31,7 +31,7 @@ def encode(message: Message) -> bytes:
         EncodeError: a value does not fit its type; names the field path. Nothing is changed.
         TypeNotFoundError: not a generated message.
 
-    Source: protocol.md 2.
+    Source: docs/internals/protocol.md 2.
     """
     try:
         return message._encode()
@@ -52,7 +52,7 @@ def decode(cls: type[M], data: Readable, *, copy: bool = False, arrays: bool = F
     Raises:
         DecodeError: names field path and byte offset.
 
-    Source: protocol.md 2.
+    Source: docs/internals/protocol.md 2.
     """
     try:
         return cls._decode(data, copy, arrays)

@@ -1,4 +1,5 @@
-"""Type descriptions and the RIHS01 hash (protocol.md 3), from any source that can name the fields of a type.
+"""Type descriptions and the RIHS01 hash (docs/internals/protocol.md 3), from any source that can name the fields of a
+type.
 
 The compiler calls this with its model, type support with the field tables of generated classes: one algorithm for both.
 """
@@ -41,7 +42,7 @@ def action_rows(name: str) -> tuple[FieldRow, ...]:
 
 
 def default_text(value: object) -> str:
-    """`default_value` of a description; `value` is None, a scalar or a tuple (protocol.md 3.4)."""
+    """`default_value` of a description; `value` is None, a scalar or a tuple (docs/internals/protocol.md 3.4)."""
     if value is None:
         return ""
     return value if isinstance(value, str) else repr(value)

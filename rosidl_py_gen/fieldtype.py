@@ -2,7 +2,7 @@
 
 The text form is that of a .msg file with full names, for example ``float64[36]``, ``string<=8[<=3]`` or
 ``geometry_msgs/msg/Point[]``. Generated classes carry it, the compiler's model uses it, so there is one table of
-primitives and one of type ids (protocol.md 1.1 and 3.2) for both sides.
+primitives and one of type ids (docs/internals/protocol.md 1.1 and 3.2) for both sides.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Primitive(NamedTuple):
     python: str
 
 
-# protocol.md 1.1, 2.2, 3.2. `char` of a .msg is an unsigned byte with the id of uint8; `idl_char`, `wchar` and
-# `float128` exist only in .idl files.
+# docs/internals/protocol.md 1.1, 2.2, 3.2. `char` of a .msg is an unsigned byte with the id of uint8; `idl_char`,
+# `wchar` and `float128` exist only in .idl files.
 PRIMITIVES: dict[str, Primitive] = {
     "bool": Primitive("?", 1, 15, "bool_", "bool"),
     "byte": Primitive("B", 1, 16, "uint8", "int"),
@@ -59,7 +59,7 @@ INTEGER_RANGES: dict[str, tuple[int, int]] = {
 
 
 class Arity(Enum):
-    """How many values a field holds; the number is the offset of the type id (protocol.md 3.2)."""
+    """How many values a field holds; the number is the offset of the type id (docs/internals/protocol.md 3.2)."""
 
     SCALAR = 0
     ARRAY = 48
@@ -115,7 +115,8 @@ class FieldType:
     def description(self) -> dict[str, int | str]:
         """The `type` member of a type description: type_id, capacity, string_capacity, nested_type_name.
 
-        Source: protocol.md 3.2, and 1.7 for the one type whose reference description is wrong and must be matched.
+        Source: docs/internals/protocol.md 3.2, and 1.7 for the one type whose reference description is wrong and must
+        be matched.
         """
         arity, capacity = self.arity, self.capacity
         if self.base == "wstring" and self.string_bound and arity is Arity.UNBOUNDED:

@@ -1,6 +1,7 @@
 """Names of ROS interfaces and what they become in Python.
 
-Decides which names are legal (protocol.md 1.2) and how they are spelled in Python. Knows nothing of files, DDS, nodes.
+Decides which names are legal (docs/internals/protocol.md 1.2) and how they are spelled in Python. Knows nothing of
+files, DDS, nodes.
 """
 
 from __future__ import annotations
@@ -39,17 +40,17 @@ class RosName(NamedTuple):
 
 
 def is_package_name(text: str) -> bool:
-    """Source: protocol.md 1.2."""
+    """Source: docs/internals/protocol.md 1.2."""
     return _LOWER.match(text) is not None
 
 
 def is_field_name(text: str) -> bool:
-    """Source: protocol.md 1.2; the rule of package names."""
+    """Source: docs/internals/protocol.md 1.2; the rule of package names."""
     return _LOWER.match(text) is not None
 
 
 def is_constant_name(text: str) -> bool:
-    """Source: protocol.md 1.2."""
+    """Source: docs/internals/protocol.md 1.2."""
     return _CONSTANT.match(text) is not None
 
 
@@ -85,7 +86,7 @@ def split_ros_name(text: str, default_kind: str = "") -> RosName:
 def snake_case(name: str) -> str:
     """The module name rosidl derives from an interface name: AddTwoInts -> add_two_ints.
 
-    Source: protocol.md 1.2 (two successive substitutions).
+    Source: docs/internals/protocol.md 1.2 (two successive substitutions).
     """
     name = re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", name)
     return re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).lower()

@@ -38,7 +38,7 @@ def type_hash(subject: object) -> str:
     Raises:
         TypeNotFoundError: not a generated class.
 
-    Source: protocol.md 3.
+    Source: docs/internals/protocol.md 3.
     """
     return _info(subject)[2]
 

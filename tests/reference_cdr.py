@@ -1,7 +1,7 @@
 """A slow, obvious reader and writer of plain CDR, driven by the definitions themselves. Only an oracle for tests.
 
-Written from the layout table of protocol.md 2.2 and nothing else: one value at a time, one function for each row of
-the table. Values are plain: dicts with ROS names, lists, bool, int, float, str.
+Written from the layout table of docs/internals/protocol.md 2.2 and nothing else: one value at a time, one function for
+each row of the table. Values are plain: dicts with ROS names, lists, bool, int, float, str.
 """
 
 from __future__ import annotations

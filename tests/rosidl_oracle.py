@@ -199,7 +199,7 @@ def _constant(item: ConstantDef) -> list[Any]:
 
 
 def _floaty(value: Any) -> Any:
-    """What the reference makes of infinities and NaN: text without the sign (protocol.md 1.4)."""
+    """What the reference makes of infinities and NaN: text without the sign (docs/internals/protocol.md 1.4)."""
     if isinstance(value, float) and not math.isfinite(value):
         return "nan" if math.isnan(value) else "inf"
     return value

@@ -1,6 +1,6 @@
 """A node on Zenoh spoken by hand, beside ours in one process.
 
-Nothing of ours makes or reads what it says; it is written from zenoh.md 2 to 4 and 9.
+Nothing of ours makes or reads what it says; it is written from docs/internals/zenoh.md 2 to 4, 9.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ class Message:
         Raises:
             EncodeError: a value does not fit its type; names the field path. Nothing is changed.
 
-        Source: protocol.md 2.
+        Source: docs/internals/protocol.md 2.
         """
         return self._encode()
 

@@ -5,7 +5,7 @@ element may lie otherwise than those behind it: ``{uint8 a; float64 b}`` takes 1
 But all behind the first lie alike, because an element's end is known modulo its largest alignment whatever its start:
 it contains a member of that alignment. The dtype of a message is the layout of these, trailing padding included.
 
-Source: protocol.md 2.2.
+Source: docs/internals/protocol.md 2.2.
 """
 
 from __future__ import annotations

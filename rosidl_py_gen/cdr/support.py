@@ -1,7 +1,7 @@
 """What generated code calls besides `struct` and numpy: a small, flat set of functions.
 
 Positions in generated encoders count from the byte after the 4-byte encapsulation header, the origin of alignment
-(protocol.md 2.1); positions in decoders are offsets into the data and so are 4 higher.
+(docs/internals/protocol.md 2.1); positions in decoders are offsets into the data and so are 4 higher.
 """
 
 from __future__ import annotations
@@ -274,7 +274,7 @@ def unpack_strings(data: bytes | bytearray | memoryview, pos: int, count: int) -
 
 
 def utf16(value: str) -> bytes:
-    """A wstring's content: UTF-16 code units, each as a u32; no terminator (protocol.md 2.2)."""
+    """A wstring's content: UTF-16 code units, each as a u32; no terminator (docs/internals/protocol.md 2.2)."""
     units = np.frombuffer(str.encode(value, "utf-16-le"), "<u2")
     return units.astype("<u4").tobytes()
 

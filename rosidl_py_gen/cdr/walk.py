@@ -2,7 +2,8 @@
 
 Generated code is flat and does not know which field it was at when something went wrong. Only then do these walks run:
 `validate` names the wrong value, `decode_slowly` names the wrong byte and also reads big-endian data (no ROS 2
-platform of tier 1 writes it, so it need not be fast). The layout rules here are those of protocol.md 2.2.
+platform of tier 1 writes it, so it need not be fast). The layout rules here are those of
+docs/internals/protocol.md 2.2.
 """
 
 from __future__ import annotations

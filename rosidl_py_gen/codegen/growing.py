@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from rosidl_py_gen.codegen.plan import Item, Start
 
-MAX_ALIGN = 8  # protocol.md 2.2
+MAX_ALIGN = 8  # docs/internals/protocol.md 2.2
 
 
 def up(position: int, align: int) -> int:

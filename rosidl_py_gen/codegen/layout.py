@@ -1,7 +1,7 @@
 """Plan the wire layout of a message.
 
-Only this file knows CDR alignment (protocol.md 2.2). It turns fields into steps; views and templates print steps and
-never count bytes. A struct has no alignment of its own, so a nested message is laid out wherever the outer one is.
+Only this file knows CDR alignment (docs/internals/protocol.md 2.2). It turns fields into steps; views and templates
+print steps and never count bytes. A struct has no alignment of its own: a nested message is laid out where it stands.
 """
 
 from __future__ import annotations

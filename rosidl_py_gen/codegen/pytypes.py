@@ -125,5 +125,5 @@ def _array(item: FieldDef, imports: Imports) -> str:
 
 
 def defaults_text(fields: tuple[FieldDef, ...]) -> list[tuple[str, str]]:
-    """Explicit defaults as a type description spells them (protocol.md 3.4)."""
+    """Explicit defaults as a type description spells them (docs/internals/protocol.md 3.4)."""
     return [(item.name, default_text(item.default)) for item in fields if item.default is not None]

@@ -1,4 +1,4 @@
-"""The messages ROS derives from services and actions (protocol.md 1.6)."""
+"""The messages ROS derives from services and actions (docs/internals/protocol.md 1.6)."""
 
 from __future__ import annotations
 

@@ -230,7 +230,8 @@ def _type(where: str, told: Description) -> FieldType:
             raise _problem(where, str(error)[:400]) from None
     arity = Arity(number // 48 * 48)
     if number == _WSTRINGS and capacity == bound:
-        arity, capacity = Arity.UNBOUNDED, 0  # how the reference describes wstring<=N[] (protocol.md 1.7)
+        # So the reference describes wstring<=N[] (docs/internals/protocol.md 1.7).
+        arity, capacity = Arity.UNBOUNDED, 0
     kind = FieldType(base or nested, arity, capacity, bound)
     is_right = (capacity > 0) is (arity in (Arity.ARRAY, Arity.BOUNDED)) and (bound > 0) is (number % 48 in _BOUNDED)
     if not is_right or kind.description() != told:

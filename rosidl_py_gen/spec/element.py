@@ -2,7 +2,7 @@
 
 The language is regular, so a table says it: how each word is written, and what may stand behind it. Spaces separate
 type, name and default, so they are words, too. Which names and values are legal is checked later, where the error can
-say what the rule is. Source: protocol.md 1.3.
+say what the rule is. Source: docs/internals/protocol.md 1.3.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The rosidl subset of IDL (protocol.md 1.8): from the syntax tree of an .idl file to an interface.
+"""The rosidl subset of IDL (docs/internals/protocol.md 1.8): from the syntax tree of an .idl file to an interface.
 
 One struct is a message, two are a service, three an action. Constants of struct S sit in a module S_Constants.
 """
@@ -191,7 +191,8 @@ def _type(kind: IdlType, scope: _Scope, name: RosName, depth: int) -> FieldType:
             if element.arity is not Arity.SCALAR:
                 raise _Wrong(kind.at, "sequences of sequences or arrays are not supported")
             if kind.size is None and kind.element.kind == "name" and element.base == "wstring" and element.string_bound:
-                # The reference describes this one right and sequence<wstring<N>> wrong (protocol.md 1.7).
+                # The reference describes this one right and sequence<wstring<N>> wrong
+                # (docs/internals/protocol.md 1.7).
                 raise _Wrong(kind.at, f"expected sequence<wstring<{element.string_bound}>>, found a typedef in it")
             if kind.size is None:
                 return FieldType(element.base, Arity.UNBOUNDED, 0, element.string_bound)
@@ -308,7 +309,8 @@ def _default(
     value = _evaluate(expression, scope, 0)
     if kind.arity is Arity.SCALAR:
         return _fit(kind, value, expression.at)
-    values = python_value(value) if isinstance(value, str) else None  # the text of a tuple (protocol.md 1.8)
+    # The value is the text of a tuple (docs/internals/protocol.md 1.8).
+    values = python_value(value) if isinstance(value, str) else None
     if not isinstance(values, (tuple, list)):
         raise _Wrong(expression.at, f"expected the text of a tuple for {kind}, found {str(value)[:40]!r}")
     over = len(values) > kind.capacity and kind.arity is Arity.BOUNDED

@@ -1,4 +1,4 @@
-"""The line algorithm of .msg text (protocol.md 1.3): from the lines of one section to a MessageDef.
+"""The line algorithm of .msg text (docs/internals/protocol.md 1.3): from the lines of one section to a MessageDef.
 
 Quirks of the reference are kept on purpose: a `#` starts a comment even inside quotes, a `=` anywhere behind the type
 makes the line a constant, blanks before an element are an error.

@@ -1,4 +1,4 @@
-"""Default values and constants: from their text to Python values (protocol.md 1.4).
+"""Default values and constants: from their text to Python values (docs/internals/protocol.md 1.4).
 
 The reference tool chain turns a string default into IDL text and reads it back; escapes mean what survives both stages.
 `_through_idl` reproduces the two stages, quirks included, so that the same texts are accepted with the same meaning.

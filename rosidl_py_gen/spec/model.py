@@ -83,7 +83,7 @@ class MessageDef(NamedTuple):
 
 
 class ServiceDef(NamedTuple):
-    """A service; the event message is derived (protocol.md 1.6)."""
+    """A service; the event message is derived (docs/internals/protocol.md 1.6)."""
 
     name: RosName
     request: MessageDef
@@ -97,7 +97,7 @@ class ServiceDef(NamedTuple):
 
 
 class ActionDef(NamedTuple):
-    """An action; feedback message and the two services are derived (protocol.md 1.6)."""
+    """An action; feedback message and the two services are derived (docs/internals/protocol.md 1.6)."""
 
     name: RosName
     goal: MessageDef

@@ -114,7 +114,7 @@ def test_another_encapsulation_is_refused(data: str, text: str, text_of_type: st
 @pytest.mark.parametrize("options", ["0000", "0001", "0003", "ffff"])
 @pytest.mark.parametrize("behind", ["", "00", "000000", "ff" * 20])
 def test_options_and_bytes_behind_do_not_matter(options: str, behind: str) -> None:
-    """Peers may put the number of pad bytes into the low bits of byte 3 (protocol.md 2.1)."""
+    """Peers may put the number of pad bytes into the low bits of byte 3 (docs/internals/protocol.md 2.1)."""
     cls = compile_text("bytes/msg/Options", "uint8 x\nstring text\n")
     little = bytes.fromhex("0001" + options + "07 000000 02000000 4100" + behind)
     big = bytes.fromhex("0000" + options + "07 000000 00000002 4100" + behind)
@@ -122,7 +122,7 @@ def test_options_and_bytes_behind_do_not_matter(options: str, behind: str) -> No
 
 
 def test_a_string_of_length_zero_is_empty() -> None:
-    """Readers accept it though no ROS writer writes it (protocol.md 2.2)."""
+    """Readers accept it though no ROS writer writes it (docs/internals/protocol.md 2.2)."""
     for kind, tail, wanted in (
         ("string", "000000 00000000", ""),
         ("string[]", "000000 03000000 00000000 02000000 4100 0000 00000000", ["", "A", ""]),

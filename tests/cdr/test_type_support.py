@@ -50,7 +50,7 @@ def subject(name: str) -> Any:
 
 
 def independent_hash(description: dict[str, Any]) -> str:
-    """RIHS01 as protocol.md 3.1 writes it, over a description without default values."""
+    """RIHS01 as docs/internals/protocol.md 3.1 writes it, over a description without default values."""
     plain = json.loads(json.dumps(description))
     for one in [plain["type_description"], *plain["referenced_type_descriptions"]]:
         for field in one["fields"]:

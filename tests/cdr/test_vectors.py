@@ -74,7 +74,7 @@ def _cuts(data: bytes) -> list[int]:
 
 @TYPES
 def test_network_padding_may_be_cut_off(name: str) -> None:
-    """rmw_cyclonedds pads to a multiple of 4 on the network (protocol.md 2.4)."""
+    """rmw_cyclonedds pads to a multiple of 4 on the network (docs/internals/protocol.md 2.4)."""
     oracle = reference()
     for vector in BY_TYPE[name]:
         padded = vector.cdr + bytes(-len(vector.cdr) % 4)

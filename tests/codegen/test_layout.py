@@ -143,7 +143,10 @@ SIZES = {
 
 
 def largest(library: Library, definition: MessageDef, position: int) -> int | None:
-    """The end of the largest message, every bounded thing full of its largest elements (protocol.md 2)."""
+    """The end of the largest message, every bounded thing full of its largest elements.
+
+    Source: docs/internals/protocol.md 2.
+    """
     if not definition.fields:
         return position + 1
     for item in definition.fields:

@@ -1,4 +1,4 @@
-"""The rosidl subset of IDL (protocol.md 1.8), alone and against the real rosidl_parser."""
+"""The rosidl subset of IDL (docs/internals/protocol.md 1.8), alone and against the real rosidl_parser."""
 
 # ruff: noqa: E501 - in tables one case is one line
 from __future__ import annotations

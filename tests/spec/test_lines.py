@@ -1,4 +1,4 @@
-"""The line algorithm and the value rules of .msg text (protocol.md 1.1 to 1.6), one case a line."""
+"""The line algorithm and the value rules of .msg text (docs/internals/protocol.md 1.1 to 1.6), one case a line."""
 
 from __future__ import annotations
 

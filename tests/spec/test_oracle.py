@@ -391,7 +391,7 @@ def test_rosidl_agrees_about_random_services_and_actions(rosidl: Rosidl, kind: s
 
 
 def test_arrays_of_the_quirk_are_what_they_seem_in_our_model() -> None:
-    """Only the description of ``wstring<=N[]`` has the reference's mistake, the codec has not (protocol.md 1.7)."""
+    """Only the description of ``wstring<=N[]`` is mistaken in the reference (docs/internals/protocol.md 1.7)."""
     interface, _ = read("wstring<=3[] x")
     assert isinstance(interface, MessageDef)
     kind = interface.fields[0].type

@@ -1,7 +1,7 @@
 """What may be given to the public functions of actions, and what is said about everything else.
 
 Decides which special values mean something: all zeros are no goal id and no stamp, because on the wire they select
-every goal (protocol.md 8.4).
+every goal (docs/internals/protocol.md 8.4).
 """
 
 from __future__ import annotations

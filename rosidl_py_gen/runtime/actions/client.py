@@ -5,7 +5,7 @@ its result is in, that a goal is sent only when all five endpoints of a server a
 us, and that the result is asked for as soon as the goal is accepted. What happens when the server goes away is
 `results.py`'s.
 
-Source: protocol.md 8.1, 8.4, 8.5.
+Source: docs/internals/protocol.md 8.1, 8.4, 8.5.
 """
 
 from __future__ import annotations

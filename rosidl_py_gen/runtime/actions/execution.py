@@ -37,8 +37,8 @@ class FeedbackReadiness:
     A client that has just appeared may be connected with the goal service before it is with the feedback topic, and
     what is published until then is lost. So is what a reliable DDS writer sends before a new reader has had its first
     heartbeat, which comes a few milliseconds after they were connected (measured: the first feedback of every tenth
-    new client). So up to 100 ms are given to connections, as service replies do (protocol.md 5.2), and 10 ms to the
-    heartbeat. Goals of known clients wait for nothing.
+    new client). So up to 100 ms are given to connections, as service replies do (docs/internals/protocol.md 5.2), and
+    10 ms to the heartbeat. Goals of known clients wait for nothing.
     """
 
     def __init__(self, scope: Scope, goals: ServiceServer[Any, Any], feedback: Publisher[Any]) -> None:

@@ -14,7 +14,7 @@ Two things are looked at from time to time, because nothing announces them:
   does that within milliseconds: then the goal has ended with it.
 
 There is no task and no future per goal, only what the client of a service keeps for a request: results are awaited for
-as long as goals run, also while plain code lets no event loop run. Source: protocol.md 8.3, 8.5.
+as long as goals run, also while plain code lets no event loop run. Source: docs/internals/protocol.md 8.3, 8.5.
 """
 
 from __future__ import annotations

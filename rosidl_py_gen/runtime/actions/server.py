@@ -3,7 +3,7 @@
 Decides which requests are answered at once and which wait: for somebody's decision, or for a result. What becomes of
 accepted goals is `server_goal.py`'s, who decides about requests `decisions.py`'s, how a handler runs `execution.py`'s.
 
-Source: protocol.md 8.
+Source: docs/internals/protocol.md 8.
 """
 
 from __future__ import annotations

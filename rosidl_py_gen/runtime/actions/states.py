@@ -1,8 +1,8 @@
 """Goals on an action server: the state machine as a table, and the list of all goals.
 
 Plain objects without I/O, fed with values; times are nanoseconds of the server's clock. Decides which event is
-possible when (protocol.md 8.2), who may be cancelled with which return code (8.4), and when a finished goal is
-forgotten (8.3). Sending answers is `server.py`'s, publishing the status `server_goal.py`'s.
+possible when, when a finished goal is forgotten, and who may be cancelled with which return code
+(docs/internals/protocol.md 8.2 to 8.4). Sending answers is `server.py`'s, publishing the status `server_goal.py`'s.
 """
 
 from __future__ import annotations
@@ -213,7 +213,7 @@ class GoalBook(Generic[ResultT]):
         return None if goal is None else goal.result
 
     def select_for_cancel(self, goal_id: bytes, stamp_ns: int) -> CancelSelection:
-        """Which goals a cancel request is about, by the table of protocol.md 8.4."""
+        """Which goals a cancel request is about, by the table of docs/internals/protocol.md 8.4."""
         if goal_id != ZERO_ID and stamp_ns == 0:
             goal = self._goals.get(goal_id)
             if goal is None:

@@ -6,7 +6,7 @@ the first row the stamp is aligned without padding.
 
 Decides when a status is written: after the response that a change belongs to. A write costs as much as the response,
 and nobody waits for it. Handlers that the change starts or wakes come later still. Each change has its message, in
-order. Source: protocol.md 2, 8.3.
+order. Source: docs/internals/protocol.md 2, 8.3.
 """
 
 from __future__ import annotations

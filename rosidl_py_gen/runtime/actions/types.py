@@ -5,7 +5,7 @@ messages, with a type given as text they are dicts. Everything else inside the a
 
 Decides too how a type checker sees it: servers, clients and goals are generic in one variable, the action class, and
 their methods find the types of its parts by annotating `self`: ``self: ServerGoal[Action[GoalT, Any, Any]]``.
-Source: protocol.md 8.1.
+Source: docs/internals/protocol.md 8.1.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Service introspection: what passes a client or a server, published on ``<service>/_service_event``.
 
-Decides what an event says (protocol.md 12.1). Clients and servers tell a `Tap` while they have one, so that services
-without introspection pay nothing for it.
+Decides what an event says (docs/internals/protocol.md 12.1). Clients and servers tell a `Tap` while they have one, so
+that services without introspection pay nothing for it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """The ROS graph: nodes, topics, services and endpoints, as a plain object fed with discovery events.
 
-Decides how endpoints and what participants tell of their nodes combine into what ROS shows (protocol.md 6.3, 6.4). No
-I/O, no waiting: `discovery.py` feeds it, `node/graph.py` asks it. `version` grows with every change.
+Decides how endpoints and what participants tell of their nodes combine into what ROS shows
+(docs/internals/protocol.md 6.3, 6.4). No I/O, no waiting: `discovery.py` feeds it, `node/graph.py` asks it. `version`
+grows with every change.
 """
 
 from __future__ import annotations
@@ -282,7 +283,7 @@ class Graph:
             for node in participant.nodes:
                 if (node.name, node.namespace) == (name, namespace):
                     for guid in node.writer_gids if writers else node.reader_gids:
-                        # Announced but not discovered: stale (protocol.md 6.3, rmw_cyclonedds Jazzy).
+                        # Announced but not discovered: stale (docs/internals/protocol.md 6.3, rmw_cyclonedds Jazzy).
                         if guid in self.endpoints:
                             yield self.endpoints[guid]
 

@@ -2,7 +2,7 @@
 
 Decides when callbacks run; states and what answers mean are `states.py`'s. One transition at a time: a request
 that comes while another is under way is refused. A transition that is cancelled is an error: it is brought to its end,
-error processing included, so that the node is never left in between. Source: protocol.md 12.2.
+error processing included, so that the node is never left in between. Source: docs/internals/protocol.md 12.2.
 """
 
 from __future__ import annotations

@@ -21,7 +21,8 @@ MessageT = TypeVar("MessageT", bound=Message)
 
 
 class LifecycleNode(Node):
-    """A node that others configure, activate and shut down (protocol.md 12.2). Arguments are those of `Node`.
+    """A node that others configure, activate and shut down (docs/internals/protocol.md 12.2). Arguments are those of
+    `Node`.
 
     Override `on_configure`, `on_activate` and so on; create endpoints in `on_configure`. Each ``on_...`` may be plain
     or async, gets the state the node comes from, and answers an `Outcome`. None and what Python takes for true mean

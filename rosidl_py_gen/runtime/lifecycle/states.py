@@ -1,7 +1,7 @@
 """The states of lifecycle nodes and the transitions between them, as a table.
 
-Decides which transition a request means and which state follows (protocol.md 12.2). Running callbacks and serving the
-five services is `machine.py`.
+Decides which transition a request means and which state follows (docs/internals/protocol.md 12.2). Running callbacks
+and serving the five services is `machine.py`.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Decides the text of a line (RCUTILS_CONSOLE_OUTPUT_FORMAT), colour and stream. When the program gave Python's root
 logger handlers of its own, those get every record and this console keeps quiet, so that nothing appears twice.
 
-Source: protocol.md 9.7, 10.6.
+Source: docs/internals/protocol.md 9.7, 10.6.
 """
 
 from __future__ import annotations

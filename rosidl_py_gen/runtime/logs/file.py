@@ -3,7 +3,7 @@
 They are those of rcl_logging_spdlog, except that the name begins with the program's name where ROS says ``python3``,
 and that lines are written at once. Whether there is a file is decided by `logs/outputs.py`. May import this room only.
 
-Source: protocol.md 10.6.
+Source: docs/internals/protocol.md 10.6.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ because their names are node names: a node called "asyncio" must not change Pyth
 default level is INFO, not WARNING. Records still reach the handlers of Python's root logger, so `basicConfig`, pytest
 and friends see them. Printing is `console.py`, publishing is `rosout.py`.
 
-Source: protocol.md 9.7.
+Source: docs/internals/protocol.md 9.7.
 """
 
 from __future__ import annotations

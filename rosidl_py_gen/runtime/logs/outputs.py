@@ -5,7 +5,7 @@ when somebody asks for one, with ``--log-file-name``, ``--enable-external-lib-lo
 (``--disable-external-lib-logs`` wins). ROS writes one for every process; a script that uses this package need not leave
 files behind. Log levels are set by every context, for the process. May import this room and names.
 
-Source: protocol.md 10.4, 10.6.
+Source: docs/internals/protocol.md 10.4, 10.6.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Remap rules: parse one, and resolve every name of a node through them.
 
-Decides which rule applies (protocol.md 10.3): the first that matches, and never to the result of another one. Names of
-endpoints go through `NodeNames.resolve_topic` and `resolve_service`, which expand, remap once and validate.
+Decides which rule applies (docs/internals/protocol.md 10.3): the first that matches, and never to the result of another
+one. Names of endpoints go through `NodeNames.resolve_topic` and `resolve_service`, which expand, remap once and
+validate.
 """
 
 from __future__ import annotations

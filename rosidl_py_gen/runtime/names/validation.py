@@ -1,8 +1,8 @@
 """Which names ROS allows, and how a name as written becomes a fully qualified one.
 
-Decides validation and expansion (protocol.md 10.1, 10.2). Remapping is `remap.py`, what DDS calls a name is `dds.py`.
-A name is validated twice: as written, so that the caret points into the text the user typed, and again after expansion,
-because substitutions and namespaces can break it.
+Decides validation and expansion (docs/internals/protocol.md 10.1, 10.2). Remapping is `remap.py`, what DDS calls a name
+is `dds.py`. A name is validated twice: as written, so that the caret points into the text the user typed, and again
+after expansion, because substitutions and namespaces can break it.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def resolve_node_name(name: str, namespace: str) -> str:
 def expand_name(name: str, node_name: str, namespace: str, what: str = "topic name") -> str:
     """Turn a name as written into a fully qualified one, without remapping.
 
-    Raises `InvalidNameError`. Source: protocol.md 10.2.
+    Raises `InvalidNameError`. Source: docs/internals/protocol.md 10.2.
     """
     validate_name(name, what)
     full = name

@@ -1,7 +1,7 @@
 """ROS arguments: everything between ``--ros-args`` and ``--``, and what is left for the program; and those of `Node`.
 
-Decides the grammar of protocol.md 10.4. Values are kept in the order of the command line, because later parameters
-override earlier ones. Parameter files are read through the `read_text` function given by the caller.
+Decides the grammar of docs/internals/protocol.md 10.4. Values are kept in the order of the command line, because later
+parameters override earlier ones. Parameter files are read through the `read_text` function given by the caller.
 """
 
 from __future__ import annotations

@@ -65,7 +65,8 @@ class Context:
 
     Args:
         domain_id: None means ``ROS_DOMAIN_ID``, else 0.
-        discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None means the environment (protocol.md 10.6).
+        discovery: ``"localhost"``, ``"subnet"`` or ``"off"``; None means the environment
+            (docs/internals/protocol.md 10.6).
         args: a command line that may contain ``--ros-args``; None means `sys.argv`.
         announce_delay_s: how long changes of our nodes wait for others before peers are told of them, together.
         on_error: what nodes do that are not told otherwise, when a callback raises; see `Node`.

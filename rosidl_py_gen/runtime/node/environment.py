@@ -1,7 +1,7 @@
 """What the ROS and Cyclone environment variables mean.
 
-Decides domain id, discovery range and static peers (protocol.md 10.6), and which middleware is meant. It reads a
-mapping, never `os.environ` or a file, so that every case is a value in a test.
+Decides domain id, discovery range and static peers (docs/internals/protocol.md 10.6), and which middleware is meant. It
+reads a mapping, never `os.environ` or a file, so that every case is a value in a test.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The services ``~/get_logger_levels`` and ``~/set_logger_levels``.
 
-Levels are those of the whole process. May import endpoints, never the node. Source: protocol.md 9.1.
+Levels are those of the whole process. May import endpoints, never the node. Source: docs/internals/protocol.md 9.1.
 """
 
 from __future__ import annotations

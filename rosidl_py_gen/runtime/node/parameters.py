@@ -1,8 +1,8 @@
 """The parameter methods of a node.
 
-Decides names, defaults and the order in which a node brings up what every ROS node has (protocol.md 9.1): parameter
-events, `use_sim_time`, the six services, logger levels, type description. What each does is in its own file; what not
-every node needs is imported when it is first used.
+Decides names, defaults and the order in which a node brings up what every ROS node has
+(docs/internals/protocol.md 9.1): parameter events, `use_sim_time`, the six services, logger levels, type description.
+What each does is in its own file; what not every node needs is imported when it is first used.
 """
 
 from __future__ import annotations

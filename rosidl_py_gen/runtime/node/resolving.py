@@ -43,7 +43,7 @@ _PATIENCE_S = 3.0
 _SERVICE_PATIENCE_S = 1.0
 """The same for a node whose service is not known: it may have none."""
 _NAMES_PATIENCE_S = 4.0
-"""With Fast DDS the names of nodes may follow by 3 s (protocol.md 6)."""
+"""With Fast DDS the names of nodes may follow by 3 s (docs/internals/protocol.md 6)."""
 _LATE_S = 2.0
 """What a node announces last may follow by this much: Fast DDS repeats lost announcements after 1 s."""
 _MOST_ASKED = 8

@@ -1,6 +1,6 @@
 """Publishes what a node logs on ``/rosout``.
 
-Decides the message; which record belongs to which node is `logs/rosout.py`. Source: protocol.md 9.7.
+Decides the message; which record belongs to which node is `logs/rosout.py`. Source: docs/internals/protocol.md 9.7.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Simulated time: following ``/clock`` while the parameter `use_sim_time` is true, and publishing it.
 
 Decides which change of the parameter means what; what a jump of time means is decided by `time/clock.py`. May import
-endpoints and parameters, never the node. Source: protocol.md 9.6.
+endpoints and parameters, never the node. Source: docs/internals/protocol.md 9.6.
 """
 
 from __future__ import annotations

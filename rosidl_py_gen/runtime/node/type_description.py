@@ -1,9 +1,10 @@
 """``~/get_type_description``: telling others how a type this node uses is defined, and asking them.
 
 Decides which types count (those of the node's endpoints, the services and actions these are parts of) and the failure
-texts of protocol.md 9.8; whatever goes wrong is such a failure, never silence. Sources are looked for in the bundled
-interfaces and below AMENT_PREFIX_PATH; a type whose file is not there, or says something else, is answered with empty
-contents. Whoever asks without a hash takes the one that the node itself announces, never one of a definition here.
+texts of docs/internals/protocol.md 9.8; whatever goes wrong is such a failure, never silence. Sources are looked for in
+the bundled interfaces and below AMENT_PREFIX_PATH; a type whose file is not there, or says something else, is answered
+with empty contents. Whoever asks without a hash takes the one that the node itself announces, never one of a definition
+here.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """Parameter files: reading and writing the YAML that rcl understands.
 
 Decides what a scalar means, and it is not what YAML says: `y` is true, `010` is 8, `08` is 8.0 and `null` is a text
-(protocol.md 10.5). So the standard resolver is replaced by one that only tells plain scalars from quoted ones, and
-`plain_scalar` decides. Text is what is quoted or tagged ``!!str``; other tags are ignored (``!!int yes`` is true) and
-block scalars count as plain, as in `get_value` of rcl_yaml_param_parser's parse.c. PyYAML is imported only here.
-Reading files is the caller's.
+(docs/internals/protocol.md 10.5). So the standard resolver is replaced by one that only tells plain scalars from quoted
+ones, and `plain_scalar` decides. Text is what is quoted or tagged ``!!str``; other tags are ignored (``!!int yes`` is
+true) and block scalars count as plain, as in `get_value` of rcl_yaml_param_parser's parse.c. PyYAML is imported only
+here. Reading files is the caller's.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Parameter values, descriptors and events to and from rcl_interfaces messages.
 
-Decides nothing but the mapping of fields (protocol.md 9.2). A message from a peer may hold anything: a type number that
-does not exist is NOT_SET where a node tells of itself, and refused where it asks for something.
+Decides nothing but the mapping of fields (docs/internals/protocol.md 9.2). A message from a peer may hold anything: a
+type number that does not exist is NOT_SET where a node tells of itself, and refused where it asks for something.
 """
 
 from __future__ import annotations

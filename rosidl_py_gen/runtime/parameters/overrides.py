@@ -1,7 +1,7 @@
 """Parameter values that a command line or a file gives to nodes, and which node gets them.
 
-Decides what a node pattern matches (protocol.md 10.5); reading YAML is `files.py`'s, which takes a while to
-import and is not needed without parameters.
+Decides what a node pattern matches (docs/internals/protocol.md 10.5); reading YAML is `files.py`'s, which takes a while
+to import and is not needed without parameters.
 """
 
 from __future__ import annotations

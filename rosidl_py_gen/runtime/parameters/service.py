@@ -1,6 +1,7 @@
 """What makes the parameters of a node visible to others: six services and ``/parameter_events``.
 
-Decides which message answers which question; what the answer is, is `store.py`'s. Source: protocol.md 9.1 to 9.5.
+Decides which message answers which question; what the answer is, is `store.py`'s. Source:
+docs/internals/protocol.md 9.1 to 9.5.
 """
 
 from __future__ import annotations

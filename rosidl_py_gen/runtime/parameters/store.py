@@ -1,9 +1,9 @@
 """The parameters of one node: declare, get, set, describe, list.
 
 A plain object without I/O: events go to the `on_event` function, callbacks are called in place. Decides the order of
-checks and what each failure says (protocol.md 9.3, 9.4); the checks themselves are in `validation.py`, calling
-users' functions is `callbacks.py`'s. Nothing is stored before every check and callback has agreed, so a
-refused set leaves no trace.
+checks and what each failure says (docs/internals/protocol.md 9.3, 9.4); the checks themselves are in `validation.py`,
+calling users' functions is `callbacks.py`'s. Nothing is stored before every check and callback has agreed, so a refused
+set leaves no trace.
 
 Decides, too, that a whole number is a double where one is declared, in overrides and in sets; rclpy refuses it.
 

@@ -1,7 +1,7 @@
 """What a parameter's name, descriptor and value must be, and which names a listing shows; pure functions.
 
 They give the reason against something, an empty text when there is none. Reasons against setting a value are seen by
-`ros2 param` and by other nodes and equal rclpy's to the letter (protocol.md 9.4).
+`ros2 param` and by other nodes and equal rclpy's to the letter (docs/internals/protocol.md 9.4).
 """
 
 from __future__ import annotations
@@ -154,7 +154,10 @@ class Listing:
 
 
 def list_names(names: Iterable[str], prefixes: Sequence[str], depth: int) -> Listing:
-    """Which names a listing with these prefixes and this depth shows; depth 0 has no limit (protocol.md 9.3)."""
+    """Which names a listing with these prefixes and this depth shows; depth 0 has no limit.
+
+    Source: docs/internals/protocol.md 9.3.
+    """
     chosen = tuple(name for name in names if _is_listed(name, prefixes, depth))
     groups = dict.fromkeys(name.rpartition(SEPARATOR)[0] for name in chosen if SEPARATOR in name)
     return Listing(chosen, tuple(groups))

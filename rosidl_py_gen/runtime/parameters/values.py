@@ -1,7 +1,7 @@
 """Parameter values, descriptors and the errors about them.
 
-Decides which Python value is which parameter type (protocol.md 9.2). Values are immutable: arrays are tuples, byte
-arrays are `bytes`. Storing and checking is `store.py`, messages are `messages.py`.
+Decides which Python value is which parameter type (docs/internals/protocol.md 9.2). Values are immutable: arrays are
+tuples, byte arrays are `bytes`. Storing and checking is `store.py`, messages are `messages.py`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ Decides how to sleep by a clock that can jump, too: simulated time is never slep
 system time is looked at at least once a second, because somebody may set it. A sleep ends when ROS time is activated or
 deactivated, as in rclpy: a point in one time means nothing in the other, and waiting for it could take for ever.
 
-May import this room and logs. Source: protocol.md 9.6.
+May import this room and logs. Source: docs/internals/protocol.md 9.6.
 """
 
 from __future__ import annotations

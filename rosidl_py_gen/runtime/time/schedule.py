@@ -1,7 +1,8 @@
 """When a timer is due: the arithmetic, fed with values.
 
-Decides the drift-free rule of rcl (protocol.md 9.6): due times stay on the grid of the first one, periods that were
-missed are skipped and counted, never made up. Waiting and calling are `endpoints/timer.py`'s business.
+Decides the drift-free rule of rcl (docs/internals/protocol.md 9.6): due times stay on the grid of the first one,
+periods that were missed are skipped and counted, never made up. Waiting and calling are `endpoints/timer.py`'s
+business.
 """
 
 from __future__ import annotations

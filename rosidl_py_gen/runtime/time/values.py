@@ -33,7 +33,7 @@ class TimeRangeError(RosidlError, ValueError):
 
 
 class ClockType(IntEnum):
-    """Where a time comes from; numbers of rcl (protocol.md 9.6)."""
+    """Where a time comes from; numbers of rcl (docs/internals/protocol.md 9.6)."""
 
     ROS_TIME = 1
     SYSTEM_TIME = 2

@@ -53,7 +53,7 @@ def check_compatible(offered: QoSProfile, requested: QoSProfile) -> Compatibilit
     Warnings are looked for only when there is no error, as rmw does. Unlike rmw an infinite duration counts as
     unspecified: discovered profiles carry infinite ones, and DDS matches them.
 
-    Source: protocol.md 7.6.
+    Source: docs/internals/protocol.md 7.6.
     """
     errors = [f"ERROR: {text};" for text in _mismatches(offered, requested)]
     if errors:
@@ -151,7 +151,7 @@ def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Seque
     creation; with no peer a subscription becomes RELIABLE, TRANSIENT_LOCAL and MANUAL_BY_TOPIC, because "all of
     nobody" holds.
 
-    Source: protocol.md 7.5.
+    Source: docs/internals/protocol.md 7.5.
     """
     return replace(
         profile,
@@ -184,7 +184,10 @@ def resolve_best_available(profile: QoSProfile, *, publisher: bool, peers: Seque
 
 
 def without_best_available(profile: QoSProfile) -> QoSProfile:
-    """Replace BEST_AVAILABLE policies by those of `SERVICES_DEFAULT`, as services and clients do (7.5)."""
+    """Replace BEST_AVAILABLE policies by those of `SERVICES_DEFAULT`, as services and clients do.
+
+    Source: docs/internals/protocol.md 7.5.
+    """
     default = SERVICES_DEFAULT
     return replace(
         profile,

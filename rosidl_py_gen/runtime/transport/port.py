@@ -74,7 +74,10 @@ class Writer(Protocol):
 
     @property
     def handle(self) -> int:
-        """Unsigned number that is unique among the writers of this machine's process (protocol.md 5.1)."""
+        """Unsigned number that is unique among the writers of this machine's process.
+
+        Source: docs/internals/protocol.md 5.1.
+        """
 
     def write(self, data: Payload) -> bool:
         """Send a sample. Never blocks and never holds the GIL inside the middleware.

@@ -1,7 +1,7 @@
 """Quality-of-service profiles: the policies with rmw's numbers, what a profile holds, and the ROS presets.
 
 Decides which values there are. When two profiles match is `matching.py`, how one becomes DDS policies is the
-transport's business (protocol.md 7.3). Imports nothing of ours but errors.
+transport's business (docs/internals/protocol.md 7.3). Imports nothing of ours but errors.
 
 Durations are integer nanoseconds with two special values: 0 means "unspecified", `INFINITE_NS` means "never";
 for matching the two are the same, because a DDS entity without the policy has an infinite period.
@@ -25,7 +25,7 @@ class InvalidQoSError(RosidlError, ValueError):
 
 
 class History(IntEnum):
-    """How many samples are kept; numbers of rmw (protocol.md 7.1)."""
+    """How many samples are kept; numbers of rmw (docs/internals/protocol.md 7.1)."""
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -182,7 +182,7 @@ class QoSProfile:
         return self._with_liveliness(Liveliness.MANUAL_BY_TOPIC, lease_s)
 
     def no_ros_prefix(self) -> QoSProfile:
-        """Use the topic name as it is, without `rt/` in front (protocol.md 4)."""
+        """Use the topic name as it is, without `rt/` in front (docs/internals/protocol.md 4)."""
         return replace(self, avoid_ros_namespace_conventions=True)
 
     def _with_liveliness(self, kind: Liveliness, lease_s: float | None) -> QoSProfile:
@@ -232,7 +232,7 @@ def as_profile(qos: QoSLike) -> QoSProfile:
 def effective(qos: QoSProfile, *, is_writer: bool) -> QoSProfile:
     """The profile as discovery shows it: SYSTEM_DEFAULT and unspecified values replaced by what they mean.
 
-    Source: protocol.md 7.3 and 6.4 (durations that are not set are infinite, a reader has no lifespan).
+    Source: docs/internals/protocol.md 6.4, 7.3 (durations that are not set are infinite, a reader has no lifespan).
     """
     keep_all = qos.history is History.KEEP_ALL
     return replace(

@@ -1,4 +1,4 @@
-"""How types are called on the wire, by DDS and by Zenoh, which took it over (protocol.md 4)."""
+"""How types are called on the wire, by DDS and by Zenoh, which took it over (docs/internals/protocol.md 4)."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Publisher
 
 _LISTENERS_S = 2.0
-"""Until everybody who listens is known; those on Fast DDS are up to a second late (fastdds.md 7)."""
+"""Until everybody who listens is known; those on Fast DDS are up to a second late (docs/internals/dds.md 6)."""
 _ACKNOWLEDGED_S = 1.0
 _PROGRESS_S = 0.5
 _LEAST_DEPTH = 10

@@ -1,4 +1,4 @@
-"""What actions and parameters put on the wire, byte by byte (protocol.md 4, 5.1, 8, 9)."""
+"""What actions and parameters put on the wire, byte by byte (docs/internals/protocol.md 4, 5.1, 8, 9)."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ async def test_a_callback_that_raises_cancelled_error_refuses(world: World) -> N
 
 @pytest.mark.parametrize("agreed", [True, False])
 async def test_goals_that_end_while_a_cancel_is_decided_leave_an_empty_list(world: World, agreed: bool) -> None:
-    """protocol.md 8.4: a zero id always gets code 0, which here once was 3."""
+    """docs/internals/protocol.md 8.4: a zero id always gets code 0, which here once was 3."""
 
     asked, decide = asyncio.Event(), asyncio.Event()
 

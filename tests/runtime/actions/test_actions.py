@@ -1,4 +1,4 @@
-"""Actions on the memory transport: protocol.md 8, and the defects of r2r.md A7 that must not be ours."""
+"""Actions on the memory transport (docs/internals/protocol.md 8), and defects of r2r 0.9.5 that must not be ours."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ async def test_goal_feedback_result(world: World) -> None:
 
 
 async def test_feedback_may_be_drained_after_the_result_and_ends(world: World) -> None:
-    """In r2r the stream never ends, so its own example hangs (r2r.md A7)."""
+    """In r2r the stream never ends, so its own example hangs."""
 
     _, client = await pair(world)
     handle = await client.send_goal(goal(2))
@@ -157,7 +157,7 @@ async def test_ending_twice_is_an_error_in_the_handler(world: World) -> None:
 
 
 async def test_cancel_reaches_canceled_and_status_shows_every_step(world: World) -> None:
-    """In r2r the status stays CANCELING for ever (r2r.md A7)."""
+    """In r2r the status stays CANCELING for ever."""
 
     server, client = await pair(world, until_canceled)
     seen = await statuses_of(world, server)
@@ -227,7 +227,7 @@ async def test_a_server_may_refuse_every_cancel(world: World) -> None:
 
 
 async def test_cancel_all_lists_every_goal(world: World) -> None:
-    """r2r answers REJECTED with an empty list as soon as there are two goals (r2r.md A7)."""
+    """r2r answers REJECTED with an empty list as soon as there are two goals."""
 
     _, client = await pair(world, until_canceled)
     handles = [await client.send_goal(goal()) for _ in range(3)]
@@ -488,7 +488,7 @@ async def test_results_are_kept_for_fifteen_minutes_unless_said_otherwise(world:
 
 
 async def test_cancel_requests_as_a_stream(world: World) -> None:
-    """In r2r `is_cancelling` and `succeed` fail after an accepted cancel (r2r.md A7)."""
+    """In r2r `is_cancelling` and `succeed` fail after an accepted cancel."""
 
     server, client = await pair(world, None)
     cancels = server.cancel_requests()

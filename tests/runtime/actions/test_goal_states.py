@@ -1,4 +1,4 @@
-"""Action goals on the server: protocol.md 8.2 to 8.4, every pair, and a random walk against a model."""
+"""Action goals on the server: docs/internals/protocol.md 8.2 to 8.4, every pair, and a random walk against a model."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_ending_twice_is_an_error_and_keeps_the_first_result() -> None:
 
 
 def test_results_are_forgotten_when_their_time_is_over() -> None:
-    """r2r keeps every result for ever (r2r.md A7)."""
+    """r2r keeps every result for ever."""
     goals = book(0, 0, timeout_ns=100)
     assert goals.next_expiry_ns() is None
     for number in (1, 2):
@@ -182,7 +182,7 @@ def test_who_is_cancelled_with_which_code(goal: int, stamp: int, code: int, chos
     ],
 )
 def test_the_answer_to_a_cancel(goal: int, agreed: list[int], ended: list[int], code: int, chosen: list[int]) -> None:
-    """r2r answers REJECTED with an empty list for every request that hits two goals (r2r.md A7)."""
+    """r2r answers REJECTED with an empty list for every request that hits two goals."""
     goals = book(1, 2)
     for number in (1, 2):
         goals.apply(gid(number), E.EXECUTE)

@@ -1,4 +1,4 @@
-"""Service introspection: protocol.md 12.1."""
+"""Service introspection: docs/internals/protocol.md 12.1."""
 
 from __future__ import annotations
 

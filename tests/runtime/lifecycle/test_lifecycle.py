@@ -1,4 +1,4 @@
-"""Lifecycle nodes on the memory transport: protocol.md 12.2."""
+"""Lifecycle nodes on the memory transport: docs/internals/protocol.md 12.2."""
 
 from __future__ import annotations
 

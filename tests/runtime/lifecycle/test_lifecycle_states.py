@@ -1,4 +1,4 @@
-"""The lifecycle state machine: protocol.md 12.2, every row and every pair that is not one."""
+"""The lifecycle state machine: docs/internals/protocol.md 12.2, every row and every pair that is not one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Log files and the switches of log outputs, end to end: protocol.md 9.7, 10.4, 10.6."""
+"""Log files and the switches of log outputs, end to end: docs/internals/protocol.md 9.7, 10.4, 10.6."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""ROS loggers: names, levels, call-site options, console lines and the fields for /rosout (protocol.md 9.7)."""
+"""ROS loggers: names, levels, call-site options, console lines and the fields for /rosout.
+
+Source: docs/internals/protocol.md 9.7.
+"""
 
 from __future__ import annotations
 

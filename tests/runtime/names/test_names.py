@@ -1,4 +1,4 @@
-"""Names and remap rules: protocol.md 10.1 to 10.3."""
+"""Names and remap rules: docs/internals/protocol.md 10.1 to 10.3."""
 
 from __future__ import annotations
 

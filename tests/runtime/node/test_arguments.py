@@ -1,4 +1,4 @@
-"""``--ros-args``: protocol.md 10.4."""
+"""``--ros-args``: docs/internals/protocol.md 10.4."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Environment variables: protocol.md 10.6."""
+"""Environment variables: docs/internals/protocol.md 10.6."""
 
 from __future__ import annotations
 

@@ -29,6 +29,7 @@ from rosidl_py_gen.runtime import (
     Outcome,
     QoSProfile,
     State,
+    TopicEndpointInfo,
     WaitTimeoutError,
 )
 from rosidl_py_gen.runtime.endpoints.late_types import late_message_type, late_service_type
@@ -156,7 +157,7 @@ async def test_names_of_counted_services_are_expanded_and_remapped_as_services(w
 
 
 def every_nodes_services(node: str) -> list[tuple[str, list[str]]]:
-    """What protocol.md 9.1 says every node serves."""
+    """What docs/internals/protocol.md 9.1 says every node serves."""
     parameters = (
         "DescribeParameters",
         "GetParameterTypes",
@@ -413,9 +414,12 @@ async def test_the_ends_of_a_service_and_the_participants_are_told(world: World)
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "add")
     bob.create_client(AddTwoInts, "add")
-    servers, clients = (lambda: bob.get_servers_info_by_service("add")), (lambda: bob.get_clients_info_by_service("/add"))
-    await until(lambda: [one.is_named for one in (*servers(), *clients())] == [True, True])
-    (server,), (client,) = servers(), clients()
+
+    def ends() -> list[TopicEndpointInfo]:
+        return [*bob.get_servers_info_by_service("add"), *bob.get_clients_info_by_service("/add")]
+
+    await until(lambda: [one.is_named for one in ends()] == [True, True])
+    server, client = ends()
     assert (server.node, client.node) == ("/alice", "/bob")
     found = {one.guid: one for one in bob.context.participants()}
     assert [one.guid for one in found.values() if one.is_own] == [client.participant_guid]

@@ -1,4 +1,4 @@
-"""Type descriptions and logger levels over the wire (protocol.md 9.1, 9.8)."""
+"""Type descriptions and logger levels over the wire (docs/internals/protocol.md 9.1, 9.8)."""
 
 from __future__ import annotations
 

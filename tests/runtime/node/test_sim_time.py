@@ -1,4 +1,4 @@
-"""Simulated time through the parameter (protocol.md 9.6); only what is about real time sleeps for real."""
+"""Simulated time through the parameter (docs/internals/protocol.md 9.6); only what is about real time really sleeps."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ async def settle() -> None:
 
 
 async def test_use_sim_time_is_live(world: World) -> None:
-    """r2r reads it once and never again (r2r.md A8)."""
+    """r2r reads it once and never again."""
     node, source = world.node("n"), world.node("source").create_sim_time_publisher()
     remote = world.node("other").create_parameter_client("/n")
     assert node.clock.now() > ros(1_000_000_000)

@@ -1,4 +1,4 @@
-"""Types that no file defines, failures, and the answer byte by byte: protocol.md 3, 5.1, 9.8."""
+"""Types that no file defines, failures, and the answer byte by byte: docs/internals/protocol.md 3, 5.1, 9.8."""
 
 from __future__ import annotations
 

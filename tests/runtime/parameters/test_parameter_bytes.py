@@ -1,4 +1,4 @@
-"""What parameters put on the wire, byte by byte (protocol.md 5.1, 9.2 to 9.5, appendix A)."""
+"""What parameters put on the wire, byte by byte (docs/internals/protocol.md 5.1, 9.2 to 9.5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Requests and answers of the parameter services, byte by byte (protocol.md 5.1, 9.2, 9.3, appendix A)."""
+"""Requests and answers of the parameter services, byte by byte (docs/internals/protocol.md 5.1, 9.2, 9.3)."""
 
 from __future__ import annotations
 

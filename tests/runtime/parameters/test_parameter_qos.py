@@ -1,4 +1,4 @@
-"""How the parameter endpoints of a node are announced (protocol.md 7.2, 9.1)."""
+"""How the parameter endpoints of a node are announced (docs/internals/protocol.md 7.2, 9.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which Python value is which parameter type: protocol.md 9.2."""
+"""Which Python value is which parameter type: docs/internals/protocol.md 9.2."""
 
 from __future__ import annotations
 

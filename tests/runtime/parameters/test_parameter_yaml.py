@@ -1,4 +1,4 @@
-"""Parameter YAML as rcl reads it: protocol.md 10.5, case by case, and round trips."""
+"""Parameter YAML as rcl reads it: docs/internals/protocol.md 10.5, case by case, and round trips."""
 
 from __future__ import annotations
 

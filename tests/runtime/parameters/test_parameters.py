@@ -1,4 +1,4 @@
-"""The parameter store: the semantics of rclpy (protocol.md 9.3 to 9.5)."""
+"""The parameter store: the semantics of rclpy (docs/internals/protocol.md 9.3 to 9.5)."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def test_setting_tells_new_from_changed_and_an_equal_value_counts() -> None:
 
 
 def test_all_undeclared_names_are_in_the_reason() -> None:
-    """rclpy forgets the first name (protocol.md 9.4); a single one gives an empty list there."""
+    """rclpy forgets the first name (docs/internals/protocol.md 9.4); a single one gives an empty list there."""
     world = World()
     world.declare("a", 1)
     result = world.set(p("x", 1), p("a", 2), p("y", 3))

@@ -1,4 +1,4 @@
-"""Clocks, the override of ROS time and jump callbacks: protocol.md 9.6."""
+"""Clocks, the override of ROS time and jump callbacks: docs/internals/protocol.md 9.6."""
 
 from __future__ import annotations
 

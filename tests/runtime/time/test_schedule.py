@@ -1,4 +1,4 @@
-"""The drift-free timer schedule of protocol.md 9.6."""
+"""The drift-free timer schedule of docs/internals/protocol.md 9.6."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sleeps and rates on a clock that jumps or changes its source (protocol.md 9.6), without real sleeping.
+"""Sleeps and rates on a clock that jumps or changes its source (docs/internals/protocol.md 9.6), without real sleeping.
 
 Facts of rclpy: a sleep ends with False when ROS time is activated or deactivated; a Rate is a timer.
 """

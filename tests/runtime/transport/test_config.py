@@ -1,4 +1,4 @@
-"""The configuration of Cyclone: protocol.md 10.6."""
+"""The configuration of Cyclone: docs/internals/protocol.md 10.6."""
 
 from __future__ import annotations
 

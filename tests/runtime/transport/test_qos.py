@@ -1,4 +1,4 @@
-"""Profiles, presets and matching: the tables of protocol.md 7."""
+"""Profiles, presets and matching: the tables of docs/internals/protocol.md 7."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 Decides prototypes, structures and return codes; what they are used for is `participant.py`'s business. This file gets
 the library handle as an argument and imports nothing of `cyclonedds`, whose Python entity classes we do not use: they
 hide which reader woke a WaitSet, hold the GIL in write and take, cost a dataclass per sample, and are never deleted
-when part of a reference cycle (protocol.md 11.4). Plain handles have none of these troubles.
+when part of a reference cycle (docs/internals/protocol.md 11.4). Plain handles have none of these troubles.
 
 Every function releases the GIL for its duration (ctypes.CFUNCTYPE), so that a DDS call may block.
 """

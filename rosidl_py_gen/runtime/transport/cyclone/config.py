@@ -1,4 +1,5 @@
-"""The configuration of Cyclone that follows from a context's settings, as XML text (protocol.md 10.6, 11.6).
+"""The configuration of Cyclone that follows from a context's settings, as XML text
+(docs/internals/protocol.md 10.6, 11.6).
 
 Why localhost mode binds to the loopback interface, which rmw_cyclonedds (Jazzy) does not do: turning multicast off
 stops discovery from leaving the host, but not data to a locator that some discovered peer announces. A transmit socket
@@ -45,7 +46,7 @@ def cyclone_xml(settings: DomainSettings, *, process_id: int, extra: str = "") -
     localhost and off mode multicast is turned off once more at the end, so that a CYCLONEDDS_URI written for another
     mode cannot turn it on. Empty when there is nothing to say.
 
-    Source: protocol.md 10.6, 11.6.
+    Source: docs/internals/protocol.md 10.6, 11.6.
     """
     fragments = []
     body = _domain_elements(settings, process_id) + extra

@@ -4,7 +4,7 @@ Decides nothing about ROS: names and types are only spelled in its way. It also 
 belongs to which local instance handle, because samples and matched lists carry handles only; the handle in the builtin
 sample of an endpoint is the publication handle of its samples.
 
-Source: protocol.md 11.7.
+Source: docs/internals/protocol.md 11.7.
 """
 
 from __future__ import annotations

@@ -120,7 +120,10 @@ def _likely_cause(domain_id: int, xml: str) -> str:
 
 
 def _has_free_index(domain_id: int) -> bool:
-    """Whether one of the UDP ports that participants of this machine share can be bound (protocol.md 10.6)."""
+    """Whether one of the UDP ports that participants of this machine share can be bound.
+
+    Source: docs/internals/protocol.md 10.6.
+    """
     first = _FIRST_PORT + _PORTS_PER_DOMAIN * domain_id + _FIRST_UNICAST
     return any(_is_free(first + _PORTS_PER_INDEX * index) for index in range(MAX_PARTICIPANT_INDEX))
 

@@ -21,7 +21,7 @@ All offsets in Cyclone's structures are in this file; `catchup.py` uses two of t
   (`notice`); whoever reads discovery takes them out again when it was none of Fast DDS (`settle`).
 - They must not run when the interpreter is gone: contexts are closed at exit, which ends all threads of Cyclone.
 
-Source: fastdds.md 3 to 6; protocol.md 5.3.
+Source: docs/internals/dds.md 2 to 5; docs/internals/protocol.md 5.3.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """ROS QoS profiles as Cyclone QoS objects, and back.
 
-Decides protocol.md 7.3 (towards DDS) and 6.4 (what discovery shows). Everything else keeps the DDS default.
+Decides what DDS gets (docs/internals/protocol.md 7.3) and what discovery shows (docs/internals/protocol.md 6.4).
+Everything else keeps the DDS default.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _MAX_BLOCKING_NS = 0
 """A write that would block returns at once instead: `endpoints/publisher.py` waits elsewhere, the event loop never
 does.
 
-rmw_cyclonedds says infinite here; the value takes no part in matching (protocol.md 7.3).
+rmw_cyclonedds says infinite here; the value takes no part in matching (docs/internals/protocol.md 7.3).
 """
 
 

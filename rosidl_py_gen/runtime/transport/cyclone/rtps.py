@@ -2,7 +2,7 @@
 
 Knows packets, not how Cyclone keeps them; that is `fastdds.py`. What comes in here comes from the network.
 
-Source: protocol.md 5.3, fastdds.md 3; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
+Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 2; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
 """
 
 from __future__ import annotations

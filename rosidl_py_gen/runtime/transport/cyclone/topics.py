@@ -14,7 +14,7 @@ that tell others about it are taken away; Cyclone does without those that are no
 Rule: one type object for each domain and type, for as long as the domain is open. A second one would be equal by one of
 Cyclone's comparisons and different by another, and its hash table grows without end.
 
-Source: fastdds.md 2 and 3, protocol.md 11.1 and 11.2.
+Source: docs/internals/dds.md 1 and 2, docs/internals/protocol.md 11.1 and 11.2.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ OPAQUE = (
 
 
 class _Idl:
-    """What `ddspy_topic_create` asks a data type's `__idl__` for (protocol.md 11.1)."""
+    """What `ddspy_topic_create` asks a data type's `__idl__` for (docs/internals/protocol.md 11.1)."""
 
     def __init__(self, dds_type: str) -> None:
         self.idl_transformed_typename = dds_type

@@ -7,7 +7,7 @@ the type of the client tells which kind it is.
 
 Requests are numbered as the middleware numbers what a writer sends, from 1, because servers on Fast DDS count them.
 
-Source: protocol.md 5.1 to 5.4, fastdds.md 4 and 5.
+Source: docs/internals/protocol.md 5.1 to 5.4, docs/internals/dds.md 3 and 4.
 """
 
 from __future__ import annotations
@@ -128,7 +128,8 @@ def find_servers(
     refusal: str | None,
     counts: Callable[[EndpointFound], bool],
 ) -> Found:
-    """Source: protocol.md 5.2; servers with identities have no ids, but both endpoints in one participant.
+    """Source: docs/internals/protocol.md 5.2; servers with identities have no ids, but both endpoints in one
+    participant.
 
     Args:
         readers: of requests, connected with the client.
@@ -185,7 +186,7 @@ class ClientCorrelation:
     """Which bytes are a request of one client, and which replies are for it.
 
     Args:
-        handle: a number that no other client has (protocol.md 5.1).
+        handle: a number that no other client has (docs/internals/protocol.md 5.1).
         reader: the GUID of what it reads.
         writer: the GUID of what it writes.
     """
@@ -244,7 +245,7 @@ def listens(
         matched: the readers that replies go to.
         known: what was discovered of an endpoint.
 
-    Source: protocol.md 5.2 and 5.3.
+    Source: docs/internals/protocol.md 5.2 and 5.3.
     """
     if isinstance(client, bytes):
         return not client[15] & _READER_BIT or client in matched()

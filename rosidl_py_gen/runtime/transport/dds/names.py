@@ -1,7 +1,8 @@
 """How ROS names appear in DDS, and the texts that ROS puts into USER_DATA.
 
-Decides spelling only (protocol.md 4, 5.2, 6.1). A name that does not have the ROS shape is a bare one, because DDS
-programs that know nothing of ROS share the same domain; they are never an error. Types are in `type_names.py`.
+Decides spelling only (docs/internals/protocol.md 4, 5.2, 6.1). A name that does not have the ROS shape is a bare one,
+because DDS programs that know nothing of ROS share the same domain; they are never an error. Types are in
+`type_names.py`.
 """
 
 from __future__ import annotations
@@ -68,7 +69,10 @@ def participant_user_data(enclave: str = "/") -> bytes:
 
 
 def endpoint_user_data(type_hash: str, *, client_id: str = "", service_id: str = "") -> bytes:
-    """USER_DATA of an endpoint; an empty hash is left out, since peers warn about malformed ones (protocol.md 6.1)."""
+    """USER_DATA of an endpoint; an empty hash is left out, since peers warn about malformed ones.
+
+    Source: docs/internals/protocol.md 6.1.
+    """
     text = ""
     if client_id:
         text += f"clientid={client_id};"
@@ -101,7 +105,8 @@ def entity_gid(text: str) -> bytes:
 def entity_id(guid_prefix: bytes, counter: int) -> str:
     """The value of ``clientid`` and ``serviceid``: 16 bytes in hex, joined by dots.
 
-    No leading zeros, except that the first byte takes two columns and is padded by a space (protocol.md 5.2).
+    No leading zeros, except that the first byte takes two columns and is padded by a space
+    (docs/internals/protocol.md 5.2).
     """
     first, *rest = guid_prefix[:12] + counter.to_bytes(4, "big")
     return ".".join([f"{first:2x}", *(f"{byte:x}" for byte in rest)])

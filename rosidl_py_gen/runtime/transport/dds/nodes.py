@@ -1,6 +1,6 @@
 """The topic `ros_discovery_info`, by which participants of DDS tell their nodes, and when its writers are asked again.
 
-Source: protocol.md 6.2.
+Source: docs/internals/protocol.md 6.2.
 """
 
 from __future__ import annotations

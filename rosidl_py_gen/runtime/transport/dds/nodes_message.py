@@ -1,8 +1,8 @@
 """The `ros_discovery_info` message in both its shapes: with 16- and 24-byte GIDs.
 
 Written by hand instead of generated because one type name stands for two layouts: Humble's GIDs have 24 bytes, later
-ones 16 (protocol.md 6.2). It begins with the GUID of its sender, and only one reading of the rest consumes it exactly.
-We write the 16-byte shape. Nobody sends big-endian ones.
+ones 16 (docs/internals/protocol.md 6.2). It begins with the GUID of its sender, and only one reading of the rest
+consumes it exactly. We write the 16-byte shape. Nobody sends big-endian ones.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class _Reading:
         if self._take(self.gid_bytes)[:12] != self.sender_prefix:
             raise DecodeError(f"{_NAME}.gid", 4, "expected the GUID of the sender")
         nodes = [self._node() for _ in range(self._count("node_entities_info_seq"))]
-        # The network pads to a multiple of 4 (protocol.md 2.4).
+        # The network pads to a multiple of 4 (docs/internals/protocol.md 2.4).
         if len(self.data) - self.position > 3 or any(self.data[self.position :]):
             raise DecodeError(_NAME, self.position, f"expected the end, {len(self.data) - self.position} bytes follow")
         return nodes

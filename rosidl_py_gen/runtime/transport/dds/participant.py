@@ -1,7 +1,7 @@
 """What participants of DDS have in common, whatever library they use: how ROS puts nodes and services on top of it.
 
 Decides of which two endpoints a client or a server consists, and which one is made first: a server may answer as soon
-as a client's writer is known, so the endpoint on the reply topic is (protocol.md 5.2).
+as a client's writer is known, so the endpoint on the reply topic is (docs/internals/protocol.md 5.2).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Decides nothing but the layout; a reply carries the number and the GID of its request. Peers on rmw_zenoh_cpp may end
 when they get anything else, so only `pack` makes attachments.
 
-Source: zenoh.md 4.2 to 4.4 (rmw_zenoh_cpp, attachment_helpers.cpp).
+Source: docs/internals/zenoh.md 4.2 to 4.4 (rmw_zenoh_cpp, attachment_helpers.cpp).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Decides every value that differs from Zenoh's own defaults. The two that matter most: sessions listen on this machine
 only and find each other through a router, never by multicast. It reads a mapping, never `os.environ`.
 
-Source: zenoh.md 1 (rmw_zenoh_cpp of Jazzy, its two configuration files and zenoh_config.cpp).
+Source: docs/internals/zenoh.md 1 (rmw_zenoh_cpp of Jazzy, its two configuration files and zenoh_config.cpp).
 """
 
 from __future__ import annotations

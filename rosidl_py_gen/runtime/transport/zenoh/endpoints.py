@@ -1,7 +1,8 @@
 """Publishers and subscribers of topics.
 
-Decides what a quality of service means to Zenoh (zenoh.md 5): only endpoints that are transient local are "advanced"
-ones, with a cache or a history; everybody else's are on the same key and exchange samples with them all the same.
+Decides what a quality of service means to Zenoh (docs/internals/zenoh.md 5): only endpoints that are transient local
+are "advanced" ones, with a cache or a history; everybody else's are on the same key and exchange samples with them all
+the same.
 
 Publishers of Lyrical and later send messages with an unbounded array of bytes on another key, and nothing at all to a
 subscriber that does not say it listens there. So ours do, and say so, always: earlier distributions read a token

@@ -6,7 +6,7 @@ any order; the whole text of one is its identity. Endpoints of our own session a
 
 Who is connected with whom follows from names: everybody with the same key, whatever the quality of service.
 
-Source: zenoh.md 3 and 8.
+Source: docs/internals/zenoh.md 3 and 8.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Decides how a ROS name, a type and its hash become a key, for topics and service
 before they come here, types are the DDS ones. A key is matched as a whole: another hash is another key, so that two
 ends whose definitions differ never exchange anything, and are not told.
 
-Source: zenoh.md 2 and 9 (rmw_zenoh_cpp, liveliness_utils.cpp, `TopicInfo`).
+Source: docs/internals/zenoh.md 2 and 9 (rmw_zenoh_cpp, liveliness_utils.cpp, `TopicInfo`).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def cpu_channel(key: str) -> str:
     """Where publishers of Lyrical and later send some messages to those whose token says `tokens.CPU_BACKEND`.
 
     That is done for messages with an unbounded array of bytes that are not transient local; others, and publishers of
-    earlier distributions, use the key itself (zenoh.md 9.2). Arrays inside nested messages count since 3.10.1 of
-    rosidl_typesupport_fastrtps, by its release notes.
+    earlier distributions, use the key itself (docs/internals/zenoh.md 9.2). Arrays inside nested messages count since
+    3.10.1 of rosidl_typesupport_fastrtps, by its release notes.
     """
     return f"{key}/_buf_cpu"

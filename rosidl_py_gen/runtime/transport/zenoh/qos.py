@@ -4,7 +4,7 @@ Decides one text for each profile: a number that is the default of rmw_zenoh_cpp
 the same profile get the same token and the same GID. Nothing is enforced by it; what a profile does to Zenoh's
 publishers and subscribers is the endpoints' business.
 
-Source: zenoh.md 3.4 to 3.6 (rmw_zenoh_cpp, liveliness_utils.cpp and qos.cpp).
+Source: docs/internals/zenoh.md 3.4 to 3.6 (rmw_zenoh_cpp, liveliness_utils.cpp and qos.cpp).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ which ends without a response, because its servers died, is told to the client a
 that nobody answers: until their client is gone, or many others came behind. A query has the time that its
 call has, as Zenoh keeps 1 kB of each until that has passed, answered or not; a client that gives one up cancels it.
 
-Source: zenoh.md 6.
+Source: docs/internals/zenoh.md 6.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Decides the text of a token, reads those of others, and makes GIDs of them. The 
 endpoint there is, and its hash is the endpoint's name in attachments: what is written has to be canonical, and what was
 read is hashed as it came, never after it was put together again.
 
-Source: zenoh.md 3 (rmw_zenoh_cpp, liveliness_utils.cpp).
+Source: docs/internals/zenoh.md 3 (rmw_zenoh_cpp, liveliness_utils.cpp).
 """
 
 from __future__ import annotations

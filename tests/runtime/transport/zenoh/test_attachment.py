@@ -1,4 +1,4 @@
-"""The 33 bytes beside each sample: zenoh.md 4.2 to 4.4."""
+"""The 33 bytes beside each sample: docs/internals/zenoh.md 4.2 to 4.4."""
 
 from __future__ import annotations
 

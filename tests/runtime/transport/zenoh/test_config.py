@@ -1,4 +1,4 @@
-"""What sessions and routers are opened with: zenoh.md 1.2, 1.3, 1.7."""
+"""What sessions and routers are opened with: docs/internals/zenoh.md 1.2, 1.3, 1.7."""
 
 from __future__ import annotations
 

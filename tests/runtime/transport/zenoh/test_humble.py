@@ -1,4 +1,7 @@
-"""The format of Humble, which has no type hashes, with a peer that is spoken by hand (zenoh.md 2.4, 9.1)."""
+"""The format of Humble, which has no type hashes, with a peer that is spoken by hand.
+
+Source: docs/internals/zenoh.md 2.4, 9.1.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Key expressions of topics and services: zenoh.md 2, 7 and 9."""
+"""Key expressions of topics and services: docs/internals/zenoh.md 2, 7 and 9."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Subscriptions of messages with an unbounded array of bytes, for which publishers of Lyrical have keys of their own.
 
 The publisher chooses the key as rmw_zenoh_cpp 0.10.5 does (rmw_publisher_data.cpp, `publish` and
-`on_subscriber_discovered`; zenoh.md 9.2 to 9.4).
+`on_subscriber_discovered`; docs/internals/zenoh.md 9.2 to 9.4).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Liveliness tokens, their QoS and GIDs: zenoh.md 3."""
+"""Liveliness tokens, their QoS and GIDs: docs/internals/zenoh.md 3."""
 
 from __future__ import annotations
 
