@@ -81,9 +81,10 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "endpoints": ("names", "time", "logs", "transport", "loop", "graph"),
     "parameters": _LOW,
     "actions": _LOW,
-    "node": (*_LOW, "parameters", "actions"),
+    "types": (*_LOW, "parameters"),
+    "node": (*_LOW, "parameters", "actions", "types"),
     "lifecycle": (*_LOW, "node"),
-    "": (*_LOW, "parameters", "actions", "node", "lifecycle"),
+    "": (*_LOW, "parameters", "actions", "types", "node", "lifecycle"),
 }
 # These use what the runtime shows to everybody: `rosidl_py_gen.runtime` and `rosidl_py_gen.runtime.qos`.
 ABOVE_THE_RUNTIME = ("numpy", "tf", "mcap", "tools")

@@ -73,7 +73,6 @@ from rosidl_py_gen.runtime.node.environment import middleware as middleware
 from rosidl_py_gen.runtime.node.environment import read_environment as read_environment
 from rosidl_py_gen.runtime.node.node import Node as Node
 from rosidl_py_gen.runtime.node.parameters import ParameterChange as ParameterChange
-from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError as TypeDescriptionError
 from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError as CallbackAnswerError
 from rosidl_py_gen.runtime.parameters.client import MalformedAnswerError as MalformedAnswerError
 from rosidl_py_gen.runtime.parameters.client import ParameterClient as ParameterClient
@@ -140,4 +139,5 @@ from rosidl_py_gen.runtime.transport.qos import Liveliness as Liveliness
 from rosidl_py_gen.runtime.transport.qos import QoSProfile as QoSProfile
 from rosidl_py_gen.runtime.transport.qos import Reliability as Reliability
 from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter as ZenohRouter
+from rosidl_py_gen.runtime.types.ask import TypeDescriptionError as TypeDescriptionError
 from rosidl_py_gen.signatures import CallbackSignatureError as CallbackSignatureError

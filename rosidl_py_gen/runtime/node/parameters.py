@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin
 
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
-from rosidl_py_gen.runtime.node.type_description import start_type_descriptions
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.validation import Listing
 from rosidl_py_gen.runtime.parameters.values import (
@@ -29,6 +28,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     require_name,
     require_names,
 )
+from rosidl_py_gen.runtime.types.describe import start_type_descriptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

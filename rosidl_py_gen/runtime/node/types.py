@@ -1,6 +1,6 @@
 """The types of a node's surroundings: the classes of topics, services and actions, and how others define their types.
 
-Decides the methods and their names; how a class is found is in `resolving.py`.
+Decides the methods and their names; how a class is found is in `runtime.types.from_peers`.
 """
 
 from __future__ import annotations
@@ -8,11 +8,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.cdr import Action, Message, Service
-from rosidl_py_gen.runtime.graph.announced import action_subject, service_subject, topic_subject
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.names.validation import resolve_node_name
-from rosidl_py_gen.runtime.node.resolving import Request, resolve
-from rosidl_py_gen.runtime.node.type_description import announced_hash, ask_type_description, described_by
+from rosidl_py_gen.runtime.types.announced import action_subject, service_subject, topic_subject
+from rosidl_py_gen.runtime.types.ask import announced_hash, ask_type_description, described_by
+from rosidl_py_gen.runtime.types.from_peers import Request, resolve
 
 if TYPE_CHECKING:
     from rosidl_py_gen.dynamic import Folders

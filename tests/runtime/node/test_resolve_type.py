@@ -123,7 +123,7 @@ async def test_a_node_does_not_ask_one_that_has_its_own_name_and_says_so(world: 
 async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    patience = "rosidl_py_gen.runtime.node.resolving._PATIENCE_S"
+    patience = "rosidl_py_gen.runtime.types.from_peers._PATIENCE_S"
     monkeypatch.setattr(patience, 0.5)
     told, lie = fresh(), fresh("int32 y")
 
@@ -139,7 +139,7 @@ async def test_an_honest_node_is_believed_beside_a_liar_and_a_silent_one(
 
 
 async def test_a_node_that_never_answers_is_an_error_in_time(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rosidl_py_gen.runtime.node.resolving._PATIENCE_S", 30.0)
+    monkeypatch.setattr("rosidl_py_gen.runtime.types.from_peers._PATIENCE_S", 30.0)
 
     async def never(request: Any) -> Any:
         await asyncio.sleep(60)

@@ -21,7 +21,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.node import type_description as type_description_service
-from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError
+from rosidl_py_gen.runtime.types.ask import TypeDescriptionError
 
 Foo: Any = compile_text("my_pkg/msg/Foo", "int32 x")
 Ask: Any = compile_text("my_pkg/srv/Ask", "string question\n---\nint8 answer")

@@ -23,10 +23,10 @@ from rosidl_py_gen.errors import (
 )
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError
-from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, announced, givers, is_complete, some
-from rosidl_py_gen.runtime.node.type_description import TypeDescriptionError, ask_type_description, described_by
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.discovered import Channel
+from rosidl_py_gen.runtime.types.announced import TYPE_HASH, announced, givers, is_complete, some
+from rosidl_py_gen.runtime.types.ask import TypeDescriptionError, ask_type_description, described_by
 from rosidl_py_gen.typesupport import hashes_of, type_hash
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.descriptions import Description
     from rosidl_py_gen.dynamic import Fits, Folders
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.graph.announced import Announced, Subject
     from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.runtime.types.announced import Announced, Subject
 
 _PATIENCE_S = 3.0
 """How long a node may take to answer, where others could be asked."""

@@ -1,37 +1,32 @@
-"""``~/get_type_description``: telling others how a type this node uses is defined, and asking them.
+"""``~/get_type_description``: telling others how a type this node uses is defined.
 
 Decides which types count (those of the node's endpoints, the services and actions these are parts of) and the failure
 texts of docs/internals/protocol.md 9.8; whatever goes wrong is such a failure, never silence. Sources are looked for in
 the bundled interfaces and below AMENT_PREFIX_PATH; a type whose file is not there, or says something else, is answered
-with empty contents. Whoever asks without a hash takes the one that the node itself announces, never one of a definition
-here.
+with empty contents.
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.codec import encode
 from rosidl_py_gen.descriptions import rihs01
-from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
+from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.importable import READY_MADE
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
-from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.resources import interfaces_dir
-from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.late_types import late_service_type
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
-from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError
-from rosidl_py_gen.runtime.endpoints.types import class_of, raw_type
-from rosidl_py_gen.runtime.graph.announced import TYPE_HASH, some
+from rosidl_py_gen.runtime.endpoints.types import class_of
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, ParameterType, parameter_value
-from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.runtime.types.announced import TYPE_HASH
+from rosidl_py_gen.runtime.types.ask import SERVICE
 from rosidl_py_gen.typesupport import referenced_classes, type_description, type_hash, type_name
 
 if TYPE_CHECKING:
@@ -41,23 +36,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterStore
 
-SERVICE = "type_description_interfaces/srv/GetTypeDescription"
 PARAMETER = "start_type_description_service"
-_ENDPOINTS_PATIENCE_S = 1.0
-"""A node's endpoints are usually known some milliseconds after its name, or before it."""
-_PARTS = {
-    "srv": "; a service is announced as its messages: ask for its _Request or _Response, or give the type_hash",
-    "action": "; an action is announced as its messages: ask for its _SendGoal_Request, _GetResult_Response or "
-    "_FeedbackMessage, or give the type_hash",
-}
 _BUNDLED = "rosidl_py_gen.msgs"
 _MEMORY = "rosidl_py_gen_memory."
 """Where `dynamic.py` puts classes that it compiles."""
 _GETTERS = {"msg": "get_message", "srv": "get_service", "action": "get_action"}
-
-
-class TypeDescriptionError(RosidlError, LookupError):
-    """The remote node cannot describe the type; the text is its reason, or why it could not be asked."""
 
 
 def start_type_descriptions(scope: Scope, names: NodeNames, store: ParameterStore) -> None:
@@ -182,79 +165,3 @@ def _is_of_file(name: str, cls: type[Any] | None) -> bool:
 
     get: Callable[[str], type[Any]] = getattr(rosidl_py_gen, _GETTERS[name.split("/")[1]])
     return type_hash(get(name)) == type_hash(cls)
-
-
-async def announced_hash(scope: Scope, node: str, type_name: str, timeout_s: float | None) -> tuple[str, float | None]:
-    """The one hash that ``/ns/node`` announces for its endpoints of a type, and what is left of `timeout_s`.
-
-    Raises:
-        TypeDescriptionError: there is none, or more than one.
-        CallTimeoutError: no such node. InvalidNameError: the type has no ROS name.
-    """
-    split_ros_name(type_name)
-    namespace, _, name = node.rpartition("/")
-    namespace = namespace or "/"
-    graph, deadline = scope.graph, Deadline(timeout_s)
-
-    def is_there() -> bool:
-        return any(one.fully_qualified_name == node for one in graph.nodes())
-
-    if not await scope.wait_until(is_there, timeout_s, lambda: scope.closed):
-        raise CallTimeoutError(f"no node {node} appeared in {timeout_s} s")
-
-    def known() -> bool:
-        return bool(graph.announced_hashes(name, namespace, type_name))
-
-    await scope.wait_until(known, deadline.left_s(_ENDPOINTS_PATIENCE_S), lambda: scope.closed)
-    return _only_hash(node, type_name, graph.announced_hashes(name, namespace, type_name)), deadline.left_s()
-
-
-def _only_hash(node: str, type_name: str, found: dict[str, set[str]]) -> str:
-    told = {text: topics for text, topics in found.items() if TYPE_HASH.match(text)}
-    if len(told) == 1:
-        return next(iter(told))
-    if told:
-        listed = [f"{text} ({some(sorted(topics))})" for text, topics in sorted(told.items())]
-        raise TypeDescriptionError(
-            f"{node} announces {len(told)} type hashes for {type_name}: {some(listed)}; say which by type_hash"
-        )
-    if found:
-        where = some(sorted(set().union(*found.values())))
-        raise TypeDescriptionError(
-            f"{node} announces no type hash for {type_name} ({where}), as nodes of ROS 2 Humble do; give the type_hash"
-        )
-    raise TypeDescriptionError(f"{node} announces no endpoint of {type_name}{_PARTS.get(type_name.split('/')[1], '')}")
-
-
-async def ask_type_description(
-    scope: Scope,
-    service: str,
-    type_name: str,
-    wanted_hash: str,
-    include_sources: bool,
-    timeout_s: float | None,
-) -> bytes:
-    """Call ``get_type_description`` of a node; the answer is left encoded, as it may be large.
-
-    Raises:
-        CallTimeoutError, ForeignServiceError, InvalidNameError: as their names say.
-    """
-    known = late_service_type(SERVICE)
-    client: Client[srv.GetTypeDescription_Request, bytes] = Client(
-        scope, replace(known, response=raw_type(known.response)), service, SERVICES_DEFAULT
-    )
-    try:
-        request = srv.GetTypeDescription_Request(
-            type_name=type_name, type_hash=wanted_hash, include_type_sources=include_sources
-        )
-        return await client.call(request, timeout_s)
-    finally:
-        client.close()
-
-
-def described_by(who: str, answer: bytes) -> srv.GetTypeDescription_Response:
-    """Decode what `ask_type_description` gives; raises `TypeDescriptionError` with the reason of the node, `who`."""
-    response = srv.GetTypeDescription_Response.decode(answer)
-    if not response.successful:
-        raise TypeDescriptionError(f"{who}: {printable(response.failure_reason[:500])}")
-    return response
