@@ -29,30 +29,30 @@ def spec(topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "", **m
 
 def reader(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Reader:
     """One that nobody tells of as the node's; see `announce`."""
-    participant = node.scope.participant
+    participant = node._scope.participant
     made: Reader
     if isinstance(participant, MemoryParticipant):
         made = participant.make_reader(channel_of(topic), ros_type(type), type_hash, qos=qos)
     else:
-        made = participant.create_reader(spec(topic, type, qos, type_hash, node=node.scope.number))
+        made = participant.create_reader(spec(topic, type, qos, type_hash, node=node._scope.number))
     return made
 
 
 def writer(node: Any, topic: str, type: str, qos: QoSProfile = DEEP, type_hash: str = "") -> Writer:
     """See `reader`."""
-    participant = node.scope.participant
+    participant = node._scope.participant
     made: Writer
     if isinstance(participant, MemoryParticipant):
         made = participant.make_writer(channel_of(topic), ros_type(type), type_hash, qos=qos)
     else:
-        made = participant.create_writer(spec(topic, type, qos, type_hash, node=node.scope.number))
+        made = participant.create_writer(spec(topic, type, qos, type_hash, node=node._scope.number))
     return made
 
 
 def announce(node: Any, topic: str, type: str, type_hash: str = "", *, is_writer: bool = True) -> Reader | Writer:
     """An endpoint that belongs to the node, as far as others can tell."""
     end = (writer if is_writer else reader)(node, topic, type, QoSProfile(), type_hash)
-    node.scope.own(end, **{"writer" if is_writer else "reader": end.guid})
+    node._scope.own(end, **{"writer" if is_writer else "reader": end.guid})
     return end
 
 

@@ -163,14 +163,14 @@ def ros_node(ros_world: MemoryTransport) -> Iterator[Callable[..., Node]]:
 
     def attach_all() -> None:
         for context in contexts:
-            context.bridge.adopt_running_loop()
+            context._core.bridge.adopt_running_loop()
 
     with ExitStack() as stack:
 
         def make(name: str, namespace: str = "", args: tuple[str, ...] = ()) -> Node:
             context = stack.enter_context(Context(0, transport=ros_world, args=["test", *args]))
             contexts.append(context)
-            context.bridge.on_start(attach_all)
+            context._core.bridge.on_start(attach_all)
             return stack.enter_context(Node(name, namespace, context=context))
 
         yield make

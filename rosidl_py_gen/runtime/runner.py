@@ -21,6 +21,7 @@ from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 from rosidl_py_gen.runtime.loop.event_loop import new_event_loop
 from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.loop.portal import end_tasks
+from rosidl_py_gen.runtime.node import open_contexts
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.waiting import current_loop
 
@@ -60,7 +61,7 @@ def run(main: Callable[[], Coroutine[Any, Any, T]] | Coroutine[Any, Any, T]) -> 
         finally:
             signals.begin_end()
             if signals.insisted:  # the callback that had to be interrupted must not be called again
-                Context.close_served_by(loop)
+                open_contexts.close_served_by(loop)
             try:
                 _end_tasks(loop)
             finally:
@@ -80,7 +81,7 @@ def spin(*nodes: Node) -> None:
         TypeError: no node. KeyboardInterrupt: at the second SIGINT. What callbacks raised: as `run`.
     """
     for node in nodes:
-        if not hasattr(getattr(node, "context", None), "bridge"):
+        if not isinstance(getattr(node, "context", None), Context):
             raise TypeError(f"spin takes nodes, got {node!r:.100}")
     if not nodes:
         raise TypeError("spin takes at least one node")
@@ -89,7 +90,7 @@ def spin(*nodes: Node) -> None:
     async def forever() -> None:
         for node in nodes:
             if not node.is_closed:
-                node.context.bridge.running_loop()
+                node.context._core.bridge.running_loop()
         while not all(node.is_closed for node in nodes):
             await asyncio.sleep(0.1)
 
@@ -140,7 +141,7 @@ def _run_task(loop: asyncio.AbstractEventLoop, signals: _Signals, task: asyncio.
 
 
 async def _attached(coroutine: Coroutine[Any, Any, T]) -> T:
-    Context.attach_all()
+    open_contexts.attach_all()
     loop = asyncio.get_running_loop()
     with Guard(lambda failures: failures.bridge.loop is loop):
         return await coroutine
@@ -216,7 +217,7 @@ def _end_tasks(loop: asyncio.AbstractEventLoop) -> None:
         _end_threads(loop)
     except KeyboardInterrupt:
         # Threads that do not end would keep the interpreter, too. Peers shall see us go nevertheless.
-        Context.close_all()
+        open_contexts.close_all()
         _die(signal.SIGINT)
 
 

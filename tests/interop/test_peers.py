@@ -161,7 +161,7 @@ async def test_fast_dds_servers_are_refused_by_unknown_builds_of_cyclone(
     dds: Any, fastdds_service_peer: Path, run_peer: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     context = dds.context()
-    monkeypatch.setattr(context.participant.fast_dds, "refusal", "this build is not known")
+    monkeypatch.setattr(context._core.participant.fast_dds, "refusal", "this build is not known")
     with run_peer(fastdds_service_peer, "serve", str(context.domain_id), "fast_add"):
         client = dds.node("tester", context=context).create_client(AddTwoInts, "/fast_add")
         with pytest.raises(ForeignServiceError, match="Fast DDS"):

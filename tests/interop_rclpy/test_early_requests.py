@@ -61,13 +61,13 @@ async def test_a_new_writer_is_asked_once_what_it_has_written(
     node = dds.node("server")
     server = node.create_service(cls, name, lambda _: cls.Response(success=True, message="heard"))
     node.create_subscription("std_msgs/msg/String", f"{name}/best_effort", qos=QoSProfile().best_effort())
-    reader, best_effort = server._port.endpoints[0], list(node.scope.participant._readers.values())[-1].guid
+    reader, best_effort = server._port.endpoints[0], list(node._scope.participant._readers.values())[-1].guid
     monkeypatch.setattr(cyclone, "ask_writers", ask)
     await shared_peer.ask("publisher", topic=f"{name}/best_effort", type="std_msgs/msg/String")
     await shared_peer.ask("client", name=name, type=KIND)
     await shared_peer.ask("call", name=name, requests_=[{}], within_s=10)
     await until(lambda: any(pair[0] == reader for pair in asked))
-    of_service = [end.guid for end in node.scope.graph.on(Channel("request", name), writers=True)]
+    of_service = [end.guid for end in node._scope.graph.on(Channel("request", name), writers=True)]
     assert len(of_service) == 1
     assert [pair for pair in asked if pair[0] == reader] == [(reader, of_service[0])]
     assert best_effort not in {pair[0] for pair in asked}

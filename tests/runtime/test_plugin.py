@@ -81,8 +81,8 @@ def test_while_closing(ros_node):
             try:
                 judge(String())
             except AssertionError:
-                node.scope.report_failure("closing")
-    node.scope.own(Part())
+                node._scope.report_failure("closing")
+    node._scope.own(Part())
 
 def test_expected(ros_node, ros_errors):
     ros_errors.expect(AssertionError, match="wrong word")

@@ -387,4 +387,4 @@ def test_nodes_of_the_fixture_are_served_when_one_of_them_is_used(ros_node: Call
 
     asyncio.run(main())
     assert ticked
-    assert later[0].context.had_loop
+    assert later[0].context._core.had_loop

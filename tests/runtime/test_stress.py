@@ -179,7 +179,7 @@ async def test_a_hundred_nodes_and_a_thousand_topics_leave_nothing_behind(world:
         assert len(nodes[0].get_node_names()) == node_count
         for node in nodes:
             node.close()
-        await until(lambda: context.discovery.graph.topics() == [])
+        await until(lambda: context._core.discovery.graph.topics() == [])
     await asyncio.sleep(0.2)
     assert_nothing_is_left(before)
 
@@ -204,7 +204,7 @@ async def test_create_and_close_a_thousand_times(world: World) -> None:
     await asyncio.sleep(0.3)
     gc.collect()
     before, memory = resources(), rss_kb()
-    owned = list(node.scope.owned.values())
+    owned = list(node._scope.owned.values())
     for _ in range(times):
         once()
         await asyncio.sleep(0)
@@ -212,11 +212,11 @@ async def test_create_and_close_a_thousand_times(world: World) -> None:
     gc.collect()
     assert_nothing_is_left(before)
     assert rss_kb() - memory < 20_000
-    assert list(node.scope.owned.values()) == owned
+    assert list(node._scope.owned.values()) == owned
 
     def topics() -> set[str]:
-        endpoints = peer.scope.graph.endpoints.values()
-        ours = {one.channel.name for one in endpoints if one.participant_guid == node.context.participant.guid}
+        endpoints = peer._scope.graph.endpoints.values()
+        ours = {one.channel.name for one in endpoints if one.participant_guid == node.context._core.participant.guid}
         return {name for name in ours if not name.startswith("/n/")}
 
     await until(lambda: topics() <= {"/rosout", "/parameter_events", "ros_discovery_info"})

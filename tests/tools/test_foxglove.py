@@ -169,7 +169,7 @@ async def test_hidden_topics_are_shown_on_request(node: Node, watching: Any) -> 
 async def test_dds_programs_with_names_that_ros_refuses_do_not_end_it(node: Node, watching: Any) -> None:
     for topic in ("rt/2d_scan", "rt/a//b", "rr/2dReply"):
         on_wire.announce(node, topic, "std_srvs::srv::dds_::Empty_Response_")
-    node.scope.discovery.add_node("odd", "/2d//space")
+    node._scope.discovery.add_node("odd", "/2d//space")
     words = node.create_publisher(String, "words")
     async with watching() as seen:
         await seen.subscribe("/2d_scan", 1)

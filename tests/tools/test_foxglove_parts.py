@@ -126,7 +126,7 @@ async def test_services_and_parameters_with_names_that_ros_refuses_are_left_out(
 async def test_nodes_in_namespaces_that_ros_refuses_are_left_out(memory: World, told: Any) -> None:
     robot, ours = memory.pair()
     robot.create_publisher(String, "words")
-    robot.scope.discovery.add_node("odd", "/2d//space")
+    robot._scope.discovery.add_node("odd", "/2d//space")
     await until(lambda: any(one.name == "odd" for one in ours.get_nodes()))
     Connections(ours, told, hidden=False).look()
     assert told.graph[0]["/words"] == ["/alice"]
@@ -134,7 +134,7 @@ async def test_nodes_in_namespaces_that_ros_refuses_are_left_out(memory: World, 
 
 async def test_topics_of_a_namesake_are_shown_and_our_own_are_not(memory: World, told: Any) -> None:
     ours, namesake = memory.node("same"), memory.node("same")
-    ours.scope.discovery._announce_delay_s = 5.0  # our endpoints are of no node yet
+    ours._scope.discovery._announce_delay_s = 5.0  # our endpoints are of no node yet
     topics = Topics(session_of(ours), told, Clock(), **SHOWN)
     await asyncio.sleep(0)
     namesake.create_publisher(String, "theirs")

@@ -56,7 +56,7 @@ def test_values_that_a_shell_took_apart_are_refused() -> None:
 async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
     assert dds
     async with Session({}) as session:
-        discovery = session.context.discovery
+        discovery = session.context._core.discovery
         publish, told = discovery.publish, []
         monkeypatch.setattr(discovery, "publish", lambda: (publish(), told.append(monotonic())))
         began = monotonic()
@@ -70,7 +70,7 @@ async def test_peers_are_told_of_endpoints_a_moment_later(dds: World, monkeypatc
 async def test_names_are_known_when_every_endpoint_is_of_a_node(dds: World) -> None:
     dds.node("base").create_publisher(String, "/speed")
     async with Session({}) as session:
-        graph, names_are_known = session.node.scope.graph, session.node.names_are_known
+        graph, names_are_known = session.node._scope.graph, session.node.names_are_known
         await until(lambda: "/base" in session.node.get_node_names() and session.node.count_publishers("/speed") == 1)
         await until(lambda: names_are_known())
         participant = b"\1\x0f" + bytes(10) + b"\0\0\1\xc1"

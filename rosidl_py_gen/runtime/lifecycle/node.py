@@ -37,7 +37,7 @@ class LifecycleNode(Node):
 
     def _open(self, options: NodeOptions) -> None:
         super()._open(options)
-        self._machine = LifecycleMachine(self.scope, self._names, self)
+        self._machine = LifecycleMachine(self._scope, self._names, self)
 
     def _may_declare_more(self) -> bool:
         return self.state is State.UNCONFIGURED
@@ -108,9 +108,9 @@ class LifecycleNode(Node):
         self, msg_type: type[Message] | str, topic: str, qos: QoSLike = 10
     ) -> LifecyclePublisher[Any]:
         """A publisher that is silent while the node is not active; errors as `create_publisher`."""
-        self.scope.require_open(False, "the node")
+        self._scope.require_open(False, "the node")
         return LifecyclePublisher(
-            self.scope,
+            self._scope,
             message_type(msg_type),
             self._names.resolve_topic(topic),
             as_profile(qos),

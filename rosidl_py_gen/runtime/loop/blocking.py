@@ -40,7 +40,7 @@ class blocking(Generic[S, P, R]):
         if instance is None:
             return self
         method, name = getattr(instance, self._name), self._name
-        scope = getattr(instance, "_scope", None) or instance.scope  # type: ignore[attr-defined]
+        scope = instance._scope  # type: ignore[attr-defined]
 
         def run(*arguments: P.args, **keywords: P.kwargs) -> R:
             answer: R = scope.run(

@@ -31,7 +31,7 @@ RESULT_TIMEOUT_S = 900.0
 class NodeActions:
     """Action methods of `Node`."""
 
-    scope: Scope
+    _scope: Scope
     context: Context
     clock: Clock
     _names: NodeNames
@@ -105,9 +105,9 @@ class NodeActions:
         from rosidl_py_gen.runtime.actions.server import ActionServer
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
 
-        self.scope.require_open(False, "the node")
+        self._scope.require_open(False, "the node")
         server: ActionServer[Any] = ActionServer(
-            self.scope,
+            self._scope,
             self.clock,
             action_type(action, arrays=arrays),
             ActionNames.resolve(self._names, name),
@@ -118,7 +118,7 @@ class NodeActions:
             policy=policy,
             type_check=type_check,
         )
-        self.scope.has_callbacks |= execute is not None
+        self._scope.has_callbacks |= execute is not None
         return server
 
     @overload
@@ -168,9 +168,9 @@ class NodeActions:
         from rosidl_py_gen.runtime.actions.client import ActionClient
         from rosidl_py_gen.runtime.actions.types import ActionNames, action_type
 
-        self.scope.require_open(False, "the node")
+        self._scope.require_open(False, "the node")
         return ActionClient(
-            self.scope,
+            self._scope,
             action_type(action, arrays=arrays),
             ActionNames.resolve(self._names, name),
             feedback_depth=feedback_depth,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class NodeGraph:
     """Graph methods of `Node`. Each one raises `ClosedError` when the node is closed."""
 
-    scope: Scope
+    _scope: Scope
     context: Context
     _names: NodeNames
 
@@ -37,8 +37,8 @@ class NodeGraph:
     def _look(self) -> Graph:
         """The graph as it is now."""
         self._require_open()
-        self.scope.discovery.refresh()
-        return self.scope.graph
+        self._scope.discovery.refresh()
+        return self._scope.graph
 
     # ------------------------------------------------------------------------------------------------------- topics
 
@@ -113,7 +113,7 @@ class NodeGraph:
 
     def _mismatches(self, channel: Channel) -> list[Mismatch]:
         self._look()
-        return list(self.scope.discovery.mismatches(channel))
+        return list(self._scope.discovery.mismatches(channel))
 
     def _count(self, channel: Channel, *, writers: bool) -> int:
         return len(self._look().on(channel, writers=writers))
@@ -162,19 +162,19 @@ class NodeGraph:
         wanted = resolve_node_name(name, self._names.namespace)
 
         def known() -> bool:
-            return any(node.fully_qualified_name == wanted for node in self.scope.graph.nodes())
+            return any(node.fully_qualified_name == wanted for node in self._scope.graph.nodes())
 
         def missing() -> str:
-            names = [node.fully_qualified_name for node in self.scope.graph.nodes()]
+            names = [node.fully_qualified_name for node in self._scope.graph.nodes()]
             return f"no node {wanted} appeared{did_you_mean(wanted, names)}"
 
-        return await self.scope.expect(known, timeout_s, lambda: self.scope.closed, missing)
+        return await self._scope.expect(known, timeout_s, lambda: self._scope.closed, missing)
 
     wait_for_node_sync = blocking(wait_for_node)
 
     async def graph_changes(self) -> AsyncIterator[int]:
         """Yield a growing number after every change of the graph, several quick ones at once; ends with the node."""
-        scope, graph = self.scope, self.scope.graph
+        scope, graph = self._scope, self._scope.graph
         seen = graph.version
 
         def has_changed() -> bool:

@@ -113,20 +113,20 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
             parameter_events=parameter_events,
             logger_services=logger_services,
         )
-        self.context = shared = Context.default() if context is None else context
+        self.context = Context.default() if context is None else context
+        core = self.context._core
         try:
-            self._names = NodeNames.create(name, namespace, shared.ros_arguments.remap_rules)
-            self.scope = shared.open_scope(self._names, on_error)
-            """What endpoint modules outside this file build on."""
-            self.scope.type_check = mode
+            self._names = NodeNames.create(name, namespace, core.ros_arguments.remap_rules)
+            self._scope = core.open_scope(self._names, on_error)
+            self._scope.type_check = mode
         except BaseException:
-            shared.close_if_unused()
+            core.close_if_unused()
             raise
         self._made_on = id(current_loop())
         self._guards: list[Guard] = []
-        self.clock = self.scope.make_clock()
+        self.clock = self._scope.make_clock()
         """ROS time; system time until simulated time is switched on."""
-        shared.adopt(self)
+        core.adopt(self)
         try:
             self._open(options)
         except BaseException:
@@ -135,9 +135,9 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
 
     def _open(self, options: NodeOptions) -> None:
         """Bring up what every node has; subclasses add to it. The node is closed when this fails."""
-        self.context.bridge.adopt_running_loop()
-        if options.enable_rosout and self.context.ros_arguments.logs.rosout:
-            start_rosout(self.scope)
+        self.context._core.bridge.adopt_running_loop()
+        if options.enable_rosout and self.context._core.ros_arguments.logs.rosout:
+            start_rosout(self._scope)
         self._open_parameters(options)
 
     # -------------------------------------------------------------------------------------------------------- names
@@ -160,7 +160,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
     @property
     def logger(self) -> RosLogger:
         """The logger of ROS name ``ns.name``."""
-        return self.scope.logger
+        return self._scope.logger
 
     def resolve_topic_name(self, topic: str) -> str:
         """Expand and remap a topic name as written; raises `InvalidNameError`."""
@@ -213,7 +213,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
         self._require_open()
         name = self._names.resolve_topic(topic)
         known, profile = message_type(msg_type), as_profile(qos)
-        return Publisher(self.scope, known, name, profile, type_check=type_check, event_callbacks=event_callbacks)
+        return Publisher(self._scope, known, name, profile, type_check=type_check, event_callbacks=event_callbacks)
 
     @overload
     def create_subscription(
@@ -290,7 +290,7 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
             raise TypeError("arrays=True needs messages that are decoded, raw=True leaves bytes")
         known = message_type(msg_type, arrays=arrays)
         subscription: Subscription[Any] = Subscription(
-            self.scope,
+            self._scope,
             raw_type(known) if raw else known,
             self._names.resolve_topic(topic),
             callback,
@@ -300,19 +300,19 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
             event_callbacks=event_callbacks,
             concurrency=concurrency,
         )
-        self.scope.has_callbacks |= callback is not None
+        self._scope.has_callbacks |= callback is not None
         return subscription
 
     # ----------------------------------------------------------------------------------------------------- lifetime
 
     def _require_open(self) -> None:
-        self.scope.require_open(False, "the node")
-        self.context.bridge.adopt_running_loop()
+        self._scope.require_open(False, "the node")
+        self.context._core.bridge.adopt_running_loop()
 
     @property
     def is_closed(self) -> bool:
         """True after `close`, and in a forked child."""
-        return self.scope.closed
+        return self._scope.closed
 
     def __enter__(self) -> Self:
         self._require_open()
@@ -321,18 +321,18 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self.close()
         if error is None:
-            self.scope.failures.raise_kept()
+            self._scope.failures.raise_kept()
 
     async def __aenter__(self) -> Self:
         """Raises `ClosedError`, and `LoopMismatchError`: then a node that was made in here is closed."""
         try:
             self._require_open()
-            self.context.bridge.running_loop()
+            self.context._core.bridge.running_loop()
         except RosidlError:
             if self._made_on == id(asyncio.get_running_loop()):  # else it may be in use elsewhere
                 self.close()
             raise
-        self._guards.append(guard := Guard(lambda failures: failures is self.scope.failures))
+        self._guards.append(guard := Guard(lambda failures: failures is self._scope.failures))
         guard.__enter__()
         return self
 
@@ -344,17 +344,17 @@ class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParame
 
     def close(self) -> None:
         """Close all endpoints, then withdraw the node; may be called twice. Whoever waits on them is woken."""
-        if self.scope.closed:
+        if self._scope.closed:
             return
-        if self.scope.has_callbacks and not self.context.had_loop:
+        if self._scope.has_callbacks and not self.context._core.had_loop:
             self.logger.warning(
                 f"the callbacks of {self.fully_qualified_name} never ran, because no event loop was running: "
                 "use `async with` on the node, spin(node) or run(main)"
             )
-        self.scope.close()
-        self.context.release(self)
+        self._scope.close()
+        self.context._core.release(self)
 
     def __repr__(self) -> str:
-        others = counted(max(0, len(self.scope.graph.nodes()) - 1), "other node")
+        others = counted(max(0, len(self._scope.graph.nodes()) - 1), "other node")
         state = "closed" if self.is_closed else f"domain {self.context.domain_id}, {others}"
         return f"{type(self).__name__}({self.fully_qualified_name}, {state})"

@@ -57,7 +57,7 @@ class ParameterChange(NamedTuple):
 class NodeParameters:
     """Parameter methods of `Node`, which has to call `_open_parameters` in its constructor."""
 
-    scope: Scope
+    _scope: Scope
     context: Context
     clock: Clock
     _names: NodeNames
@@ -72,37 +72,37 @@ class NodeParameters:
         if options.parameter_events:
             from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher
 
-            events = ParameterEventPublisher(self.scope, self._names, self.clock)
+            events = ParameterEventPublisher(self._scope, self._names, self.clock)
 
         def tell(event: ParameterEvent) -> None:
             for stream in tuple(changes):
                 if stream.closed:
                     changes.remove(stream)
-                    self.scope.disown(stream)
+                    self._scope.disown(stream)
                 for parameter in (*event.new, *event.changed, *event.deleted):
                     stream.push(ParameterChange(parameter.name, parameter.value.value))
             if events is not None:
                 events.tell(event)
 
         self._store = ParameterStore(
-            self.context.ros_arguments.overrides_for(self._names.fully_qualified_name) | own,
+            self.context._core.ros_arguments.overrides_for(self._names.fully_qualified_name) | own,
             allow_undeclared=options.allow_undeclared,
             on_event=tell,
-            on_failure=self.scope.report_failure,
+            on_failure=self._scope.report_failure,
         )
-        TimeSource(self.scope, self._names, self._store, self.clock)
+        TimeSource(self._scope, self._names, self._store, self.clock)
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
             from rosidl_py_gen.runtime.parameters.service import ParameterServices
 
-            ParameterServices(self.scope, self._names, self._store)
+            ParameterServices(self._scope, self._names, self._store)
         if options.logger_services:
             from rosidl_py_gen.runtime.node.logger_levels import start_logger_services
 
-            start_logger_services(self.scope, self._names)
-        start_type_descriptions(self.scope, self._names, self._store)
-        self.context.initial_values.opened(self.scope, self._store, own, self._may_declare_more)
+            start_logger_services(self._scope, self._names)
+        start_type_descriptions(self._scope, self._names, self._store)
+        self.context._core.initial_values.opened(self._scope, self._store, own, self._may_declare_more)
 
     def _may_declare_more(self) -> bool:
         """Whether this is too early to wonder about initial values that no parameter takes."""
@@ -127,7 +127,7 @@ class NodeParameters:
         """
         from rosidl_py_gen.runtime.parameters.classes import bind_class
 
-        self.scope.require_open(False, "the node")
+        self._scope.require_open(False, "the node")
         return bind_class(self._store, cls, prefix=prefix, initial=initial, validator=validator)
 
     def declare_parameter(
@@ -146,7 +146,7 @@ class NodeParameters:
             WrongParameterTypeError: default or override have another type.
             TypeError: the descriptor is none, or one of its fields has the wrong type.
         """
-        self.scope.require_open(False, "the node")
+        self._scope.require_open(False, "the node")
         value = parameter_value(default)
         return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
 
@@ -155,7 +155,7 @@ class NodeParameters:
 
         The field of a dataclass keeps showing its last value, until a parameter of that name and type is declared.
         """
-        self.scope.require_open(False, "the node")
+        self._scope.require_open(False, "the node")
         self._store.undeclare(require_name(name))
 
     def has_parameter(self, name: str) -> bool:
@@ -232,7 +232,7 @@ class NodeParameters:
 
     def _fitted(self, values: ParametersToSet) -> list[Parameter]:
         """An empty list takes the type that was declared; raises `ClosedError`."""
-        self.scope.require_open(False, "the node")
+        self._scope.require_open(False, "the node")
         fitted = []
         for parameter in as_parameters(values):
             value = parameter.value
@@ -267,7 +267,7 @@ class NodeParameters:
         """Every change of this node's parameters from now on, whoever makes it, in whatever thread."""
         stream: Stream[ParameterChange] = Stream()
         self._changes.append(stream)
-        self.scope.own(stream)
+        self._scope.own(stream)
         return stream
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
@@ -275,14 +275,14 @@ class NodeParameters:
         from rosidl_py_gen.runtime.parameters.client import ParameterEvents
 
         wanted = None if node is None else self._names.resolve_topic(require_name(node, "the name of a node"))
-        return ParameterEvents(self.scope, self._names, wanted)
+        return ParameterEvents(self._scope, self._names, wanted)
 
     def create_parameter_client(self, node: str) -> ParameterClient:
         """Get and set the parameters of another node, named like a topic (``/other``, ``other``)."""
         from rosidl_py_gen.runtime.parameters.client import ParameterClient
 
-        self.scope.require_open(False, "the node")
-        return ParameterClient(self.scope, self._names, require_name(node, "the name of a node"))
+        self._scope.require_open(False, "the node")
+        return ParameterClient(self._scope, self._names, require_name(node, "the name of a node"))
 
 
 def _kind_of(wanted: Any) -> ParameterType:

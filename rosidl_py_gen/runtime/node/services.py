@@ -30,7 +30,7 @@ _DEFAULT_DEPTH = 10
 class NodeServices:
     """Service methods of `Node`."""
 
-    scope: Scope
+    _scope: Scope
     _names: NodeNames
 
     if TYPE_CHECKING:
@@ -79,8 +79,8 @@ class NodeServices:
         self._require_open()
         known = service_type(srv_type, arrays=arrays)
         resolved = self._names.resolve_service(name)
-        server = ServiceServer(self.scope, known, resolved, handler, as_profile(qos), type_check=type_check)
-        self.scope.has_callbacks |= handler is not None
+        server = ServiceServer(self._scope, known, resolved, handler, as_profile(qos), type_check=type_check)
+        self._scope.has_callbacks |= handler is not None
         return server
 
     @overload
@@ -116,4 +116,4 @@ class NodeServices:
         """
         self._require_open()
         known = service_type(srv_type, arrays=arrays)
-        return Client(self.scope, known, self._names.resolve_service(name), as_profile(qos), type_check=type_check)
+        return Client(self._scope, known, self._names.resolve_service(name), as_profile(qos), type_check=type_check)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class NodeTime:
     """Time methods of `Node`. Each one raises `ClosedError` when the node is closed."""
 
-    scope: Scope
+    _scope: Scope
     clock: Clock
     _names: NodeNames
 
@@ -41,13 +41,13 @@ class NodeTime:
             TypeError: no number, function or clock. TimeRangeError: a negative period. ClosedError.
         """
         self._require_open()
-        timer = Timer(self.scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
-        self.scope.has_callbacks |= callback is not None
+        timer = Timer(self._scope, period_to_ns(period_s), callback, self.clock if clock is None else clock)
+        self._scope.has_callbacks |= callback is not None
         return timer
 
     def create_wall_timer(self, period_s: float, callback: Callable[[], object] | None = None) -> Timer:
         """Every `period_s` seconds of the steady clock, which nothing can turn back."""
-        return self.create_timer(period_s, callback, clock=self.scope.make_clock(ClockType.STEADY_TIME))
+        return self.create_timer(period_s, callback, clock=self._scope.make_clock(ClockType.STEADY_TIME))
 
     def create_rate(self, frequency_hz: float) -> Rate:
         """``await rate.sleep()`` keeps a loop at this frequency of the node's clock."""
@@ -61,4 +61,4 @@ class NodeTime:
         """Publish ``/clock`` by hand (`advance`, `set_time`), or by itself with `rate` simulated seconds a second."""
         self._require_open()
         begin = Time(clock_type=ClockType.ROS_TIME) if start is None else start
-        return SimTimePublisher(self.scope, self._names.resolve_topic("/clock"), begin, rate, period_s)
+        return SimTimePublisher(self._scope, self._names.resolve_topic("/clock"), begin, rate, period_s)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class NodeTypes:
     """Type methods of `Node`. Each one raises `ClosedError` when the node is closed."""
 
-    scope: Scope
+    _scope: Scope
     _names: NodeNames
 
     if TYPE_CHECKING:
@@ -61,7 +61,7 @@ class NodeTypes:
         self._require_open()
         subject = topic_subject(self._names.resolve_topic(topic))
         request = Request(subject, Message, type_name, type_hash, path)
-        cls: type[Message] = await resolve(self.scope, self._names, request, timeout_s)
+        cls: type[Message] = await resolve(self._scope, self._names, request, timeout_s)
         return cls
 
     resolve_type_sync = blocking(resolve_type)
@@ -84,7 +84,7 @@ class NodeTypes:
         self._require_open()
         subject = service_subject(self._names.resolve_service(service))
         request = Request(subject, Service, type_name, type_hash, path)
-        cls: type[Service[Any, Any]] = await resolve(self.scope, self._names, request, timeout_s)
+        cls: type[Service[Any, Any]] = await resolve(self._scope, self._names, request, timeout_s)
         return cls
 
     resolve_service_type_sync = blocking(resolve_service_type)
@@ -105,7 +105,7 @@ class NodeTypes:
         names = ActionNames.resolve(self._names, action)
         subject = action_subject(names.action, names.send_goal, names.get_result, names.feedback)
         request = Request(subject, Action, type_name, type_hash, path)
-        cls: type[Action[Any, Any, Any]] = await resolve(self.scope, self._names, request, timeout_s)
+        cls: type[Action[Any, Any, Any]] = await resolve(self._scope, self._names, request, timeout_s)
         return cls
 
     resolve_action_type_sync = blocking(resolve_action_type)
@@ -134,8 +134,8 @@ class NodeTypes:
         node = resolve_node_name(remote_node, self._names.namespace)
         service = self._names.resolve_service(f"{node}/get_type_description")
         if type_hash is None:
-            type_hash, timeout_s = await announced_hash(self.scope, node, type_name, timeout_s)
-        answer = await ask_type_description(self.scope, service, type_name, type_hash, include_type_sources, timeout_s)
+            type_hash, timeout_s = await announced_hash(self._scope, node, type_name, timeout_s)
+        answer = await ask_type_description(self._scope, service, type_name, type_hash, include_type_sources, timeout_s)
         return described_by(service, answer)
 
     get_type_description_sync = blocking(get_type_description)

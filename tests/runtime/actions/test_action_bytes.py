@@ -103,8 +103,8 @@ async def test_an_unknown_goal_is_answered_unknown_with_a_default_result(dds: Wo
 def test_names_types_and_qos_are_those_of_ros(world: World) -> None:
     node = world.node("server")
     node.create_action_server(Fibonacci, "fib", until_canceled)
-    node.scope.discovery.refresh()
-    endpoints = [e for e in node.scope.graph.endpoints.values() if "/_action/" in e.wire_name]
+    node._scope.discovery.refresh()
+    endpoints = [e for e in node._scope.graph.endpoints.values() if "/_action/" in e.wire_name]
     found = {
         (e.channel, e.type, e.is_writer): (e.qos.reliability.name, e.qos.durability.name, e.qos.depth)
         for e in endpoints

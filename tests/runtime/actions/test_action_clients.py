@@ -224,8 +224,8 @@ def test_wrong_arguments_of_a_server(world: World, options: Any, error: type[Exc
     node = world.node()
     with pytest.raises(error, match=words):
         node.create_action_server(Fibonacci, "fib", **{"execute": fibonacci, **options})
-    node.scope.discovery.refresh()
-    assert not [e for e in node.scope.graph.endpoints.values() if "_action/" in e.channel.name]
+    node._scope.discovery.refresh()
+    assert not [e for e in node._scope.graph.endpoints.values() if "_action/" in e.channel.name]
 
 
 @pytest.mark.parametrize(("options", "error", "words"), CLIENT_ARGUMENTS)
@@ -233,8 +233,8 @@ def test_wrong_arguments_of_a_client(world: World, options: Any, error: type[Exc
     node = world.node()
     with pytest.raises(error, match=words):
         node.create_action_client(Fibonacci, "fib", **options)
-    node.scope.discovery.refresh()
-    assert not [e for e in node.scope.graph.endpoints.values() if "_action/" in e.channel.name]
+    node._scope.discovery.refresh()
+    assert not [e for e in node._scope.graph.endpoints.values() if "_action/" in e.channel.name]
 
 
 @pytest.mark.parametrize(
@@ -342,7 +342,7 @@ def test_nothing_is_pending_when_a_client_of_plain_code_closes(world: World, cap
         handle = client.send_goal_sync(goal(), timeout_s=5)
         with pytest.raises(ActionTimeoutError):
             handle.result_sync(timeout_s=0.05)
-        assert len(node.scope._tasks) == 0 and not handle.is_done
+        assert len(node._scope._tasks) == 0 and not handle.is_done
         node.close()
         node.context.close()
         assert handle.is_done

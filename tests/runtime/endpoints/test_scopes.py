@@ -48,7 +48,7 @@ def in_thread(function: Callable[[], object]) -> None:
 @pytest.mark.parametrize("name", WHOLES)
 async def test_what_is_made_of_parts_takes_all_of_them_along(world: World, name: str, call: Any) -> None:
     node = world.node("n")
-    scope = node.scope
+    scope = node._scope
     owned, endpoints = list(scope.owned.values()), scope.discovery.endpoints_of(scope.number)
     make, count = WHOLES[name]
     whole = make(node)
@@ -69,7 +69,7 @@ def test_a_node_goes_with_one_message_whatever_it_has(
     wholes = [make(node) for make, _ in WHOLES.values()]
     if closed_first:
         wholes[0].close()
-    participant, announced = node.context.participant, []
+    participant, announced = node.context._core.participant, []
     monkeypatch.setattr(participant, "announce", lambda nodes: announced.append(len(nodes)))
     node.close()
     assert announced == [0]
@@ -80,7 +80,7 @@ def test_what_is_being_made_while_its_node_closes_leaves_nothing_behind(
 ) -> None:
     """Another thread closes the node when the last part of an action client is about to be made."""
     node, other = memory.node("n"), memory.node("other")
-    participant, create, made = node.context.participant, node.context.participant.create_client, []
+    participant, create, made = node.context._core.participant, node.context._core.participant.create_client, []
 
     def create_client(*arguments: Any, **options: Any) -> Any:
         made.append(create(*arguments, **options))
@@ -91,7 +91,7 @@ def test_what_is_being_made_while_its_node_closes_leaves_nothing_behind(
     monkeypatch.setattr(participant, "create_client", create_client)
     with pytest.raises(ClosedError, match=r"^node /n is closed$"):
         node.create_action_client(Fibonacci, "fib")
-    assert not node.scope.owned
+    assert not node._scope.owned
     assert other.count_subscribers("/fib/_action/feedback") == other.count_clients("/fib/_action/get_result") == 0
 
 

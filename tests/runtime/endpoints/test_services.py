@@ -298,7 +298,7 @@ async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None
     server = alice.create_service(AddTwoInts, "add", add)
     client = bob.create_client(AddTwoInts, "add")
     assert await client.wait_for_service(timeout_s=5)
-    graph = bob.scope.graph
+    graph = bob._scope.graph
     await until(lambda: graph.endpoints.keys() >= {*server._port.endpoints, *client._port.endpoints})
     reads, writes = (graph.endpoints[guid] for guid in server._port.endpoints)
     assert reads.service_id == writes.service_id != ""

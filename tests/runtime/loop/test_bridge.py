@@ -22,9 +22,10 @@ from std_srvs.srv import SetBool
 from worlds import ROOT, rests
 
 from rosidl_py_gen.resources import install_command
-from rosidl_py_gen.runtime import CallTimeoutError, Context
+from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.portal import end_tasks
+from rosidl_py_gen.runtime.node import open_contexts
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import pipe
 
@@ -48,7 +49,7 @@ def run_on(kind: str, main: Coroutine[Any, Any, None]) -> None:
     """`asyncio.run` on a kind of loop, which serves all contexts; 20 seconds are more than any test needs."""
 
     async def served() -> None:
-        Context.attach_all()
+        open_contexts.attach_all()
         await main
 
     makers: dict[str, Callable[[], asyncio.AbstractEventLoop]] = {
@@ -204,7 +205,7 @@ async def test_a_reader_that_was_named_for_nothing_calls_nobody(dds: World) -> N
     await publisher.wait_for_subscribers(timeout_s=5)
     publisher.publish(Int32(data=1))
     await eventually(lambda: heard)
-    participant: Any = bob.context.participant
+    participant: Any = bob.context._core.participant
     for entity in (*participant._readers, 12345):
         participant.wake(entity)
     await asyncio.sleep(0.05)
@@ -214,7 +215,7 @@ async def test_a_reader_that_was_named_for_nothing_calls_nobody(dds: World) -> N
 def test_what_does_not_fit_the_pipe_is_found_all_the_same(dds: World) -> None:
     context = dds.context()
     node = dds.node("n", context=context)
-    participant: Any = context.participant
+    participant: Any = context._core.participant
     crowd, single = numbers(node, "crowd", qos=1), numbers(node, "single")
     to_crowd, to_single = node.create_publisher(Int32, "crowd"), node.create_publisher(Int32, "single")
 

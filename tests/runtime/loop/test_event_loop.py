@@ -13,9 +13,10 @@ import pytest
 from std_msgs.msg import Int32
 from worlds import rests, until
 
-from rosidl_py_gen.runtime import Context, new_event_loop, run
+from rosidl_py_gen.runtime import new_event_loop, run
 from rosidl_py_gen.runtime.loop import event_loop
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
+from rosidl_py_gen.runtime.node import open_contexts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -237,7 +238,7 @@ def test_a_loop_may_be_closed_before_its_contexts(dds: World) -> None:
         loop = EventLoop()
 
         async def main(number: int = number) -> None:
-            Context.attach_all()
+            open_contexts.attach_all()
             publisher.publish(Int32(data=number))
             while len(heard) <= number:
                 await asyncio.sleep(0.01)

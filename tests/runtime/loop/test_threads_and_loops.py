@@ -164,7 +164,7 @@ def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(dds: Wor
     for number in range(50):
         other.create_publisher(String, f"t{number}")
     one.get_node_names()
-    participant: Any = one.context.participant
+    participant: Any = one.context._core.participant
     assert len(participant._nodes._reader.queue.items) == 0
 
 

@@ -186,7 +186,7 @@ def test_a_node_that_cannot_start_leaves_nothing(memory: World) -> None:
     context = memory.context("--ros-args", "-p", "use_sim_time:=3")
     with pytest.raises(ParameterError):
         Node("n", context=context)
-    assert context.discovery.graph.nodes() == []
+    assert context._core.discovery.graph.nodes() == []
 
 
 def test_types_that_are_imported_late_are_the_bundled_ones() -> None:
@@ -337,10 +337,10 @@ def test_one_context_cannot_serve_two_running_loops(world: World) -> None:
     node = world.node("n")
 
     async def outer() -> None:
-        node.context.bridge.running_loop()
+        node.context._core.bridge.running_loop()
 
         async def inner() -> None:
-            node.context.bridge.running_loop()
+            node.context._core.bridge.running_loop()
 
         with pytest.raises(LoopMismatchError, match="Context of their own"):
             await asyncio.to_thread(lambda: asyncio.run(inner()))

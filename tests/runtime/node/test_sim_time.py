@@ -177,10 +177,10 @@ def test_a_publisher_refuses_wrong_values(
     world: World, options: dict[str, Any], error: type[Exception], words: str
 ) -> None:
     node = world.node("source")
-    before = len(node.scope.owned)
+    before = len(node._scope.owned)
     with pytest.raises(error, match=words):
         node.create_sim_time_publisher(**options)
-    assert len(node.scope.owned) == before
+    assert len(node._scope.owned) == before
     if "rate" in options:
         source = node.create_sim_time_publisher(rate=1.0)
         with pytest.raises(error, match=words):

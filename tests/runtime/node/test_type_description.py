@@ -20,7 +20,7 @@ from rosidl_py_gen.msgs.rcl_interfaces.msg import Log, ParameterEvent
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameters
 from rosidl_py_gen.msgs.rosgraph_msgs.msg import Clock
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.node import type_description as type_description_service
+from rosidl_py_gen.runtime.types import ask, describe
 from rosidl_py_gen.runtime.types.ask import TypeDescriptionError
 
 Foo: Any = compile_text("my_pkg/msg/Foo", "int32 x")
@@ -123,7 +123,7 @@ async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
 
 
 async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(type_description_service, "_ENDPOINTS_PATIENCE_S", 10.0)  # its endpoint comes later still
+    monkeypatch.setattr(ask, "_ENDPOINTS_PATIENCE_S", 10.0)  # its endpoint comes later still
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
     await asyncio.sleep(0.1)
@@ -196,7 +196,7 @@ async def test_a_failure_is_answered_and_logged(
         raise RuntimeError("disk on fire")
 
     world.node("n").create_publisher(Foo, "foo")
-    monkeypatch.setattr(type_description_service, broken, fail)
+    monkeypatch.setattr(describe, broken, fail)
     with caplog.at_level(logging.ERROR), pytest.raises(TypeDescriptionError, match=reason):
         await world.node("asker").get_type_description("/n", "", type_hash(Foo), timeout_s=5)
     assert "disk on fire" in caplog.text

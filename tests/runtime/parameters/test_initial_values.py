@@ -116,4 +116,4 @@ async def test_a_declaration_that_ignores_initial_values_is_said(
 
 def test_nothing_is_kept_or_timed_without_initial_values(memory: World) -> None:
     context = memory.node("drive").context
-    assert context.initial_values._holders == [] and context.initial_values._timer is None
+    assert context._core.initial_values._holders == [] and context._core.initial_values._timer is None

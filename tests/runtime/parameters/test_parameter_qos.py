@@ -54,8 +54,8 @@ def test_the_services_are_reliable_volatile_and_drop_nothing(world: World, servi
         channels = Channel("request", f"/n/{service}"), Channel("reply", f"/n/{service}")
 
         def endpoints() -> list[QoSProfile]:
-            other.scope.discovery.refresh()
-            return [one.qos for one in other.scope.graph.endpoints.values() if one.channel in channels]
+            other._scope.discovery.refresh()
+            return [one.qos for one in other._scope.graph.endpoints.values() if one.channel in channels]
 
         await until(lambda: len(endpoints()) == 4)  # two of the server, two of the client
         for qos in endpoints():

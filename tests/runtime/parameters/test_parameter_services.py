@@ -141,11 +141,11 @@ async def test_the_answer_comes_before_the_events_it_caused(world: World) -> Non
 
 
 def _event_publisher(node: Any) -> Any:
-    return next(item for item in node.scope.owned.values() if type(item).__name__ == "ParameterEventPublisher")
+    return next(item for item in node._scope.owned.values() if type(item).__name__ == "ParameterEventPublisher")
 
 
 def _set_service(node: Any) -> Any:
-    return next(item for item in node.scope.owned.values() if getattr(item, "name", "") == "/n/set_parameters")
+    return next(item for item in node._scope.owned.values() if getattr(item, "name", "") == "/n/set_parameters")
 
 
 def _note(of: Any, function: str, name: str, written: list[str]) -> None:

@@ -41,7 +41,7 @@ def flags_of(entity: int) -> int:
 
 def newest_reader(node: Node) -> Any:
     """The reader that was made last."""
-    participant: Any = node.scope.participant
+    participant: Any = node._scope.participant
     return list(participant._readers.values())[-1]
 
 
@@ -57,7 +57,7 @@ def test_a_reader_wants_all_before_the_first_writer_is_connected(dds: World, mon
     """Cyclone tells its listener of a connection first, and nobody asks afterwards here."""
     node = dds.node()
     node.create_publisher(String, "topic")
-    participant: Any = node.scope.participant
+    participant: Any = node._scope.participant
     early = participant._early
     monkeypatch.setattr(early, "create_reader", lambda create: create(early._during_creation))
     node.create_subscription(String, "topic")
@@ -68,7 +68,7 @@ def test_a_reader_wants_all_before_the_first_writer_is_connected(dds: World, mon
 
 def early_samples(dds: World, fast_dds: FastDds) -> tuple[EarlySamples, Any]:
     """Together with the participant whose readers it shall make."""
-    participant: Any = dds.node().scope.participant
+    participant: Any = dds.node()._scope.participant
     return EarlySamples(cyclone._api, fast_dds, participant._listener), participant
 
 

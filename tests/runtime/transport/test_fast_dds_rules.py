@@ -80,7 +80,7 @@ async def main():
 asyncio.run(main())
 """
 SHORT_LIFE = f"""{AS_FAST_DDS}
-from rosidl_py_gen.runtime import Context
+from rosidl_py_gen.runtime.node import open_contexts
 
 async def main():
     async with Node("mayfly") as node:
@@ -92,13 +92,13 @@ def child():  # everything in it is new
     pid = os.fork()
     if pid == 0:
         asyncio.run(main())
-        Context.close_all()
+        open_contexts.close_all()
         os._exit(0)
     assert os.waitpid(pid, 0)[1] == 0
 
 child()
 asyncio.run(main())
-Context.close_all()
+open_contexts.close_all()
 child()
 asyncio.run(main())
 if len(sys.argv) > 1:  # leave without closing anything
@@ -141,7 +141,7 @@ def table_of(type_object: int) -> Any:
 
 def type_object(node: Node, dds_type: str) -> int:
     """What stands for a type in the node's domain."""
-    participant: Any = node.scope.participant
+    participant: Any = node._scope.participant
     found: int = participant.type_object(dds_type)
     return found
 
@@ -177,7 +177,7 @@ def test_functions_of_topics_are_left_alone(dds: World) -> None:
 
 def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there(dds: World) -> None:
     node = with_service(dds.node("ours"))
-    participant: Any = node.scope.participant
+    participant: Any = node._scope.participant
     fast_dds = participant.fast_dds
     participant.report_discovery()
     plain = receiver(node)
@@ -193,7 +193,7 @@ def test_received_samples_are_looked_into_only_while_fast_dds_peers_may_be_there
 
 def test_what_is_noticed_while_discovery_is_read_is_not_forgotten(dds: World) -> None:
     node = with_service(dds.node("ours"))
-    participant: Any = node.scope.participant
+    participant: Any = node._scope.participant
     participant.report_discovery()
     plain = receiver(node)
     participant.fast_dds.look(READER)
@@ -207,7 +207,7 @@ def test_what_is_noticed_while_discovery_is_read_is_not_forgotten(dds: World) ->
 
 def test_a_new_participant_is_noticed_at_once_whatever_the_loop_does(dds: World) -> None:
     node = with_service(dds.node("ours"))
-    participant: Any = node.scope.participant
+    participant: Any = node._scope.participant
     participant.report_discovery()
     plain = receiver(node)
     with program(SERVER):  # no loop runs here
@@ -353,8 +353,8 @@ async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_
     for number, (topic, kind) in enumerate((("rq/set_boolRequest", "Request"), ("rr/set_boolReply", "Response")), 1):
         last = b"\x03" if kind == "Response" else b"\x04"
         guid, type_name = FAST_GUID[:12] + bytes((0, 0, number)) + last, f"std_srvs::srv::dds_::SetBool_{kind}_"
-        bob.scope.discovery._on_events([found := on_wire.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)])
-        bob.scope.participant.service_peers.apply([found])
+        bob._scope.discovery._on_events([found := on_wire.found(guid, FAST_GUID, topic, type_name, SERVICES_DEFAULT)])
+        bob._scope.participant.service_peers.apply([found])
     with pytest.raises(ForeignServiceError, match="RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"):
         await client.wait_for_service(timeout_s=10)
     with pytest.raises(ForeignServiceError, match=r"Topics work with it.*this build is not known"):

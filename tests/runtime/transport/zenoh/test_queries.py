@@ -32,7 +32,7 @@ class Pair:
         self.client = world.node("caller").create_client(AddTwoInts, "add")
         self.reader: Any = self.server._port
         self.replies: Any = self.client._port
-        self.session: Any = self.node.scope.participant.session  # type: ignore[attr-defined]
+        self.session: Any = self.node._scope.participant.session  # type: ignore[attr-defined]
         self.key = (
             f"{self.node.context.domain_id}/add/example_interfaces::srv::dds_::AddTwoInts_/{AddTwoInts._TYPE.hash}"
         )
@@ -198,7 +198,7 @@ async def test_what_arrives_without_attachment_is_logged_on_the_thread_of_the_lo
 ) -> None:
     node = zenoh.node("n")
     subscription = node.create_subscription(String, "t")
-    session: Any = node.scope.participant.session  # type: ignore[attr-defined]
+    session: Any = node._scope.participant.session  # type: ignore[attr-defined]
     key = f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{String._TYPE.hash}"
     data = String(data="x").encode()
     while "found none" not in caplog.text:  # at most one a second is logged, also of other tests

@@ -74,7 +74,7 @@ async def test_nodes_go_on_without_their_router_and_meet_others_when_it_is_back(
     talker, listener = node_at("talker", endpoint), node_at("listener", endpoint)
     publisher, subscription = talker.create_publisher(String, "/talk"), listener.create_subscription(String, "/talk")
     assert await publisher.wait_for_subscribers(10)
-    here, there = (node.scope.participant.session.info for node in (talker, listener))  # type: ignore[attr-defined]
+    here, there = (node._scope.participant.session.info for node in (talker, listener))  # type: ignore[attr-defined]
     await until(lambda: there.zid() in here.peers_zid(), 10)  # not only through the router
     gone.close()
     receiving = asyncio.ensure_future(subscription.receive(10))

@@ -312,7 +312,7 @@ async def test_samples_without_attachment_are_dropped_with_a_word(
 ) -> None:
     node = zenoh.node("n")
     subscription = node.create_subscription(String, "t")
-    session: Any = node.scope.participant.session  # type: ignore[attr-defined]
+    session: Any = node._scope.participant.session  # type: ignore[attr-defined]
     key = f"{node.context.domain_id}/t/std_msgs::msg::dds_::String_/{String._TYPE.hash}"
     while "expected an attachment of 33 bytes, found none" not in caplog.text:  # one a second is logged, of all tests
         session.put(key, String(data="stray").encode())
