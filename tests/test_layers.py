@@ -107,7 +107,17 @@ TOOLS: dict[str, tuple[str, ...]] = {
 # what is public in every named tuple.
 SHARED = {"_replace", "_TYPE", "_decode", "_encode", "_encode_into", "_FIELDS"}
 # The same for modules of the runtime only: what nodes and contexts are made of, which users do not see.
-SHARED_IN_RUNTIME = {"_scope", "_core"}
+SHARED_IN_RUNTIME = {
+    "_scope",
+    "_core",
+    "_record",
+    "_ask",
+    "_forget",
+    "_servers",
+    "_publish_without_waiting",
+    "_deliver",
+    "_schedule",
+}
 # Functions of the standard library that are public in spite of their names.
 DOCUMENTED = {"sys._getframe", "os._exit"}
 # Knows private structures of Cyclone DDS, and says so.

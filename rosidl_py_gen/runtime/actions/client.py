@@ -29,6 +29,7 @@ from rosidl_py_gen.runtime.actions.client_goal import (
     CancelError,
     CancelRejectedError,
     ClientGoal,
+    GoalProgress,
     GoalRejectedError,
 )
 from rosidl_py_gen.runtime.actions.results import ResultClient
@@ -87,7 +88,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         self.action_class = action_type.cls
         self._type = action_type
         self._matching: Matching[None] = Matching(scope, lambda _: not self._missing())
-        self._goals: dict[bytes, ClientGoal[ActionT_co]] = {}
+        self._goals: dict[bytes, GoalProgress] = {}
         # The topics first: endpoints become known in this order, and a server that knows the client of send_goal shall
         # know who wants the feedback. Feedback is kept until it is sorted: the queue is shared by all goals, each has
         # its own depth.
@@ -167,18 +168,18 @@ class ActionClient(Composite, Generic[ActionT_co]):
             raise ActionArgumentError(f"goal_id {goal_id.hex()} belongs to a goal of this client that has not ended")
         request.goal_id.uuid = goal_id
         request.goal = self._type.goal.to_message(goal)
-        handle: ClientGoal[Any] = ClientGoal(goal_id, goal, self._feedback_depth, self.cancel_goal, self._run_sync)
-        self._goals[goal_id] = handle
+        progress = GoalProgress(goal_id, self._feedback_depth)
+        self._goals[goal_id] = progress
         try:
             response = await self._call_send_goal(request, deadline, timeout_s)
             if not response.accepted:
                 raise GoalRejectedError(f"action server {self.name} rejected the goal {goal!r:.200}")
-            handle.accepted(Time.from_msg(response.stamp))
-            self._ask_result(handle)
+            progress.on_accepted(Time.from_msg(response.stamp))
+            self._ask_result(progress)
         except BaseException:
             self._goals.pop(goal_id, None)
             raise
-        return handle
+        return ClientGoal(progress, goal, self.cancel_goal, self._run_sync)
 
     async def _call_send_goal(self, request: Any, deadline: Deadline, timeout_s: float | None) -> Any:
         if not self._matching.is_complete(None):
@@ -220,27 +221,28 @@ class ActionClient(Composite, Generic[ActionT_co]):
 
     # ------------------------------------------------------------------------------------------------------ result
 
-    def _ask_result(self, handle: ClientGoal[Any]) -> None:
+    def _ask_result(self, progress: GoalProgress) -> None:
         request = self._type.cls.GetResult.Request()
-        request.goal_id.uuid = handle.goal_id
+        request.goal_id.uuid = progress.goal_id
 
         def on_error(error: BaseException) -> None:
-            self._goals.pop(handle.goal_id, None)
-            handle.failed(error)
+            self._goals.pop(progress.goal_id, None)
+            progress.on_error(error)
 
-        on_reply = partial(self._on_result, handle)
-        self._result.ask(request, on_reply, on_error, lambda: handle.status.is_terminal)
+        on_reply = partial(self._on_result, progress)
+        self._result.ask(request, on_reply, on_error, lambda: progress.status.is_terminal)
 
-    def _on_result(self, handle: ClientGoal[Any], response: Any) -> None:
-        self._feedback.deliver()  # what came before the result, and is perhaps not looked at before the next wait
-        self._goals.pop(handle.goal_id, None)
+    def _on_result(self, progress: GoalProgress, response: Any) -> None:
+        self._feedback._deliver()  # what came before the result, and is perhaps not looked at before the next wait
+        self._goals.pop(progress.goal_id, None)
         try:
             status = GoalStatus(response.status)
             if status is GoalStatus.UNKNOWN:
-                raise UnknownGoalError(f"action server {self.name} does not know goal {handle.goal_id.hex()} any more")
-            handle.finished(status, self._type.result.to_value(response.result))
+                goal_id = progress.goal_id.hex()
+                raise UnknownGoalError(f"action server {self.name} does not know goal {goal_id} any more")
+            progress.on_result(status, self._type.result.to_value(response.result))
         except Exception as error:
-            handle.failed(error)
+            progress.on_error(error)
 
     # ------------------------------------------------------------------------------------------------------ cancel
 
@@ -299,22 +301,22 @@ class ActionClient(Composite, Generic[ActionT_co]):
     # ------------------------------------------------------------------------------------------------------ topics
 
     def _on_feedback(self, message: Any) -> None:
-        handle = self._goals.get(goal_id_of(message))
-        if handle is not None:
-            handle.feedback_arrived(self._type.feedback.to_value(message.feedback))
+        progress = self._goals.get(goal_id_of(message))
+        if progress is not None:
+            progress.feedback.push(self._type.feedback.to_value(message.feedback))
 
     def _on_status(self, data: bytes) -> None:
-        for goal_id, handle in self._goals.items():
+        for goal_id, progress in self._goals.items():
             status = find_status(data, goal_id)
             if status is not None:
-                handle.status_arrived(status)
+                progress.on_status(status)
 
     def __repr__(self) -> str:
-        return shown(self, self.name, self.action_type, peers=lambda: len(self._send.servers()), peer="server")
+        return shown(self, self.name, self.action_type, peers=lambda: len(self._send._servers()), peer="server")
 
     def close(self) -> None:
         """Let go of all goals: whoever waits gets `ClosedError`, feedback ends. May be called twice."""
-        for handle in list(self._goals.values()):
-            handle.failed(ClosedError(f"the action client of {self.name} was closed"))
+        for progress in list(self._goals.values()):
+            progress.on_error(ClosedError(f"the action client of {self.name} was closed"))
         self._goals.clear()
         super().close()

@@ -49,30 +49,67 @@ class AlreadyTerminatedError(CancelError):
     """The goal has ended, or is being cancelled already."""
 
 
+class GoalProgress:
+    """What an action client has heard of one goal; all on the loop's thread."""
+
+    def __init__(self, goal_id: bytes, feedback_depth: int) -> None:
+        self.goal_id = goal_id
+        self.status = GoalStatus.UNKNOWN
+        self.accepted_stamp: Time | None = None
+        self.feedback: Stream[Any] = Stream(feedback_depth)
+        self.outcome: tuple[GoalStatus, Any] | None = None
+        self.error: BaseException | None = None
+        self.waiters = Waiters()
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the result is in, or will never be."""
+        return self.outcome is not None or self.error is not None
+
+    def on_accepted(self, stamp: Time) -> None:
+        """The server wants the goal."""
+        self.accepted_stamp = stamp
+        if self.status is GoalStatus.UNKNOWN:
+            self.status = GoalStatus.ACCEPTED
+
+    def on_status(self, number: int) -> None:
+        """The status topic mentions the goal. Never goes back: the topic may lag behind the answers."""
+        status = _STATUSES.get(number)
+        if status is not None and status > self.status:
+            self.status = status
+
+    def on_result(self, status: GoalStatus, result: object) -> None:
+        """The result is in."""
+        if not self.is_done:
+            self.status, self.outcome = status, (status, result)
+            self.feedback.close()
+            self.waiters.wake()
+
+    def on_error(self, error: BaseException) -> None:
+        """There will be no result."""
+        if not self.is_done:
+            self.error = error
+            self.feedback.close(error)
+            self.waiters.wake()
+
+
 @knows_rclpy
 class ClientGoal(Generic[ActionT_co]):
     """A goal that was accepted; made by `ActionClient.send_goal`. `ClientGoal[Fibonacci]` to a type checker."""
 
     def __init__(
         self,
-        goal_id: bytes,
+        progress: GoalProgress,
         goal: object,
-        feedback_depth: int,
         cancel: Callable[[bytes, float | None], Coroutine[Any, Any, None]],
         run_sync: Callable[[Coroutine[Any, Any, Any]], Any],
     ) -> None:
         self._cancel = cancel
         self._run_sync = run_sync
         self._goal: Any = goal
-        self._status = GoalStatus.UNKNOWN
-        self._outcome: tuple[GoalStatus, Any] | None = None
-        self._error: BaseException | None = None
-        self._waiters = Waiters()
-        self._feedback: Stream[Any] = Stream(feedback_depth)
-        self.goal_id = goal_id
+        self._progress = progress
+        self.goal_id = progress.goal_id
         """16 bytes."""
-        self.accepted_stamp: Time | None = None
-        """When the server accepted it, by the server's clock."""
 
     @property
     def goal(self: ClientGoal[Action[GoalT, Any, Any]]) -> GoalT:
@@ -83,24 +120,29 @@ class ClientGoal(Generic[ActionT_co]):
     @property
     def status(self) -> GoalStatus:
         """The newest status that was heard of."""
-        return self._status
+        return self._progress.status
+
+    @property
+    def accepted_stamp(self) -> Time | None:
+        """When the server accepted it, by the server's clock."""
+        return self._progress.accepted_stamp
 
     @property
     def is_done(self) -> bool:
         """True once `result` returns or raises at once."""
-        return self._outcome is not None or self._error is not None
+        return self._progress.is_done
 
     @property
     def feedback_dropped(self) -> int:
         """How many feedback messages were lost because nobody took them in time: the oldest ones."""
-        return self._feedback.dropped
+        return self._progress.feedback.dropped
 
     def feedback(self: ClientGoal[Action[Any, Any, FeedbackT]]) -> Stream[FeedbackT]:
         """Iterate over the feedback, from the first one on; ends when the result is in.
 
         Ends with an error when there will be no result: `ActionServerLostError`, `ClosedError`.
         """
-        return self._feedback
+        return self._progress.feedback
 
     async def result(
         self: ClientGoal[Action[Any, ResultT, Any]], timeout_s: float | None = None
@@ -112,14 +154,15 @@ class ClientGoal(Generic[ActionT_co]):
             ActionServerLostError: the server went away. UnknownGoalError: it came back without knowing the goal.
             ClosedError: the client was closed.
         """
-        if not await self._waiters.wait(lambda: self.is_done, Deadline(timeout_s).left_s()):
+        progress = self._progress
+        if not await progress.waiters.wait(lambda: progress.is_done, Deadline(timeout_s).left_s()):
             raise ActionTimeoutError(
-                f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {self._status.name}"
+                f"no result of goal {self.goal_id.hex()} in {timeout_s} s; it is {progress.status.name}"
             )
-        if self._error is not None:
-            raise self._error
-        assert self._outcome is not None
-        return self._outcome
+        if progress.error is not None:
+            raise progress.error
+        assert progress.outcome is not None
+        return progress.outcome
 
     async def cancel(self, timeout_s: float | None = None) -> None:
         """Ask the server to cancel; returns when it agreed. The goal ends some time later, see `result`.
@@ -142,37 +185,5 @@ class ClientGoal(Generic[ActionT_co]):
         """`cancel` for plain code; see `ActionClient.send_goal_sync`."""
         self._run_sync(self.cancel(timeout_s))
 
-    # ------------------------------------------------------------------------- what the client tells, on the loop
-
-    def accepted(self, stamp: Time) -> None:
-        """The server wants the goal."""
-        self.accepted_stamp = stamp
-        if self._status is GoalStatus.UNKNOWN:
-            self._status = GoalStatus.ACCEPTED
-
-    def status_arrived(self, number: int) -> None:
-        """The status topic mentions the goal. Never goes back: the topic may lag behind the answers."""
-        status = _STATUSES.get(number)
-        if status is not None and status > self._status:
-            self._status = status
-
-    def feedback_arrived(self, feedback: object) -> None:
-        """The feedback topic mentions the goal."""
-        self._feedback.push(feedback)
-
-    def finished(self, status: GoalStatus, result: object) -> None:
-        """The result is in."""
-        if not self.is_done:
-            self._status, self._outcome = status, (status, result)
-            self._feedback.close()
-            self._waiters.wake()
-
-    def failed(self, error: BaseException) -> None:
-        """There will be no result."""
-        if not self.is_done:
-            self._error = error
-            self._feedback.close(error)
-            self._waiters.wake()
-
     def __repr__(self) -> str:
-        return f"ClientGoal({self.goal_id.hex()}, {self._status.name})"
+        return f"ClientGoal({self.goal_id.hex()}, {self.status.name})"

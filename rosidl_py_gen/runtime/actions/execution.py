@@ -72,8 +72,17 @@ class FeedbackReadiness:
 class HandlerRunner:
     """Calls the handler of one action server; `scope` is the server's."""
 
-    def __init__(self, scope: Scope, action: str, execute: Callable[..., Any], readiness: FeedbackReadiness) -> None:
+    def __init__(
+        self,
+        scope: Scope,
+        action: str,
+        execute: Callable[..., Any],
+        readiness: FeedbackReadiness,
+        complete: Callable[..., bool],
+    ) -> None:
+        """`complete` is that of the server's `ServerGoals`."""
         self._scope = scope
+        self._complete = complete
         self._action = action
         self._execute = execute
         self._is_async = is_async(execute)
@@ -87,16 +96,16 @@ class HandlerRunner:
             task.add_done_callback(lambda _: self._ended(goal))
 
     def _ended(self, goal: ServerGoal[Any]) -> None:
-        goal.handler = None
+        goal._record.handler = None
         if self._scope.closed:
             return
         if goal.is_active:
             goal.abort()
         else:
-            goal.returned(None, failed=True)
+            self._complete(goal, None, failed=True)
 
     async def _call(self, goal: ServerGoal[Any]) -> Any:
-        goal.handler = caller()
+        goal._record.handler = caller()
         try:
             if not self._readiness.is_given():
                 await self._readiness.wait()
@@ -109,14 +118,14 @@ class HandlerRunner:
     async def _in_thread(self, goal: ServerGoal[Any]) -> Any:
         try:
             outcome = await in_thread(f"action handler {self._action}", self._begin, goal)
-            goal.handler = caller()
+            goal._record.handler = caller()
             return await outcome if inspect.isawaitable(outcome) else outcome
         except asyncio.CancelledError:
-            goal.request_cancel()  # the function may still run in its thread
+            goal._record.request_cancel()  # the function may still run in its thread
             raise
 
     def _begin(self, goal: ServerGoal[Any]) -> Any:
-        goal.handler = caller()
+        goal._record.handler = caller()
         return self._execute(goal)
 
     def _returned(self, goal: ServerGoal[Any], outcome: object) -> None:
@@ -124,7 +133,7 @@ class HandlerRunner:
         if self._scope.closed:
             return
         if not goal.is_active:
-            if not goal.returned(result):
+            if not self._complete(goal, result):
                 self._scope.logger.warning(
                     f"the handler of action {self._action} returned a result for goal {goal.goal_id.hex()}, which had "
                     "ended with another one; what it returned is not sent"

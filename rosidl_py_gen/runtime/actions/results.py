@@ -146,18 +146,18 @@ class ResultClient:
     def _put(self, wanted: _Wanted) -> None:
         """Ask those that are there now, and nobody else any more."""
         self._forget(wanted)
-        wanted.servers = self.client.servers()
+        wanted.servers = self.client._servers()
         if wanted.servers:
             self._ask(wanted)
 
     def _ask(self, wanted: _Wanted) -> None:
-        wanted.asked |= self.client.servers()
+        wanted.asked |= self.client._servers()
         on_reply, on_error = partial(self._on_reply, wanted), partial(self._on_error, wanted)
-        wanted.sequences.append(self.client.ask(wanted.request, on_reply, on_error))
+        wanted.sequences.append(self.client._ask(wanted.request, on_reply, on_error))
 
     def _forget(self, wanted: _Wanted) -> None:
         for sequence in wanted.sequences:
-            self.client.forget(sequence)
+            self.client._forget(sequence)
         wanted.sequences.clear()
 
     def _on_reply(self, wanted: _Wanted, response: Any, server: bytes | None) -> bool:
@@ -170,7 +170,7 @@ class ResultClient:
                 if wanted.denied < _DENIALS:
                     return True
             wanted.servers.discard(server or b"")
-            if not wanted.servers.isdisjoint(self.client.servers()):
+            if not wanted.servers.isdisjoint(self.client._servers()):
                 wanted.answer = response, self._scope.bridge.running_loop().time()
                 return True
         self._end(wanted, wanted.tell, response)
@@ -197,7 +197,7 @@ class ResultClient:
         if not self._wanted or self._scope.closed:
             return
         loop = self._scope.bridge.running_loop()
-        present, now_s = self.client.servers(), loop.time()
+        present, now_s = self.client._servers(), loop.time()
         if present:
             self._seen_s = now_s
         names = {server: self._node_of(server) for server in present}

@@ -87,7 +87,9 @@ class ActionServer(Composite, Generic[ActionT_co]):
         ServiceServer(parts, get_result, names.get_result, self._on_get_result, SERVICES_DEFAULT)
         self._send_goal = send_goal
         readiness = FeedbackReadiness(parts, send_goal, self._goals.feedback)
-        self._runner = None if execute is None else HandlerRunner(parts, self.name, execute, readiness)
+        self._runner = (
+            None if execute is None else HandlerRunner(parts, self.name, execute, readiness, self._goals.complete)
+        )
         scope.own(self)
 
     def _run(self, goal: ServerGoal[Any]) -> None:
@@ -183,8 +185,8 @@ class ActionServer(Composite, Generic[ActionT_co]):
         if self._cancels is None and isinstance(self._on_cancel, bool):
             return self._on_cancel
         answer: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
-        goal.cancel_answers.add(answer)
-        answer.add_done_callback(goal.cancel_answers.discard)
+        goal._record.cancel_answers.add(answer)
+        answer.add_done_callback(goal._record.cancel_answers.discard)
         if self._cancels is not None:
             self._cancels.push(CancelRequest(goal, answer))
         elif isinstance(self._on_cancel, UserFunction):
@@ -197,7 +199,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         self._goals.expire()
         goal_id = goal_id_of(request)
         goal, _ = self._goals.returning.get(goal_id, (self._goals.active.get(goal_id), None))
-        return goal.encoded_result() if goal is not None else self._goals.book.result(goal_id) or self._unknown
+        return goal._record.result_bytes() if goal is not None else self._goals.book.result(goal_id) or self._unknown
 
     def __repr__(self) -> str:
         goals = counted(len(self.goals), "active goal")

@@ -16,13 +16,14 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from rosidl_py_gen.rclpy_names import knows_rclpy
+from rosidl_py_gen.runtime.actions.goal_record import GoalRecord
 from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, GoalEvent, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.waiting import Waiters, current_loop, settle, settle_threadsafe
+from rosidl_py_gen.waiting import current_loop, settle
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -60,15 +61,7 @@ class ServerGoal(Generic[ActionT_co]):
     def __init__(self, goals: ServerGoals, goal_id: bytes, request: object) -> None:
         self._goals = goals
         self._request: Any = request
-        self._cancel_requested = False
-        self._result: bytes | None = None
-        self._changed = Waiters()
-        self.cancel_answers: set[asyncio.Future[bool]] = set()
-        """Cancel requests that the program decides about; they are refused when the goal ends."""
-        self.handler: object = None
-        """The `caller` that its handler is while that runs; the server sets this."""
-        self.has_started = False
-        """True since it began to execute, also after its end."""
+        self._record = GoalRecord()
         self.goal_id = goal_id
         """16 bytes."""
 
@@ -94,11 +87,11 @@ class ServerGoal(Generic[ActionT_co]):
 
         Also true when the server closes; then nothing can be told to the client any more, and it is time to return.
         """
-        return self._cancel_requested
+        return self._record.cancel_requested
 
     async def wait_for_cancel(self) -> None:
         """Return when `cancel_requested` becomes true."""
-        await self._changed.wait(lambda: self._cancel_requested)
+        await self._record.changed.wait(lambda: self._record.cancel_requested)
 
     async def started(self) -> bool:
         """Wait until a goal that waits its turn, or was deferred, is EXECUTING.
@@ -106,38 +99,9 @@ class ServerGoal(Generic[ActionT_co]):
         Returns:
             False when it will never be: it was cancelled before, and has ended, or the server was closed.
         """
-        await self._changed.wait(lambda: self.has_started or self._result is not None)
-        return self.has_started
-
-    def request_cancel(self) -> None:
-        """Set `cancel_requested`; the server does this, after the status has changed, and when it closes."""
-        self._cancel_requested = True
-        self._changed.wake()
-
-    def mark_started(self) -> None:
-        """It starts now; the server does this."""
-        self.has_started = True
-        self._changed.wake()
-
-    def mark_ended(self, result: bytes) -> None:
-        """It has ended, or the server closes; the server does this."""
-        self._result = result
-        self._changed.wake()
-        self.refuse_cancels()
-
-    def refuse_cancels(self) -> None:
-        """It is too late for them; the server does this."""
-        for answer in tuple(self.cancel_answers):  # another thread may close while a cancel comes
-            settle_threadsafe(answer, False)
-
-    def returned(self, result: object | None, *, failed: bool = False) -> bool:
-        """Its handler returned or `failed`; whether the result, None for a default one, was sent. On the loop."""
-        return self._goals.complete(self, result, failed=failed)
-
-    async def encoded_result(self) -> bytes:
-        """What get_result answers, once the goal has ended; the server asks this."""
-        await self._changed.wait(lambda: self._result is not None)
-        return self._result or b""
+        record = self._record
+        await record.changed.wait(lambda: record.has_started or record.result is not None)
+        return record.has_started
 
     def publish_feedback(self: ServerGoal[Action[Any, Any, FeedbackT]], feedback: FeedbackT) -> None:
         """Tell the client how it goes; from any thread.
@@ -179,7 +143,8 @@ class ServerGoal(Generic[ActionT_co]):
         return self._finish(GoalEvent.CANCELED, result)
 
     def _finish(self, event: GoalEvent, result: object | None) -> Finished:
-        awaits_return = result is None and self.handler is not None and self.handler == caller()
+        handler = self._record.handler
+        awaits_return = result is None and handler is not None and handler == caller()
         self._goals.on_loop(lambda: self._goals.finish(self.goal_id, event, result, awaits_return=awaits_return))
         return FINISHED
 
@@ -270,7 +235,7 @@ class ServerGoals:
 
     def start_deferred(self, goal: ServerGoal[Any]) -> None:
         """Start it in its turn; without effect when it has one already."""
-        if goal.goal_id in self.active and not goal.has_started and goal not in self._queue:
+        if goal.goal_id in self.active and not goal._record.has_started and goal not in self._queue:
             self._start_in_turn(goal)
 
     def _start_in_turn(self, goal: ServerGoal[Any]) -> None:
@@ -289,7 +254,7 @@ class ServerGoals:
     def _start(self, goal: ServerGoal[Any]) -> None:
         self._running.add(goal.goal_id)
         self._change(goal.goal_id, GoalEvent.EXECUTE)
-        goal.mark_started()
+        goal._record.start()
         self._run(goal)
 
     def finish(self, goal_id: bytes, event: GoalEvent, result: object | None, *, awaits_return: bool = False) -> None:
@@ -308,9 +273,9 @@ class ServerGoals:
         goal = self.active.pop(goal_id)
         if awaits_return:
             self.returning[goal_id] = (goal, event)
-            goal.refuse_cancels()
+            goal._record.refuse_cancels()
         else:
-            goal.mark_ended(data)
+            goal._record.end(data)
         self._status.publish()
         if self._queue and not self._running:
             self._start(self._queue.popleft())
@@ -330,7 +295,7 @@ class ServerGoals:
         data = self._type.encode_result(status, result)
         del self.returning[goal.goal_id]
         self.book.replace_result(goal.goal_id, data, status)
-        goal.mark_ended(data)
+        goal._record.end(data)
         if failed:
             self._status.rows.set_status(goal.goal_id, status)
             self._status.publish()
@@ -360,8 +325,8 @@ class ServerGoals:
         if goal in self._queue:
             self._queue.remove(goal)
         self._change(goal.goal_id, GoalEvent.CANCEL_GOAL)
-        goal.request_cancel()
-        if not goal.has_started:
+        goal._record.request_cancel()
+        if not goal._record.has_started:
             self.finish(goal.goal_id, GoalEvent.CANCELED, None)
 
     def _change(self, goal_id: bytes, event: GoalEvent) -> None:
@@ -392,7 +357,7 @@ class ServerGoals:
         if self._expiry is not None:
             self._expiry.cancel()
         for goal in self.active.values():
-            goal.request_cancel()
-            goal.mark_ended(b"")
+            goal._record.request_cancel()
+            goal._record.end(b"")
         for goal, _ in self.returning.values():
-            goal.mark_ended(b"")
+            goal._record.end(b"")

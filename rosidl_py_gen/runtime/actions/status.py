@@ -83,7 +83,7 @@ class StatusTopic:
         self.rows = StatusRows()
         self._bridge = scope.bridge
         self._publisher: Publisher[bytes] = Publisher(scope, raw_type(message_type), topic, ACTION_STATUS)
-        self._after_answer = AfterAnswer(scope.bridge, self._publisher.publish_without_waiting)
+        self._after_answer = AfterAnswer(scope.bridge, self._publisher._publish_without_waiting)
         self.flush = self._after_answer.flush
         scope.own(self._after_answer)
 

@@ -92,7 +92,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
 
     wait_for_service_sync = blocking(wait_for_service)
 
-    def servers(self) -> set[bytes]:
+    def _servers(self) -> set[bytes]:
         """The GUIDs of what answers, of all servers; empty when none can be talked to."""
         try:
             return set(self._port.connected()) if self._is_available() else set()
@@ -156,7 +156,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             message = f"no response from {self.name} ({self.service_type}) in {timeout_s} s"
             raise CallTimeoutError(message) from None
         finally:
-            self.forget(pending.sequence)
+            self._forget(pending.sequence)
 
     def call_sync(self, request: RequestT, timeout_s: float | None = None) -> ResponseT:
         """`call` for plain code: from a script without event loop, or from another thread than the loop's.
@@ -168,7 +168,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         call = self.call(request, timeout_s)
         return self._scope.run(call, f"call_sync on {self.name}", "'await client.call(...)'")
 
-    def ask(
+    def _ask(
         self,
         request: RequestT,
         on_reply: Callable[[ResponseT, bytes | None], object],
@@ -195,7 +195,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         self._put(pending)
         return pending.sequence
 
-    def forget(self, sequence: int) -> None:
+    def _forget(self, sequence: int) -> None:
         """Nobody waits for this reply any more; without effect when it is over already."""
         pending = self._pending.pop(sequence, None)
         if pending is not None:
@@ -250,7 +250,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             self._fail(pending, error)
             return True
         except BaseException:  # a signal handler's
-            self.forget(pending.sequence)
+            self._forget(pending.sequence)
             raise
         if number is None:
             return False
@@ -261,7 +261,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         return True
 
     def _fail(self, pending: PendingRequest[ResponseT], error: Exception) -> None:
-        self.forget(pending.sequence)
+        self._forget(pending.sequence)
         pending.on_error(error)
 
     def _on_replies(self) -> Callable[[], None] | None:
@@ -319,7 +319,7 @@ class Client(ServiceEnd[RequestT, ResponseT]):
             self._fail(pending, error)
             return
         if pending.on_reply(response, server) is not True:
-            self.forget(pending.sequence)
+            self._forget(pending.sequence)
 
     # ------------------------------------------------------------------------------------------------------- state
 

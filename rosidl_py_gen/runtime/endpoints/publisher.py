@@ -104,7 +104,7 @@ class Publisher(Owned, Generic[T]):
         if self._outbox.waiting or not self._write(data):
             self._send_later(partial(self._write, bytes(data)))
 
-    def publish_without_waiting(self, message: T) -> None:
+    def _publish_without_waiting(self, message: T) -> None:
         """`publish` that returns at once on every thread; for logging, which must not hold up its caller."""
         data = self._encode(message)
         if not self._closed:

@@ -222,7 +222,7 @@ class Subscription(Owned, Generic[T]):
 
     # ---------------------------------------------------------------------------------------------------- callbacks
 
-    def deliver(self) -> None:
+    def _deliver(self) -> None:
         """Call back for what DDS has received already, without waiting for the loop to come round to it."""
         self._reader.fetch()
         self._call_back()

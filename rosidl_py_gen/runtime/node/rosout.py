@@ -25,7 +25,7 @@ def start_rosout(scope: Scope) -> None:
 
     def publish(fields: LogFields) -> None:
         sec, nanosec = divmod(fields.stamp_ns, 1_000_000_000)
-        publisher.publish_without_waiting(
+        publisher._publish_without_waiting(
             Log(
                 stamp=Time(sec=sec, nanosec=nanosec),
                 level=fields.level,

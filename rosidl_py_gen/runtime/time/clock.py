@@ -202,10 +202,10 @@ class Clock:
         return await self._sleep(max(length_ns, 0), self.now_ns())
 
     async def _sleep(self, length_ns: int, start_ns: int) -> bool:
-        schedule = self.schedule(length_ns, start_ns)
+        schedule = self._schedule(length_ns, start_ns)
         return await DueWait(self, schedule, ends_with_source=True).wait()
 
-    def schedule(self, period_ns: int, start_ns: int) -> Schedule:
+    def _schedule(self, period_ns: int, start_ns: int) -> Schedule:
         """A schedule by this clock whose first period begins at `start_ns`."""
         return Schedule(period_ns, start_ns, waits_at_zero=self.clock_type is ClockType.ROS_TIME)
 

@@ -35,7 +35,7 @@ class Rate:
         """Wait for the next point of the grid that began with the first call."""
         schedule, active = self._schedule, self._clock.ros_time_is_active
         if schedule is None or active != self._was_active:  # the first round, or the source changed between two
-            self._schedule = schedule = self._clock.schedule(self._period_ns, self._clock.now_ns())
+            self._schedule = schedule = self._clock._schedule(self._period_ns, self._clock.now_ns())
         schedule.after_jump(self._clock.now_ns())  # time may have gone back between two rounds
         await DueWait(self._clock, schedule, ends_with_source=False).wait()
         self._was_active = self._clock.ros_time_is_active

@@ -65,4 +65,4 @@ async def statuses_of(world: World, server: Any) -> list[list[int]]:
 
 def is_awaited(handle: Any) -> bool:
     """Whether the server has been asked for the result of a goal, whose handler waits for something else."""
-    return bool(handle._changed)
+    return bool(handle._record.changed)

@@ -96,7 +96,7 @@ async def test_a_second_server_changes_nothing_while_the_first_lives(world: Worl
     _, client = await pair(world, execute)
     handle = await client.send_goal(goal())
     second = world.node("second").create_action_server(Fibonacci, "fib", fibonacci)
-    await until(lambda: len(client._result.client.servers()) == 2)
+    await until(lambda: len(client._result.client._servers()) == 2)
     await asyncio.sleep(1.2)  # the client looks at its servers twice a second
     assert not handle.is_done
     second.close()
@@ -119,7 +119,7 @@ async def test_unknown_from_another_server_is_not_the_answer(world: World) -> No
         return Fibonacci.GetResult.Response()
 
     stranger = world.node().create_service(Fibonacci.GetResult, "fib/_action/get_result", answer)
-    await until(lambda: len(client._result.client.servers()) == 2)
+    await until(lambda: len(client._result.client._servers()) == 2)
     handle = await client.send_goal(goal(), timeout_s=5)
     status, got = await handle.result(timeout_s=5)
     assert (status, list(got.sequence), len(asked)) == (S.SUCCEEDED, [5], 1)
@@ -130,7 +130,7 @@ async def test_a_server_that_stayed_is_asked_when_the_one_that_accepted_is_gone(
     server, client = await pair(world, until_canceled)
     handle = await client.send_goal(goal())
     world.node("second").create_action_server(Fibonacci, "fib", fibonacci)
-    await until(lambda: len(client._result.client.servers()) == 2)
+    await until(lambda: len(client._result.client._servers()) == 2)
     server.close()
     with pytest.raises(UnknownGoalError, match="does not know goal"):
         await handle.result(timeout_s=10)

@@ -170,7 +170,7 @@ async def test_a_stream_learns_when_its_goals_start(world: World) -> None:
     first, second, third = [(await take(requests)).accept() for _ in sent]
     handles = [await one for one in sent]
     assert await first.started()
-    assert (second.status, second.has_started) == (S.ACCEPTED, False)
+    assert (second.status, second._record.has_started) == (S.ACCEPTED, False)
     with pytest.raises(GoalTransitionError):
         second.succeed(result(1))
     starts = [asyncio.ensure_future(one.started()) for one in (second, third)]

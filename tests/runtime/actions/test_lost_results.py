@@ -145,14 +145,14 @@ async def test_a_goal_ends_when_its_killed_server_was_started_again(monkeypatch:
         client = node.create_action_client(Fibonacci, "fib")
         with server_process({}) as process:
             handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
-            old = client._result.client.servers()
+            old = client._result.client._servers()
             await until(lambda: client._result._node_of(next(iter(old))) == ("/", "peer"))  # comes behind the endpoints
             process.kill()
             process.wait()
             with server_process({}):
                 with pytest.raises(UnknownGoalError, match="does not know goal"):
                     await handle.result(timeout_s=8)
-                assert old < client._result.client.servers(), "the old lease is not over"
+                assert old < client._result.client._servers(), "the old lease is not over"
 
 
 async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -79,7 +79,7 @@ async def test_calls_end_at_once_when_their_server_closes(world: World, timeout_
 async def test_a_server_in_place_of_the_lost_one_never_got_the_request(world: World) -> None:
     server, client, (call,) = await asked(world)
     world.node("next").create_service(AddTwoInts, "add", add)
-    await until(lambda: len(client.servers()) == 2)
+    await until(lambda: len(client._servers()) == 2)
     assert not call.done()
     server.close()
     with pytest.raises(ServerLostError, match=_LOST):
@@ -90,11 +90,11 @@ async def test_a_server_in_place_of_the_lost_one_never_got_the_request(world: Wo
 async def test_a_call_goes_on_while_one_of_its_servers_is_left(world: World) -> None:
     first, second = (world.node(name).create_service(AddTwoInts, "add") for name in ("first", "second"))
     client = world.node("caller").create_client(AddTwoInts, "add")
-    await until(lambda: len(client.servers()) == 2)
+    await until(lambda: len(client._servers()) == 2)
     call = asyncio.ensure_future(client.call(Request(a=1, b=2)))
     request = await asyncio.wait_for(anext(second), 5)
     first.close()
-    await until(lambda: len(client.servers()) == 1)
+    await until(lambda: len(client._servers()) == 1)
     assert not call.done()
     request.respond(Response(sum=3))
     assert (await asyncio.wait_for(call, 5)).sum == 3

@@ -428,7 +428,7 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             with pytest.raises(KeyboardInterrupt):
-                types.ask(GetParameterTypes.Request(names=["x"]), list, list)
+                types._ask(GetParameterTypes.Request(names=["x"]), list, list)
         finally:
             signal.signal(signal.SIGINT, before)
             for one in fast_dds._tables.values():

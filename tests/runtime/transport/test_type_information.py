@@ -109,7 +109,7 @@ async def test_two_types_on_one_topic_name_stay_apart(dds: World) -> None:
 
 
 async def test_the_end_of_a_sample_is_zeros_not_memory(world: World) -> None:
-    participant, odd = world.context().participant, EndpointSpec("/odd", "pkg/msg/Odd", DEFAULT)
+    participant, odd = world.context()._core.participant, EndpointSpec("/odd", "pkg/msg/Odd", DEFAULT)
     reader = participant.create_reader(odd)
     writer = participant.create_writer(odd)
     for length in range(5, 9):

@@ -132,7 +132,7 @@ async def test_a_response_counts_that_comes_after_the_news_that_its_server_is_go
     (token,) = (text for text, ends in caller.graph._tokens.items() if pair.server._port.gid in {e.guid for e in ends})
     caller.graph.hear(False, token)
     caller.report_discovery()
-    await until(lambda: not pair.client.servers())
+    await until(lambda: not pair.client._servers())
     for _ in range(5):  # the client looks for what is lost in a callback of the loop
         await asyncio.sleep(0)
     request = await anext(pair.server)

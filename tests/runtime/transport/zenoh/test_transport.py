@@ -20,7 +20,7 @@ from worlds import ROOT, World, until, zenoh_environment, zenoh_router
 
 from rosidl_py_gen import compile_text, type_hash
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, ServerLostError
-from rosidl_py_gen.runtime.node.context import chosen_transport
+from rosidl_py_gen.runtime.node.core import chosen_transport
 from rosidl_py_gen.runtime.transport.cyclone.participant import CycloneTransport
 from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.zenoh import services
