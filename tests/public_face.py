@@ -48,6 +48,19 @@ def face() -> str:
     return "\n".join(lines[1:]) + "\n"
 
 
+def all_untold() -> list[str]:
+    """Each public member of a class on a page that nothing says anything of."""
+    package = griffe.load(PACKAGE, search_paths=[str(ROOT)], try_relative_path=False)
+    pages = [page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs/api").glob("*.md"))]
+    lines = []
+    for name, options in (entry for text in pages for entry in _SHOWN.findall(text)):
+        settings = (yaml.safe_load(options) or {}).get("options", {})
+        found = _target(package[name])
+        if found.is_class and not settings.get("show_if_no_docstring", False):
+            lines += [f"{name}.{member}" for member in _untold(found, settings)]
+    return lines
+
+
 def difference(recorded: str, found: str) -> list[str]:
     """The lines that are not in both, as a diff has them; members with their class."""
     lines = list(difflib.unified_diff(list(_placed(recorded)), list(_placed(found)), n=0, lineterm=""))[2:]
@@ -100,16 +113,27 @@ def _constructor(found: Any) -> str:
 
 
 def _members(found: Any, settings: dict[str, Any], *, every: bool) -> list[tuple[str, Any]]:
-    """Those the page shows: what has a docstring, what its filters leave, and blocking forms (`_sync`) of that."""
-    hidden = [re.compile(one.removeprefix("!")) for one in settings.get("filters", ["!^_"])]
+    """Those the page shows: what has a docstring and no underscore, and blocking forms (`_sync`) of that."""
     inherited = settings.get("inherited_members", True)
     known = found.all_members if inherited is True else {*found.members, *inherited}
-    chosen = [name for name in settings.get("members", known) if not any(one.search(name) for one in hidden)]
+    chosen = [name for name in settings.get("members", known) if not name.startswith("_")]
     named = {name: _target(found.all_members[name]) for name in chosen}
     is_tuple = "NamedTuple" in map(str, found.bases)  # the order of its fields counts
     every = every or is_tuple or settings.get("show_if_no_docstring", False)
     shown = [(name, one) for name, one in named.items() if every or named[_awaitable(name, named)].docstring]
     return shown if is_tuple else sorted(shown)
+
+
+def _untold(found: Any, settings: dict[str, Any]) -> list[str]:
+    """Public members of a class of which nothing tells: no docstring, no field, no word in the class docstring."""
+    words = set(re.findall(r"\w+", found.docstring.value if found.docstring else ""))
+    fields = "dataclass" in found.labels
+    told = {name for name, _ in _members(found, settings, every=False)}
+    return [
+        name
+        for name, one in _members(found, settings, every=True)
+        if name not in told | words and not (fields and one.is_attribute)
+    ]
 
 
 def _awaitable(name: str, named: dict[str, Any]) -> str:

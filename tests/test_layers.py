@@ -116,6 +116,7 @@ SHARED_IN_RUNTIME = {
     "_servers",
     "_publish_without_waiting",
     "_deliver",
+    "_push",
     "_schedule",
 }
 # Functions of the standard library that are public in spite of their names.

@@ -64,7 +64,7 @@ class RosErrors:
             await asyncio.sleep(_LOOK_S)
         return list(self.found)
 
-    def judge(self, *, is_over: bool = True) -> list[BaseException]:
+    def _judge(self, *, is_over: bool = True) -> list[BaseException]:
         """What was not expected among the exceptions since the last call; when all `is_over`, what is missing, too."""
         new, self._judged = self.found[self._judged :], len(self.found)
         wrong = [_shortened(error) for error in new if not any(_is(error, *wanted) for wanted in self._expected)]
@@ -101,7 +101,7 @@ def pytest_runtest_call(item: pytest.Item) -> Generator[None, Any, None]:
     """Fail a test whose callbacks failed."""
     outcome = yield
     errors = item.stash.get(_ERRORS, None)
-    wrong = [] if errors is None else errors.judge(is_over=outcome.excinfo is None)
+    wrong = [] if errors is None else errors._judge(is_over=outcome.excinfo is None)
     if wrong and outcome.excinfo is None:
         outcome.force_exception(_as_one(wrong))
     elif wrong:
@@ -120,7 +120,7 @@ def ros_errors(request: pytest.FixtureRequest) -> Iterator[RosErrors]:
     request.node.stash[_ERRORS] = errors = RosErrors()
     with failure_listeners.add(lambda _, error: errors.found.append(error)):
         yield errors
-    if late := errors.judge(is_over=False):  # while nodes were closed
+    if late := errors._judge(is_over=False):  # while nodes were closed
         raise _as_one(late)
 
 

@@ -86,6 +86,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
         self.action_class = action_type.cls
+        """The generated class, with `Goal`, `Result` and `Feedback`."""
         self._type = action_type
         self._matching: Matching[None] = Matching(scope, lambda _: not self._missing())
         self._goals: dict[bytes, GoalProgress] = {}
@@ -303,7 +304,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
     def _on_feedback(self, message: Any) -> None:
         progress = self._goals.get(goal_id_of(message))
         if progress is not None:
-            progress.feedback.push(self._type.feedback.to_value(message.feedback))
+            progress.feedback._push(self._type.feedback.to_value(message.feedback))
 
     def _on_status(self, data: bytes) -> None:
         for goal_id, progress in self._goals.items():

@@ -61,6 +61,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         self.action_type = action_type.ros_name
         """``pkg/action/Name``."""
         self.action_class = action_type.cls
+        """The generated class, with `Goal`, `Result` and `Feedback`."""
         super().__init__(scope, type_check=type_check)
         self._type = action_type
         self._policy = policy
@@ -138,7 +139,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
             return self._response(self._goals.enter(goal, GoalDecision.ACCEPT))
         answer: asyncio.Future[GoalInfo | None] = self._scope.bridge.running_loop().create_future()
         if self._accept is None:
-            self._requests.push(GoalRequest(self._goals, goal, answer))
+            self._requests._push(GoalRequest(self._goals, goal, answer))
         else:
             ask(self._accept, goal.request, answer, lambda decision: self._goals.enter(goal, decision), None)
         if answer.done():
@@ -188,7 +189,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         goal._record.cancel_answers.add(answer)
         answer.add_done_callback(goal._record.cancel_answers.discard)
         if self._cancels is not None:
-            self._cancels.push(CancelRequest(goal, answer))
+            self._cancels._push(CancelRequest(goal, answer))
         elif isinstance(self._on_cancel, UserFunction):
             ask(self._on_cancel, goal, answer, lambda decision: decision is not GoalDecision.REJECT, False)
         return await answer

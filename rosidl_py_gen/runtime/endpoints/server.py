@@ -51,6 +51,7 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
     def __init__(self, service: str, message: RequestT, respond: Callable[[ResponseT], None]) -> None:
         self._service = service
         self.message = message
+        """The request."""
         self._respond = respond
         self._responded = False
 
@@ -118,7 +119,7 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
             if request is None:
                 continue
             if self._handler is None:
-                self._requests.push(request)
+                self._requests._push(request)
             else:
                 self._handler.call(request.message, then=partial(self._answer, request))
 

@@ -126,6 +126,7 @@ class RosLogger(logging.Logger):
         self._maybe(WARN, msg, args, **options)
 
     warn = warning
+    """`warning`, as rclpy spells it."""
 
     def error(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at ERROR."""
@@ -136,6 +137,7 @@ class RosLogger(logging.Logger):
         self._maybe(FATAL, msg, args, **options)
 
     critical = fatal
+    """`fatal`, as Python spells it."""
 
     def exception(self, msg: object, *args: object, **options: Unpack[LogOptions]) -> None:
         """Log at ERROR with the traceback of the exception being handled."""
@@ -178,7 +180,7 @@ class RosLogger(logging.Logger):
         self._log(level, msg, args, exc_info=exc_info, extra=extra, stack_info=stack_info, stacklevel=stacklevel)
 
     def findCaller(self, stack_info: bool = False, stacklevel: int = 1) -> tuple[str, int, str, str | None]:
-        """The frame outside this file and `logging`; written out because CPython's rule changed in 3.11."""
+        # The frame outside this file and `logging`; written out because CPython's rule changed in 3.11.
         frame = sys._getframe(1)
         while frame.f_back is not None and frame.f_code.co_filename in _INTERNAL_FILES:
             frame = frame.f_back

@@ -23,10 +23,11 @@ class Stream(Generic[T]):
         self._waiters = Waiters()
         self._error: BaseException | None = None
         self.closed = False
+        """True once nothing can be added any more; what is left can still be read."""
         self.dropped = 0
         """How many items were pushed out by newer ones."""
 
-    def push(self, item: T) -> None:
+    def _push(self, item: T) -> None:
         """Add an item, from any thread; ignored after `close`."""
         if self.closed:
             return

@@ -80,7 +80,7 @@ class NodeParameters:
                     changes.remove(stream)
                     self._scope.disown(stream)
                 for parameter in (*event.new, *event.changed, *event.deleted):
-                    stream.push(ParameterChange(parameter.name, parameter.value.value))
+                    stream._push(ParameterChange(parameter.name, parameter.value.value))
             if events is not None:
                 events.tell(event)
 

@@ -104,7 +104,7 @@ class ParameterEvents(Stream[RemoteParameterEvent]):
 
     def _arrived(self, message: EventMessage) -> None:
         if self._node is None or message.node == self._node:
-            self.push(RemoteParameterEvent(message.node, Time.from_msg(message.stamp), event_from_message(message)))
+            self._push(RemoteParameterEvent(message.node, Time.from_msg(message.stamp), event_from_message(message)))
 
     async def wait_for_publishers(self, timeout_s: float | None = None) -> Literal[True]:
         """Wait until somebody is there to be heard; raises `WaitTimeoutError` when the time passed."""

@@ -89,6 +89,7 @@ class Clock:
         on_failure: Callable[[str], None] = report_failure,
     ) -> None:
         self.clock_type = ClockType(clock_type)
+        """Which clock it is; times of different ones cannot be compared."""
         self._source_ns = steady_ns if self.clock_type is ClockType.STEADY_TIME else system_ns
         self._override_ns = 0
         self._active = False

@@ -56,7 +56,6 @@ class MemoryTransport:
         self._domains: dict[int, list[MemoryParticipant]] = {}
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> MemoryParticipant:
-        """Join a domain of this world."""
         with self._lock:
             number = next(self._counter)
             prefix = _VENDOR + bytes(2) + self._number.to_bytes(4, "big") + number.to_bytes(4, "big")

@@ -143,7 +143,7 @@ async def test_sim_time_can_be_switched_on_by_a_thread(world: World) -> None:
 def test_a_stream_works_without_any_loop_and_across_loops() -> None:
     stream: Stream[int] = Stream(2)
     for number in range(3):
-        stream.push(number)
+        stream._push(number)
     assert stream.dropped == 1
 
     async def first() -> int:
@@ -153,14 +153,14 @@ def test_a_stream_works_without_any_loop_and_across_loops() -> None:
     loop = asyncio.new_event_loop()
     left = loop.create_task(first())
     loop.run_until_complete(asyncio.sleep(0))
-    stream.push(3)  # the reader's loop does not run at the moment
+    stream._push(3)  # the reader's loop does not run at the moment
     assert loop.run_until_complete(left) == 3
     left = loop.create_task(first())
     loop.run_until_complete(asyncio.sleep(0))
     left.cancel()
     loop.run_until_complete(asyncio.gather(left, return_exceptions=True))
     loop.close()
-    stream.push(4)
+    stream._push(4)
     assert asyncio.run(first()) == 4
 
 
@@ -168,7 +168,7 @@ def test_nothing_pushed_by_threads_is_lost() -> None:
     stream: Stream[int] = Stream()
 
     async def main() -> None:
-        threads = [threading.Thread(target=lambda: [stream.push(n) for n in range(2000)]) for _ in range(3)]
+        threads = [threading.Thread(target=lambda: [stream._push(n) for n in range(2000)]) for _ in range(3)]
         for thread in threads:
             thread.start()
         got = [await asyncio.wait_for(stream.__anext__(), 5) for _ in range(6000)]

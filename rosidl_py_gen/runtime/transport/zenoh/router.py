@@ -58,6 +58,7 @@ class ZenohRouter:
             where = ", ".join(wanted) or "no endpoint"
             raise TransportError(f"no Zenoh router on {where}: {reason(error)}") from None
         self.zid = str(self._session.info.zid())
+        """The identity that other sessions see, in hexadecimal digits."""
         self.endpoints = self._locators() or wanted
         """Where it listens, as others may connect: of a wildcard address each address of this machine."""
 
