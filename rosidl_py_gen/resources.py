@@ -25,6 +25,7 @@ _EXTRA_OF = {
     "yaml": "node",
     "mcap": "mcap",
     "zstandard": "mcap",
+    "lz4": "mcap",
     "foxglove": "foxglove",
     "websockets": "foxglove",
     "zenoh": "zenoh",
