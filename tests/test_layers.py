@@ -46,6 +46,7 @@ OWNERS = {
     "registration": "base",
     "waiting": "base",
     "signatures": "base",
+    "stamps": "base",
     "rclpy_names": "base",
     "resources": "base",
     "fieldtype": "base",

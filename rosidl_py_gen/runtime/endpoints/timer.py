@@ -19,6 +19,7 @@ from rosidl_py_gen.runtime.time.clock import Clock, on_every_jump
 from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
 from rosidl_py_gen.signatures import require_signature
+from rosidl_py_gen.stamps import NS_PER_S
 from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ class Timer(Owned):
         if left_ns <= 0:
             self._handle = loop.call_soon(self._fire)
         elif not self._clock.ros_time_is_active:
-            self._handle = loop.call_later(left_ns / 1e9, self._fire)
+            self._handle = loop.call_later(left_ns / NS_PER_S, self._fire)
 
     def _fire(self) -> None:
         self._handle = None
@@ -206,7 +207,7 @@ class Timer(Owned):
         self._scope.bridge.call_soon(self._arm)
 
     def __repr__(self) -> str:
-        parts = f"{self._rule.period_ns / 1e9:g} s", self._clock.clock_type.name, *["canceled"] * self.is_canceled
+        parts = f"{self._rule.period_ns / NS_PER_S:g} s", self._clock.clock_type.name, *["canceled"] * self.is_canceled
         return shown(self, *parts, peers=lambda: self.call_count, peer="call")
 
     def close(self) -> None:

@@ -24,7 +24,6 @@ from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.time.schedule import Schedule
 from rosidl_py_gen.runtime.time.values import (
-    NS_PER_S,
     ClockType,
     ClockTypeError,
     Duration,
@@ -33,6 +32,7 @@ from rosidl_py_gen.runtime.time.values import (
     seconds_to_ns,
 )
 from rosidl_py_gen.signatures import require_signature
+from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable

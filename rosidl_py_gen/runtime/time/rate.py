@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.time.clock import DueWait
-from rosidl_py_gen.runtime.time.values import NS_PER_S, TimeRangeError, finite_number, seconds_to_ns
+from rosidl_py_gen.runtime.time.values import TimeRangeError, finite_number, seconds_to_ns
+from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock

@@ -19,6 +19,7 @@ from rosidl_py_gen.mcap.metadata import qos_profiles
 from rosidl_py_gen.mcap.pacing import paced
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError, validate_full_name
+from rosidl_py_gen.stamps import NS_PER_S, set_stamp
 from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.bag.described import wrong
 from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress
@@ -34,7 +35,6 @@ _LISTENERS_S = 2.0
 _ACKNOWLEDGED_S = 1.0
 _PROGRESS_S = 0.5
 _LEAST_DEPTH = 10
-_S = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +190,7 @@ class _Player:
         if self._began is None:
             return None
         since, log_time = self._began
-        return log_time + round((now_s() - since) * self._wanted.rate * _S)
+        return log_time + round((now_s() - since) * self._wanted.rate * NS_PER_S)
 
     async def publish_clock(self) -> None:
         """Publish ``/clock`` for ever, if that is wanted."""
@@ -202,7 +202,7 @@ class _Player:
         while True:
             if (now := self._now()) is not None:
                 message = clock()
-                message.clock.sec, message.clock.nanosec = divmod(now, _S)
+                set_stamp(message.clock, now)
                 publisher.publish(message)
             await rate.sleep()
 

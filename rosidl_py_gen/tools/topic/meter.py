@@ -17,6 +17,7 @@ from typing import Any
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import Subscription
 from rosidl_py_gen.runtime import qos as presets
+from rosidl_py_gen.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.filters import FilterError, compile_filter
 from rosidl_py_gen.tools.session import Network, Session
@@ -150,8 +151,7 @@ def _where(condition: Callable[[Message], bool]) -> _Value:
 
 
 def _stamp(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return stamp_ns(message.header.stamp)
 
 
 def _first_stamp(data: bytes) -> int | None:
@@ -159,4 +159,4 @@ def _first_stamp(data: bytes) -> int | None:
     if len(data) < 12:
         return None
     sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(sec) * 1_000_000_000 + int(nanosec)
+    return int(sec) * NS_PER_S + int(nanosec)
