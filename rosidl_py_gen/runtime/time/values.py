@@ -273,3 +273,25 @@ class Time:
     def from_msg(cls, message: SecNanosec, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
         """From builtin_interfaces/Time of any generator; a message does not say its clock, stamps are ROS time."""
         return cls(nanoseconds=stamp_ns(message), clock_type=clock_type)
+
+
+class ClockChange(IntEnum):
+    """What happened to the source of a clock; numbers of rcl."""
+
+    ROS_TIME_NO_CHANGE = 1
+    ROS_TIME_ACTIVATED = 2
+    ROS_TIME_DEACTIVATED = 3
+    SYSTEM_TIME_NO_CHANGE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class TimeJump:
+    """One jump; `delta` is 0 when the source changed, because the two zeros have nothing in common."""
+
+    clock_change: ClockChange
+    delta: Duration
+
+    @property
+    def source_changed(self) -> bool:
+        """True when ROS time was activated or deactivated."""
+        return self.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)
