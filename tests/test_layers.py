@@ -96,13 +96,13 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "topic": (),
     "doctor": (),
     "graph": (),
-    "service": ("topic",),
-    "bag": ("topic",),
-    "foxglove": ("topic", "node"),
-    "action": ("service",),
-    "node": ("topic", "action"),
-    "param": ("node",),
-    "lifecycle": ("node",),
+    "service": (),
+    "bag": (),
+    "foxglove": (),
+    "action": (),
+    "node": (),
+    "param": (),
+    "lifecycle": (),
 }
 # Names with an underscore that other modules may use: what generated classes have for the code that calls them, and
 # what is public in every named tuple.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen import to_dict
 from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError, GoalStatus, WaitTimeoutError
 from rosidl_py_gen.tools import Job, ToolError, messages, printing, types
-from rosidl_py_gen.tools.action.list import find_action
+from rosidl_py_gen.tools.names import find_action
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.tools import Job, printing
-from rosidl_py_gen.tools.action.list import actions, find_action
+from rosidl_py_gen.tools.names import actions, find_action
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:

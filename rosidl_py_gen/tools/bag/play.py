@@ -23,8 +23,8 @@ from rosidl_py_gen.stamps import NS_PER_S, set_stamp
 from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.bag.described import wrong
 from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress
+from rosidl_py_gen.tools.names import full_topic_name
 from rosidl_py_gen.tools.session import Network, Session, now_s
-from rosidl_py_gen.tools.topic.wait import full_name
 
 if TYPE_CHECKING:
     from rosidl_py_gen.mcap import BagTopic
@@ -237,10 +237,10 @@ def _remapped(session: Session, topics: Sequence[str], remaps: Sequence[str]) ->
         before, arrow, after = remap.partition(":=")
         if not (before and arrow and after):
             raise ToolError(f'"{remap}" is no remapping; expected FROM:=TO')
-        known = full_name(session, before)
+        known = full_topic_name(session, before)
         if known not in names:
             raise ToolError(f"--remap {remap}: {known} is not played; there are {', '.join(topics)[:300]}")
-        names[known] = full_name(session, after)
+        names[known] = full_topic_name(session, after)
     return names
 
 

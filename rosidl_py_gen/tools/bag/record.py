@@ -1,8 +1,7 @@
 """``bag record``.
 
-Decides what is recorded and with which quality of service: a subscription asks for what all publishers of its topic
-offer, and is made again when one appears that offers less. A topic is subscribed to before its definition is known, so
-that nothing is missed while peers are asked.
+Decides what is recorded. A topic is subscribed to before its definition is known, so that nothing is missed while peers
+are asked.
 """
 
 from __future__ import annotations
@@ -22,13 +21,12 @@ from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.mcap import BagTopic, BagWriter
 from rosidl_py_gen.mcap.metadata import qos_text
 from rosidl_py_gen.mcap.writer import topic_of
-from rosidl_py_gen.runtime import Subscription
 from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.bag.part import progress, size_text
 from rosidl_py_gen.tools.bag.writer import WriterThread
+from rosidl_py_gen.tools.follow import Follow
+from rosidl_py_gen.tools.names import full_topic_name, is_hidden
 from rosidl_py_gen.tools.session import Network, Session, now_s
-from rosidl_py_gen.tools.topic import qos as topic_qos
-from rosidl_py_gen.tools.topic.wait import full_name
 
 _DEPTH = 1000
 """Messages that may come while this process does something else."""
@@ -52,7 +50,7 @@ class _Wanted:
         """Whether a topic is to be recorded; `topics` are full names."""
         if topic in self.topics:
             return True
-        if ("/_" in topic and not self.hidden) or any(pattern.search(topic) for pattern in self.exclude):
+        if (is_hidden(topic) and not self.hidden) or any(pattern.search(topic) for pattern in self.exclude):
             return False
         return self.everything or (self.regex is not None and self.regex.search(topic) is not None)
 
@@ -133,14 +131,13 @@ class _Recorder:
         self._session = session
         self._node = session.node
         self._writer = writer
-        names = [full_name(session, topic) for topic in wanted.topics]
+        names = [full_topic_name(session, topic) for topic in wanted.topics]
         self._wanted = _Wanted(
             names,
             *(wanted.everything, wanted.regex, wanted.exclude, wanted.hidden),
             *(wanted.no_discovery, wanted.paths, wanted.as_json),
         )
-        self._subscriptions: dict[str, Subscription[Any]] = {}
-        self._dropped = 0
+        self._followed: list[Follow] = []
         self._has_looked = False
         self._compiling = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
@@ -150,7 +147,7 @@ class _Recorder:
     @property
     def dropped(self) -> int:
         """Messages that were not taken in time."""
-        return self._dropped + sum(one.dropped for one in self._subscriptions.values())
+        return sum(one.dropped for one in self._followed)
 
     async def follow(self) -> None:
         """Record what is there, and what appears, for ever."""
@@ -182,10 +179,7 @@ class _Recorder:
                     task.result()  # its failure is ours
 
     def _look(self) -> None:
-        """Begin with new topics, and let go of subscriptions that ask for more than is offered."""
-        for name, subscription in self._subscriptions.items():
-            if topic_qos.is_too_much(subscription.qos, self._node.get_publishers_info_by_topic(name)):
-                subscription.close()
+        """Begin with new topics."""
         if self._has_looked and self._wanted.no_discovery:
             return
         self._has_looked = True
@@ -199,27 +193,17 @@ class _Recorder:
     async def _record(self, topic: str, type_name: str) -> None:
         publishers = self._node.get_publishers_info_by_topic(topic)
         qos = [one.qos_profile for one in publishers if one.topic_type == type_name]
-        subscription = self._subscribe(topic, type_name)
-        self._writer.add_topic(await self._described(topic, type_name, qos))
-        if not self._wanted.as_json:
-            printing.note(f"recording {topic} [{type_name}]")
-        while True:
-            try:
-                await self._put_all(topic, subscription)
-            except ClosedError:
-                if self._node.is_closed:
-                    return
-                self._dropped += subscription.dropped
-                subscription = self._subscribe(topic, type_name)
-
-    def _subscribe(self, topic: str, type_name: str) -> Subscription[Any]:
-        profile, notes = topic_qos.chosen(self._node.get_publishers_info_by_topic(topic))
-        for note in notes:
-            printing.note(f"{topic}: {note}")
-        cls = types.opaque_class(self._session, topic, type_name)
-        made = self._node.create_subscription(cls, topic, qos=profile.keep_last(_DEPTH), raw=True)
-        self._subscriptions[topic] = made
-        return made
+        cls, put = types.opaque_class(self._session, topic, type_name), self._writer.put
+        following = Follow(self._node, topic, cls, depth=_DEPTH, note=lambda text: printing.note(f"{topic}: {text}"))
+        async with following as messages:
+            self._followed.append(messages)
+            self._writer.add_topic(await self._described(topic, type_name, qos))
+            if not self._wanted.as_json:
+                printing.note(f"recording {topic} [{type_name}]")
+            with suppress(ClosedError):  # the node ends
+                while True:
+                    data, info = await messages.receive_with_info()
+                    put(topic, data, info.received_timestamp_ns, max(0, info.source_timestamp_ns))
 
     async def _described(self, topic: str, type_name: str, qos: Sequence[Any]) -> BagTopic:
         """The topic as the bag keeps it; without definition when it cannot be found."""
@@ -233,9 +217,3 @@ class _Recorder:
             printing.note(f"{topic}: recorded without a definition of {type_name}: {error}")
         hashes = [one.topic_type_hash for one in self._node.get_publishers_info_by_topic(topic)]
         return BagTopic(topic, type_name, type_hash=(hashes or [""])[0], offered_qos=qos_text(qos))
-
-    async def _put_all(self, topic: str, subscription: Subscription[Any]) -> None:
-        receive, put = subscription.receive_with_info, self._writer.put
-        while True:
-            data, info = await receive()
-            put(topic, data, info.received_timestamp_ns, max(0, info.source_timestamp_ns))

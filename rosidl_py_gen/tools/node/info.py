@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.tools import Job, printing
-from rosidl_py_gen.tools.action.list import actions
-from rosidl_py_gen.tools.node.list import find_node
+from rosidl_py_gen.tools.names import actions, find_node, is_hidden
 from rosidl_py_gen.tools.session import Network, Session
-from rosidl_py_gen.tools.topic.list import is_hidden
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node

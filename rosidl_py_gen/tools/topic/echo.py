@@ -1,25 +1,20 @@
-"""``topic echo``.
-
-Decides how a subscription follows its publishers: when one appears that offers less than was asked for, it is made
-again, so that every publisher is heard.
-"""
+"""``topic echo``."""
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import Subscription, WaitTimeoutError
+from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.filters import FilterError, compile_filter, compile_path
+from rosidl_py_gen.tools.follow import Follow
+from rosidl_py_gen.tools.names import find_topic, full_topic_name
 from rosidl_py_gen.tools.session import Network, Session, now_s
 from rosidl_py_gen.tools.topic import qos as topic_qos
 from rosidl_py_gen.tools.topic.formats import Format, Style
-from rosidl_py_gen.tools.topic.wait import found, full_name
 
 _LOST_EVERY_S = 1.0
 
@@ -67,8 +62,8 @@ async def _echo(network: Network, wanted: _Wanted) -> int:
 async def _topic_name(session: Session, wanted: _Wanted) -> str:
     """The full name of the topic, once its publishers had time to be seen."""
     if wanted.type_name is None:
-        return await found(session, wanted.topic, wanted.timeout_s)
-    topic = full_name(session, wanted.topic)
+        return await find_topic(session, wanted.topic, wanted.timeout_s)
+    topic = full_topic_name(session, wanted.topic)
     await session.settle()
     return topic
 
@@ -79,8 +74,7 @@ class _Echo:
         self._topic = topic
         self._wanted = wanted
         self._show: Callable[[Any], bool] = lambda value: True
-        self._shown_at = now_s()
-        self._lost = self._lost_noted = 0
+        self._lost_noted = 0
         self._lost_noted_at = 0.0
 
     async def run(self) -> None:
@@ -94,52 +88,27 @@ class _Echo:
             field = compile_path(wanted.field, cls) if wanted.field else lambda value: value
             condition = compile_filter(wanted.filter_text, cls) if wanted.filter_text else lambda value: True
             self._show = _shows(field, condition, wanted.format.printer())
-        self._shown_at = now_s()
-        node = self._session.node
         given = topic_qos.given(wanted.qos, presets.SENSOR_DATA)
-        while True:
-            profile, notes = topic_qos.chosen(node.get_publishers_info_by_topic(self._topic))
-            if given is None:
-                for note in notes:
-                    printing.note(note)
-            raw: Any = wanted.raw
-            subscription: Subscription[Any] = node.create_subscription(cls, self._topic, qos=given or profile, raw=raw)
-            watching = asyncio.ensure_future(self._close_when_too_much(subscription)) if given is None else None
-            try:
-                if await self._print_from(subscription):
-                    return
-            finally:
-                subscription.close()
-                if watching is not None:
-                    watching.cancel()
+        async with Follow(
+            self._session.node, self._topic, cls, raw=wanted.raw, qos=given, note=printing.note
+        ) as messages:
+            await self._print_from(messages)
 
-    async def _close_when_too_much(self, subscription: Subscription[Any]) -> None:
-        node = self._session.node
-        async for _ in node.graph_changes():
-            if topic_qos.is_too_much(subscription.qos, node.get_publishers_info_by_topic(self._topic)):
-                subscription.close()
-                return
-
-    async def _print_from(self, subscription: Subscription[Any]) -> bool:
-        """False when the subscription has to be made again."""
+    async def _print_from(self, messages: Follow) -> None:
         timeout_s = self._wanted.timeout_s
+        shown_at = now_s()
         while True:
-            left_s = None if timeout_s is None else max(0.0, self._shown_at + timeout_s - now_s())
+            left_s = None if timeout_s is None else max(0.0, shown_at + timeout_s - now_s())
             try:
-                message = await subscription.receive(left_s)
+                message, _ = await messages.receive_with_info(left_s)
             except WaitTimeoutError:
                 raise ToolError(self._silence()) from None
-            except ClosedError:
-                if self._session.node.is_closed:
-                    raise
-                self._lost += subscription.dropped
-                return False
             if self._show(message):
-                self._shown_at = now_s()
+                shown_at = now_s()
                 if self._wanted.once:
-                    return True
+                    return
             if self._wanted.lost_messages:
-                self._note_lost(self._lost + subscription.dropped)
+                self._note_lost(messages.dropped)
 
     def _silence(self) -> str:
         publishers = self._session.node.count_publishers(self._topic)

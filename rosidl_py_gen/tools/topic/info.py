@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.runtime import History
 from rosidl_py_gen.runtime.qos import INFINITE_NS
 from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools.names import find_topic
 from rosidl_py_gen.tools.session import Network, Session
-from rosidl_py_gen.tools.topic.wait import found
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile, TopicEndpointInfo
@@ -24,7 +24,7 @@ async def _info(
     network: Network, topic: str, timeout_s: float | None, as_json: bool, verbose: bool = False, only_type: bool = False
 ) -> int:
     async with Session(network) as session:
-        name = await found(session, topic, timeout_s)
+        name = await find_topic(session, topic, timeout_s)
         await (session.settle_names() if verbose else session.settle())
         node = session.node
         types = dict(node.get_topic_names_and_types()).get(name, [])

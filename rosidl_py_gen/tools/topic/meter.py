@@ -20,9 +20,9 @@ from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.filters import FilterError, compile_filter
+from rosidl_py_gen.tools.names import find_topic
 from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic.figures import Bandwidth, Delay, Figures, Rate
-from rosidl_py_gen.tools.topic.wait import found
 
 _EVERY_S = 1.0
 _DEPTH = 1000
@@ -69,7 +69,7 @@ async def _measure(
     async with Session(network) as session:
         meters = []
         for topic in topics:
-            name = await found(session, topic, timeout_s)
+            name = await find_topic(session, topic, timeout_s)
             cls, value = await _taken(session, name, kind, paths, filter_text)
             raw: Any = cls is None
             subscription: Subscription[Any] = session.node.create_subscription(

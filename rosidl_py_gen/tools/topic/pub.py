@@ -15,10 +15,10 @@ from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import Publisher, WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.tools import Job, ToolError, messages, printing, types
+from rosidl_py_gen.tools.names import find_topic, full_topic_name
 from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic import qos as topic_qos
 from rosidl_py_gen.tools.topic.stdin import documents
-from rosidl_py_gen.tools.topic.wait import found, full_name
 
 _ACKNOWLEDGED_S = 1.0
 _NOTE_EVERY_S = 1.0
@@ -51,9 +51,9 @@ def run(network: Network, *, words: Sequence[str], once: bool, times: int | None
 async def _publish(network: Network, type_name: str | None, text: str, wanted: _Wanted) -> int:
     async with Session(network) as session:
         if type_name is None:
-            topic = await types.meanwhile(found(session, wanted.topic, wanted.timeout_s))
+            topic = await types.meanwhile(find_topic(session, wanted.topic, wanted.timeout_s))
         else:
-            topic = full_name(session, wanted.topic)
+            topic = full_topic_name(session, wanted.topic)
         cls = await types.message_class(session, topic, type_name, wanted.paths)
         ready = None if text == _STDIN else messages.message_and_stamps(cls, text)  # before anybody is waited for
         qos = topic_qos.given(wanted.qos, presets.DEFAULT) or presets.DEFAULT
