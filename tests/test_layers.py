@@ -93,12 +93,12 @@ MOST_MODULES = 16
 # What each folder of the command line may import of the others; all may import what lies beside the folders.
 TOOLS: dict[str, tuple[str, ...]] = {
     "commands": (),
-    "topic": (),
+    "topic": ("commands",),
     "doctor": (),
     "graph": (),
-    "service": (),
-    "bag": (),
-    "foxglove": (),
+    "service": ("commands",),
+    "bag": ("commands",),
+    "foxglove": ("commands",),
     "action": (),
     "node": (),
     "param": (),

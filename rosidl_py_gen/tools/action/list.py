@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.names import actions, is_one_of
 from rosidl_py_gen.tools.session import Network, Session
 
 
-def run(network: Network, **shown: Any) -> Job:
+async def run(network: Network, count: bool, as_json: bool, show_types: bool = False, of_type: str = "") -> int:
     """What the command does."""
-    return Job(_list(network, **shown))
-
-
-async def _list(network: Network, count: bool, as_json: bool, show_types: bool = False, of_type: str = "") -> int:
     async with Session(network) as session:
         await session.settle()
         found: list[dict[str, Any]] = [

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.names import actions, find_node, is_hidden
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -21,12 +21,8 @@ _HEADINGS = {
 }
 
 
-def run(network: Network, **shown: Any) -> Job:
+async def run(network: Network, node: str, hidden: bool, as_json: bool) -> int:
     """What the command does."""
-    return Job(_info(network, **shown))
-
-
-async def _info(network: Network, node: str, hidden: bool, as_json: bool) -> int:
     async with Session(network) as session:
         full_name = await find_node(session, node)
         await session.settle()

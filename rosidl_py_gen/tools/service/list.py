@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.names import is_hidden, is_one_of
 from rosidl_py_gen.tools.session import Network, Session
 
 
-def run(network: Network, **shown: Any) -> Job:
-    """What the command does."""
-    return Job(_list(network, **shown))
-
-
-async def _list(
+async def run(
     network: Network, count: bool, hidden: bool, as_json: bool, show_types: bool = False, of_type: str = ""
 ) -> int:
+    """What the command does."""
     async with Session(network) as session:
         await session.settle()
         node = session.node

@@ -5,17 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.names import is_hidden
 from rosidl_py_gen.tools.session import Network, Session
 
 
-def run(network: Network, **shown: Any) -> Job:
-    """What the command does."""
-    return Job(_list(network, **shown))
-
-
-async def _list(
+async def run(
     network: Network,
     show_types: bool,
     verbose: bool,
@@ -24,6 +19,7 @@ async def _list(
     as_json: bool,
     type_name: str | None = None,
 ) -> int:
+    """What the command does."""
     wanted = type_name and str(split_ros_name(type_name, "msg"))
     async with Session(network) as session:
         await session.settle()

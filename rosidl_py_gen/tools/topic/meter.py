@@ -19,6 +19,7 @@ from rosidl_py_gen.runtime import Subscription
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.tools import Job, ToolError, printing, types
+from rosidl_py_gen.tools.commands.topic import MeterOptions
 from rosidl_py_gen.tools.filters import FilterError, compile_filter
 from rosidl_py_gen.tools.names import find_topic
 from rosidl_py_gen.tools.session import Network, Session
@@ -50,35 +51,25 @@ class _Meter:
                 add(info.received_timestamp_ns, found)
 
 
-def run(network: Network, **arguments: Any) -> Job:
+def run(network: Network, kind: str, options: MeterOptions) -> Job:
     """What the command does."""
-    return Job(_measure(network, **arguments), endless=arguments["times"] is None)
+    return Job(_measure(network, kind, options), endless=options.times is None)
 
 
-async def _measure(
-    network: Network,
-    kind: str,
-    topics: Sequence[str],
-    window: int,
-    times: int | None,
-    timeout_s: float | None,
-    paths: Sequence[str],
-    as_json: bool,
-    filter_text: str | None = None,
-) -> int:
+async def _measure(network: Network, kind: str, options: MeterOptions) -> int:
     async with Session(network) as session:
         meters = []
-        for topic in topics:
-            name = await find_topic(session, topic, timeout_s)
-            cls, value = await _taken(session, name, kind, paths, filter_text)
+        for topic in options.topics:
+            name = await find_topic(session, topic, options.timeout_s)
+            cls, value = await _taken(session, name, kind, options.paths, options.filter_text)
             raw: Any = cls is None
             subscription: Subscription[Any] = session.node.create_subscription(
                 cls or types.opaque_class(session, name), name, qos=presets.SENSOR_DATA.keep_last(_DEPTH), raw=raw
             )
-            meters.append(_Meter(name, subscription, value, _KINDS[kind](window)))
-            if not as_json and (kind == "bw" or len(topics) > 1):
+            meters.append(_Meter(name, subscription, value, _KINDS[kind](options.window)))
+            if not options.as_json and (kind == "bw" or len(options.topics) > 1):
                 printing.line(f"Subscribed to [{name}]")
-        await _first_of(_report(meters, times, as_json), *(meter.feed() for meter in meters))
+        await _first_of(_report(meters, options.times, options.as_json), *(meter.feed() for meter in meters))
     return 0
 
 
