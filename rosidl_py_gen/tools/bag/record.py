@@ -26,7 +26,7 @@ from rosidl_py_gen.tools.bag.writer import WriterThread
 from rosidl_py_gen.tools.commands.bag import RecordOptions
 from rosidl_py_gen.tools.follow import Follow
 from rosidl_py_gen.tools.names import full_topic_name, is_hidden
-from rosidl_py_gen.tools.session import Network, Session, now_s
+from rosidl_py_gen.tools.session import Network, Session, first_of, now_s
 
 _DEPTH = 1000
 """Messages that may come while this process does something else."""
@@ -76,24 +76,11 @@ async def _record(network: Network, bag: BagWriter, options: RecordOptions, want
             recorder = _Recorder(session, writer, options, wanted)
             with progress() as show:
                 end = () if options.duration_s is None else (asyncio.sleep(options.duration_s),)
-                await _until(failed, recorder.follow(), recorder.report(show), *end)
+                await first_of(failed.wait(), recorder.follow(), recorder.report(show), *end)
     finally:
         writer.end()
         _say_end(bag.path, writer, recorder, as_json=options.as_json)
     return 0
-
-
-async def _until(failed: asyncio.Event, *coroutines: Any) -> None:
-    """Run all until one ends or fails, or the event comes."""
-    tasks = [asyncio.ensure_future(one) for one in (failed.wait(), *coroutines)]
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _say_end(path: Path, writer: WriterThread, recorder: _Recorder | None, *, as_json: bool) -> None:

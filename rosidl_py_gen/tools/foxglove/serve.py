@@ -22,7 +22,7 @@ from rosidl_py_gen.tools.foxglove.publishing import Publishing
 from rosidl_py_gen.tools.foxglove.server import Handlers, Listening, Server
 from rosidl_py_gen.tools.foxglove.services import Services
 from rosidl_py_gen.tools.foxglove.topics import Topics
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools.session import Network, Session, first_of
 
 _APP = "https://app.foxglove.dev"
 _PAUSE_S = 0.1
@@ -86,19 +86,8 @@ class _View:
         self._say_where(port)
         while True:
             async with own_viewer(*behind, token) as own:
-                await self._follow_all(own)
-
-    async def _follow_all(self, own: OwnViewer) -> None:
-        """Until our own viewer is lost: the graph may not be published without it."""
-        tasks = [asyncio.ensure_future(job) for job in (own.read_on(), self._follow(), self._follow_parameters(own))]
-        try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+                # until it is lost: the graph may not be published without it
+                await first_of(own.read_on(), self._follow(), self._follow_parameters(own))
 
     async def _follow(self) -> None:
         """Follow the graph, for ever."""

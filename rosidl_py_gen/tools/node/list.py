@@ -18,12 +18,7 @@ async def run(network: Network, hidden: bool, count: bool, as_json: bool) -> int
         if hidden or not is_hidden_node(node.fully_qualified_name)
     ]
     names = [one["name"] for one in found]
-    if as_json:
-        printing.document(found)
-    elif count:
-        printing.line(str(len(found)))
-    elif found:
-        printing.line("\n".join(names))
+    printing.names(found, count, show_types=False, as_json=as_json)
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         printing.note(f"several nodes share one name, which confuses all who look for them: {', '.join(twice)}")

@@ -10,7 +10,7 @@ import asyncio
 import shutil
 import struct
 import sys
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,7 +22,7 @@ from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.commands.topic import MeterOptions
 from rosidl_py_gen.tools.filters import FilterError, compile_filter
 from rosidl_py_gen.tools.names import find_topic
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools.session import Network, Session, first_of
 from rosidl_py_gen.tools.topic.figures import Bandwidth, Delay, Figures, Rate
 
 _EVERY_S = 1.0
@@ -69,20 +69,8 @@ async def _measure(network: Network, kind: str, options: MeterOptions) -> int:
             meters.append(_Meter(name, subscription, value, _KINDS[kind](options.window)))
             if not options.as_json and (kind == "bw" or len(options.topics) > 1):
                 printing.line(f"Subscribed to [{name}]")
-        await _first_of(_report(meters, options.times, options.as_json), *(meter.feed() for meter in meters))
+        await first_of(_report(meters, options.times, options.as_json), *(meter.feed() for meter in meters))
     return 0
-
-
-async def _first_of(*coroutines: Coroutine[Any, Any, None]) -> None:
-    """Run all until one ends or fails."""
-    tasks = [asyncio.ensure_future(coroutine) for coroutine in coroutines]
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
 
 
 async def _report(meters: Sequence[_Meter], times: int | None, as_json: bool) -> None:
