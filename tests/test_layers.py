@@ -46,6 +46,7 @@ OWNERS = {
     "registration": "base",
     "waiting": "base",
     "signatures": "base",
+    "stamps": "base",
     "rclpy_names": "base",
     "resources": "base",
     "fieldtype": "base",
@@ -92,16 +93,16 @@ MOST_MODULES = 16
 # What each folder of the command line may import of the others; all may import what lies beside the folders.
 TOOLS: dict[str, tuple[str, ...]] = {
     "commands": (),
-    "topic": (),
+    "topic": ("commands",),
     "doctor": (),
     "graph": (),
-    "service": ("topic",),
-    "bag": ("topic",),
-    "foxglove": ("topic", "node"),
-    "action": ("service",),
-    "node": ("topic", "action"),
-    "param": ("node",),
-    "lifecycle": ("node",),
+    "service": ("commands",),
+    "bag": ("commands",),
+    "foxglove": ("commands",),
+    "action": (),
+    "node": (),
+    "param": (),
+    "lifecycle": (),
 }
 # Names with an underscore that other modules may use: what generated classes have for the code that calls them, and
 # what is public in every named tuple.

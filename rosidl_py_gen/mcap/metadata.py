@@ -14,6 +14,7 @@ import yaml
 from rosidl_py_gen.mcap.common import BagError, BagTopic
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
+from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,7 +29,6 @@ _MOST = 1 << 26
 """Bytes of a metadata file."""
 _DEEPEST = 50
 """Levels of lists and mappings in it; rosbag2 needs a dozen."""
-_S = 1_000_000_000
 _PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
 
 
@@ -210,7 +210,7 @@ def _row(profile: QoSProfile) -> dict[str, Any]:
 
 
 def _time(nanoseconds: int) -> dict[str, int]:
-    return dict(zip(("sec", "nsec"), divmod(nanoseconds, _S), strict=True))
+    return dict(zip(("sec", "nsec"), sec_nanosec(nanoseconds), strict=True))
 
 
 def qos_profiles(text: str) -> list[QoSProfile]:
@@ -227,5 +227,5 @@ def _profile(row: Any) -> QoSProfile:
         told: Any = _plain(row[name])
         values[name] = kind[told.upper()] if isinstance(told, str) else kind(told)
     for name, key in _PERIODS.items():
-        values[name] = min(int(row[key]["sec"]) * _S + int(row[key]["nsec"]), INFINITE_NS)
+        values[name] = min(int(row[key]["sec"]) * NS_PER_S + int(row[key]["nsec"]), INFINITE_NS)
     return QoSProfile(depth=int(row["depth"]), **values)

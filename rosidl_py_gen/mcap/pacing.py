@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+from rosidl_py_gen.stamps import NS_PER_S
+
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Iterable
 
@@ -29,5 +31,5 @@ async def _paced(messages: Iterable[T], rate: float) -> AsyncIterator[T]:
     began: tuple[float, int] | None = None
     for item in messages:
         began = began or (clock(), item.log_time)
-        await asyncio.sleep(max(0.0, began[0] + (item.log_time - began[1]) / 1e9 / rate - clock()))
+        await asyncio.sleep(max(0.0, began[0] + (item.log_time - began[1]) / NS_PER_S / rate - clock()))
         yield item

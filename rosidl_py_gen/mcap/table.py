@@ -18,6 +18,7 @@ import numpy as np
 from rosidl_py_gen.fieldtype import PRIMITIVES, Arity
 from rosidl_py_gen.mcap.common import BagError
 from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.stamps import stamp_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -149,7 +150,7 @@ def _single(field: Field, name: str, ops: list[Op], length: int | None) -> Itera
         primitive = PRIMITIVES.get(field.type.base)
         yield Column(name, _joined(ops), "U" if primitive is None else primitive.numpy, length)
     elif field.cls._TYPE.name in _TIMES:
-        yield Column(name, _joined([*ops, _nanoseconds]), "i8", length)
+        yield Column(name, _joined([*ops, stamp_ns]), "i8", length)
     else:
         yield from _plain(field.cls, f"{name}.", ops, length)
 
@@ -248,10 +249,6 @@ def _chain(ops: list[Op]) -> Get:
         return value
 
     return get
-
-
-def _nanoseconds(time: Any) -> int:
-    return int(time.sec) * 1_000_000_000 + int(time.nanosec)
 
 
 def _unknown(cls: type[Any], at: type[Any], path: str, done: str) -> str:

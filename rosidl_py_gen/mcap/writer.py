@@ -15,6 +15,7 @@ from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.mcap.common import BagError, BagTopic, checked_time
 from rosidl_py_gen.mcap.metadata import FILE, FileStatistics, metadata_text, qos_text
 from rosidl_py_gen.mcap.storage import MAX_UNPACKED_BYTES
+from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     import os
@@ -104,7 +105,7 @@ class BagWriter:
             raise BagError(f"{self.path} exists already")
         self._compression = _Compression(_COMPRESSIONS[compression])
         self._split_bytes = split_bytes
-        self._split_ns = None if split_s is None else round(split_s * 1e9)
+        self._split_ns = None if split_s is None else round(split_s * NS_PER_S)
         self._topics: dict[str, BagTopic] = {}
         self._files: list[FileStatistics] = []
         self._numbers: dict[str, int] = {}

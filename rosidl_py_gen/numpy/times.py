@@ -9,6 +9,7 @@ from datetime import datetime, timedelta, timezone
 from typing import Any, overload
 
 from rosidl_py_gen.numpy.common import ConversionError, M, message_class
+from rosidl_py_gen.stamps import sec_nanosec, stamp_ns
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _MICROSECOND = timedelta(microseconds=1)
@@ -16,7 +17,7 @@ _MICROSECOND = timedelta(microseconds=1)
 
 def _nanoseconds(message: Any) -> int:
     try:
-        return int(message.sec) * 1_000_000_000 + int(message.nanosec)
+        return stamp_ns(message)
     except (AttributeError, TypeError, ValueError):
         raise ConversionError(f"expected sec and nanosec, got {message!r:.100}") from None
 
@@ -57,7 +58,7 @@ def timedelta_to_duration(length: timedelta, *, cls: type[M] | None = None) -> A
 
 
 def _split(nanoseconds: int, cls: type[M] | None, name: str) -> M:
-    sec, nanosec = divmod(nanoseconds, 1_000_000_000)
+    sec, nanosec = sec_nanosec(nanoseconds)
     if not -(2**31) <= sec < 2**31:
         raise ConversionError(f"{sec} seconds do not fit the int32 of {name}")
     maker: Any = message_class(cls, name)

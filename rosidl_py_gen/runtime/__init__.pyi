@@ -113,14 +113,14 @@ from rosidl_py_gen.runtime.parameters.values import parameter_value as parameter
 from rosidl_py_gen.runtime.runner import run as run
 from rosidl_py_gen.runtime.runner import spin as spin
 from rosidl_py_gen.runtime.time.clock import Clock as Clock
-from rosidl_py_gen.runtime.time.clock import ClockChange as ClockChange
-from rosidl_py_gen.runtime.time.clock import TimeJump as TimeJump
 from rosidl_py_gen.runtime.time.deadline import WaitTimeoutError as WaitTimeoutError
 from rosidl_py_gen.runtime.time.rate import Rate as Rate
+from rosidl_py_gen.runtime.time.values import ClockChange as ClockChange
 from rosidl_py_gen.runtime.time.values import ClockType as ClockType
 from rosidl_py_gen.runtime.time.values import ClockTypeError as ClockTypeError
 from rosidl_py_gen.runtime.time.values import Duration as Duration
 from rosidl_py_gen.runtime.time.values import Time as Time
+from rosidl_py_gen.runtime.time.values import TimeJump as TimeJump
 from rosidl_py_gen.runtime.time.values import TimeRangeError as TimeRangeError
 from rosidl_py_gen.runtime.transport.cyclone.sockets import ENOUGH_SOCKET_BYTES as ENOUGH_SOCKET_BYTES
 from rosidl_py_gen.runtime.transport.matching import Compatibility as Compatibility

@@ -9,6 +9,7 @@ import numpy as np
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
+from rosidl_py_gen.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
 from rosidl_py_gen.tf.transform import Transform
 from rosidl_py_gen.tf.tree import FrameInfo, FrameTree, Link
@@ -17,7 +18,6 @@ from rosidl_py_gen.waiting import Waiters
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, TimeJump
 
-_S = 1_000_000_000
 DEPTH = 100
 
 
@@ -34,7 +34,7 @@ class TransformBuffer:
     """
 
     def __init__(self, node: Node | None = None, *, cache_time_s: float = 10.0) -> None:
-        self._tree = FrameTree(round(cache_time_s * _S))
+        self._tree = FrameTree(round(cache_time_s * NS_PER_S))
         self._lock = threading.Lock()
         self._waiters = Waiters()
         self._logger = None if node is None else node.logger
@@ -158,6 +158,6 @@ def nanoseconds(time: Any) -> int:
     if hasattr(time, "nanoseconds"):
         return int(time.nanoseconds)
     try:
-        return int(time.sec) * _S + int(time.nanosec)
+        return stamp_ns(time)
     except AttributeError:
         raise TypeError(f"expected a Time, a Time message or nanoseconds, got {time!r:.100}") from None

@@ -9,6 +9,7 @@ import numpy as np
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.numpy import ConversionError, quaternion_to_matrix
+from rosidl_py_gen.stamps import set_stamp
 from rosidl_py_gen.tf.algebra import product
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ class Transform:
         maker: Any = get_message("geometry_msgs/msg/TransformStamped") if cls is None else cls
         message = maker()
         message.header.frame_id, message.child_frame_id = self.target, self.source
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.stamp, 1_000_000_000)
+        set_stamp(message.header.stamp, self.stamp)
         move, turn = message.transform.translation, message.transform.rotation
         move.x, move.y, move.z = self.translation.tolist()
         turn.x, turn.y, turn.z, turn.w = self.rotation.tolist()

@@ -12,6 +12,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.tf.algebra import (
     IDENTITY,
     ORIGIN,
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 _TOLERANCE = 10e-3
 """How far the square of a quaternion's length may be from 1, as in tf2."""
-_S = 1_000_000_000
 
 
 class Link(NamedTuple):
@@ -127,8 +127,8 @@ class _Moving:
         if len(self.stamps) == 1:
             return f"asked for {_shown(time)}, but only {_shown(first)} is in the buffer"
         if time > last:
-            return f"asked for {_shown(time)}, {(time - last) / _S:.6g} s after the latest, {_shown(last)}"
-        return f"asked for {_shown(time)}, {(first - time) / _S:.6g} s before the earliest, {_shown(first)}"
+            return f"asked for {_shown(time)}, {(time - last) / NS_PER_S:.6g} s after the latest, {_shown(last)}"
+        return f"asked for {_shown(time)}, {(first - time) / NS_PER_S:.6g} s before the earliest, {_shown(first)}"
 
     def latest(self) -> tuple[int, str]:
         return (self.stamps[-1], self._links[-1].parent) if self.stamps else (0, "")
@@ -156,8 +156,8 @@ class FrameTree:
         if not frame.insert(stamp, link):
             newest = frame.latest()[0]
             raise InvalidTransformError(
-                f'"{child}": {_shown(stamp)} is {(newest - stamp) / _S:.6g} s before the latest, '
-                f"more than the {self._cache_time / _S:.6g} s that are kept"
+                f'"{child}": {_shown(stamp)} is {(newest - stamp) / NS_PER_S:.6g} s before the latest, '
+                f"more than the {self._cache_time / NS_PER_S:.6g} s that are kept"
             )
         self._frames[child] = frame
         self._frames.setdefault(link.parent)
@@ -331,5 +331,5 @@ def _checked(child: str, link: Link) -> Quaternion:
 
 
 def _shown(time: int) -> str:
-    sec, rest = divmod(time, _S)
+    sec, rest = sec_nanosec(time)
     return f"{sec}.{rest:09}"

@@ -19,6 +19,7 @@ import warnings
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from importlib import import_module
+from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -124,13 +125,18 @@ class Job:
 
 
 def run_command(module: str, **arguments: Any) -> None:
-    """Load ``tools/<module>.py`` and call its `run`, which answers an exit code or a `Job`; click's commands do it."""
+    """Load ``tools/<module>.py`` and call its `run`; click's commands do it.
+
+    It answers an exit code or a `Job`, or is a coroutine function.
+    """
     listening: AbstractContextManager[None] = nullcontext()
     if "network" in arguments:
         listening = import_module(f"{__name__}.session").listening(arguments["network"])
     try:
         with listening:
             answer = import_module(f"{__name__}.{module}").run(**arguments)
+            if iscoroutine(answer):
+                answer = Job(answer)
             code = run_job(answer) if isinstance(answer, Job) else answer
         sys.stdout.flush()
     except BrokenPipeError:  # whoever read our output has enough; click would end with 1

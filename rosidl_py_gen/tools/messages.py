@@ -18,6 +18,7 @@ from rosidl_py_gen import from_dict
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
 from rosidl_py_gen.fieldtype import Arity
+from rosidl_py_gen.stamps import set_stamp
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
@@ -173,9 +174,9 @@ def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
 
 def set_stamps(stamps: Sequence[Any]) -> None:
     """Set times of a message to now."""
-    sec, nanosec = divmod(time_ns(), 1_000_000_000)
+    now_ns = time_ns()
     for stamp in stamps:
-        stamp.sec, stamp.nanosec = sec, nanosec
+        set_stamp(stamp, now_ns)
 
 
 _HEADER, _TIME = "std_msgs/msg/Header", "builtin_interfaces/msg/Time"

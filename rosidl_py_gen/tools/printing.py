@@ -42,6 +42,17 @@ def note(text: str) -> None:
     print(printable(text), file=sys.stderr, flush=True)
 
 
+def names(found: Sequence[dict[str, Any]], count: bool, show_types: bool, as_json: bool) -> None:
+    """What a list command found: each has a name and types, and what else belongs into the JSON."""
+    if as_json:
+        document(found)
+    elif count:
+        line(str(len(found)))
+    else:
+        for one in found:
+            line(f"{one['name']} [{', '.join(one['types'])}]" if show_types else one["name"])
+
+
 def document(data: Any, *, in_stream: bool = False) -> None:
     """JSON; NaN and infinities become strings, as `rosidl_py_gen.to_json` does it.
 

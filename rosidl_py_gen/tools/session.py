@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime import Context
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Coroutine, Iterator
 
     from typing_extensions import Self
 
@@ -44,6 +44,19 @@ _NOTHING: dict[str, Any] = {
 def now_s() -> float:
     """The running loop's time: what commands wait by."""
     return asyncio.get_running_loop().time()
+
+
+async def first_of(*coroutines: Coroutine[Any, Any, object]) -> None:
+    """Run all until one ends or fails."""
+    tasks = [asyncio.ensure_future(one) for one in coroutines]
+    try:
+        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 class Network(TypedDict, total=False):

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import subprocess
 import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
+import click
 import pytest
 
 from rosidl_py_gen import tools
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 
 def test_help_lists_the_groups(capsys: pytest.CaptureFixture[str]) -> None:
@@ -58,3 +65,38 @@ def test_closed_streams_are_no_trouble(closed: str) -> None:
     command = f"{sys.executable} -m rosidl_py_gen.tools topic list --discovery localhost {closed}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def _commands(group: click.Group, context: click.Context) -> Iterator[click.Command]:
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
+        if isinstance(command, click.Group):
+            yield from _commands(command, context)
+        else:
+            yield command
+
+
+ROOT = tools.root()
+COMMANDS = [*_commands(ROOT, click.Context(ROOT))]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda one: f"{one.callback.__module__.split('.')[-1]}.{one.name}")
+def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    called: list[tuple[str, dict[str, Any]]] = []
+    assert command.callback is not None
+    declared = command.callback.__globals__
+    monkeypatch.setitem(declared, "run_command", lambda module, **arguments: called.append((module, arguments)))
+    context = click.Context(command)
+    for parameter in command.params:
+        if parameter.expose_value:
+            context.params[parameter.name or ""] = "given"
+        else:  # it hands on a value by itself, as `network` and `qos`
+            assert parameter.callback is not None
+            parameter.callback(context, parameter, None)
+    command.callback(**context.params)
+    [(module, arguments)] = called
+    signature = inspect.signature(import_module(f"rosidl_py_gen.tools.{module}").run)
+    signature.bind(**arguments)
+    takes_any = inspect.Parameter.VAR_KEYWORD in {one.kind for one in signature.parameters.values()}
+    assert takes_any == (module == "interface")  # several commands in one, which test_interface.py runs all

@@ -473,6 +473,8 @@ def test_without_the_extra_it_says_what_to_install(
     run_here: Any, monkeypatch: pytest.MonkeyPatch, missing: str
 ) -> None:
     for name in [name for name in sys.modules if name.startswith("rosidl_py_gen.tools.foxglove.")]:
+        folder, _, module = name.rpartition(".")
+        monkeypatch.setattr(sys.modules[folder], module, sys.modules[name])  # so that it is put back there, too
         monkeypatch.delitem(sys.modules, name)
     for name in [name for name in sys.modules if name.startswith(f"{missing}.")]:
         monkeypatch.delitem(sys.modules, name)

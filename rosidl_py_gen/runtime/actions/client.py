@@ -35,7 +35,7 @@ from rosidl_py_gen.runtime.actions.client_goal import (
 from rosidl_py_gen.runtime.actions.results import ResultClient
 from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCode, GoalStatus, UnknownGoalError
 from rosidl_py_gen.runtime.actions.status import find_status
-from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp
+from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
@@ -46,6 +46,7 @@ from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
+from rosidl_py_gen.stamps import set_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, GoalT
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
-    from rosidl_py_gen.runtime.time.values import SecNanosec
+    from rosidl_py_gen.stamps import SecNanosec
 
 T = TypeVar("T")
 
@@ -286,7 +287,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         request = CancelGoal_Request()
         request.goal_info.goal_id.uuid = goal_id  # type: ignore[assignment]  # bytes are welcome in a uint8 array
         if stamp is not None:
-            set_stamp(request.goal_info, stamp.nanoseconds)
+            set_stamp(request.goal_info.stamp, stamp.nanoseconds)
         try:
             response = await self._cancel.call(request, timeout_s)
         except CallTimeoutError as error:

@@ -29,6 +29,7 @@ from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.service_parts import ServerLostError
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     import asyncio
@@ -109,7 +110,7 @@ class ResultClient:
         lost_after_ns: int | None,
     ) -> None:
         self._scope = scope
-        self._lost_after_s = math.inf if lost_after_ns is None else lost_after_ns / 1e9
+        self._lost_after_s = math.inf if lost_after_ns is None else lost_after_ns / NS_PER_S
         self._wanted: set[_Wanted] = set()
         self._look_timer: asyncio.TimerHandle | None = None
         self._seen_s = 0.0

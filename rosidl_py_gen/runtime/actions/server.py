@@ -19,13 +19,14 @@ from rosidl_py_gen.runtime.actions.decisions import CancelRequest, GoalRequest, 
 from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness, HandlerRunner
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
-from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_stamp, stamp_ns_of
+from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of
 from rosidl_py_gen.runtime.endpoints.scope import Composite, counted, shown
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
+from rosidl_py_gen.stamps import set_stamp, stamp_ns
 from rosidl_py_gen.waiting import settle_threadsafe
 
 if TYPE_CHECKING:
@@ -157,14 +158,14 @@ class ActionServer(Composite, Generic[ActionT_co]):
         response = self._type.cls.SendGoal.Response()
         if info is not None:
             response.accepted = True
-            set_stamp(response, info.stamp_ns)
+            set_stamp(response.stamp, info.stamp_ns)
         return response
 
     # ------------------------------------------------------------------------------------------------------ cancel
 
     async def _on_cancel_goal(self, request: CancelGoal_Request) -> CancelGoal_Response:
         self._goals.expire()
-        wanted = goal_id_of(request.goal_info), stamp_ns_of(request.goal_info)
+        wanted = goal_id_of(request.goal_info), stamp_ns(request.goal_info.stamp)
         selection = self._goals.book.select_for_cancel(*wanted)
         decisions = await asyncio.gather(*(self._may_cancel(info.goal_id) for info in selection.goals))
         if self._closed:
@@ -175,7 +176,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         for info in canceled:
             found = GoalInfoMessage()
             found.goal_id.uuid = info.goal_id  # type: ignore[assignment]
-            set_stamp(found, info.stamp_ns)
+            set_stamp(found.stamp, info.stamp_ns)
             response.goals_canceling.append(found)
         return response
 

@@ -23,6 +23,7 @@ from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
+from rosidl_py_gen.stamps import NS_PER_S
 from rosidl_py_gen.waiting import current_loop, settle
 
 if TYPE_CHECKING:
@@ -345,7 +346,7 @@ class ServerGoals:
         if self._expiry is None and not self._clock.ros_time_is_active:
             due_ns, loop = self.book.next_expiry_ns(), self._scope.bridge.loop
             if due_ns is not None and loop is not None:
-                left_s = min(max(0.001, (due_ns - now_ns) / 1e9), _LONGEST_SLEEP_S)
+                left_s = min(max(0.001, (due_ns - now_ns) / NS_PER_S), _LONGEST_SLEEP_S)
                 self._expiry = loop.call_later(left_s, self._expire_later)
 
     def _expire_later(self) -> None:

@@ -18,6 +18,7 @@ from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.after_answer import AfterAnswer
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
+from rosidl_py_gen.stamps import sec_nanosec
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
@@ -41,7 +42,7 @@ class StatusRows:
     def add(self, goal_id: bytes, stamp_ns: int, status: int) -> None:
         """Append a row."""
         self._offsets[goal_id] = len(self._rows)
-        self._rows += _ROW.pack(goal_id, *divmod(stamp_ns, 1_000_000_000), status)
+        self._rows += _ROW.pack(goal_id, *sec_nanosec(stamp_ns), status)
 
     def set_status(self, goal_id: bytes, status: int) -> None:
         """Change a row."""

@@ -160,13 +160,3 @@ class ActionNames:
 def goal_id_of(message: Any) -> bytes:
     """The 16 bytes of a unique_identifier_msgs/UUID field."""
     return bytes(message.goal_id.uuid)
-
-
-def stamp_ns_of(message: Any) -> int:
-    """Nanoseconds of a builtin_interfaces/Time field called stamp."""
-    return int(message.stamp.sec) * 1_000_000_000 + int(message.stamp.nanosec)
-
-
-def set_stamp(message: Any, stamp_ns: int) -> None:
-    """The reverse of `stamp_ns_of`."""
-    message.stamp.sec, message.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)

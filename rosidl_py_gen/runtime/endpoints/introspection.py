@@ -15,6 +15,7 @@ from rosidl_py_gen.runtime.endpoints.service_parts import IntrospectionState
 from rosidl_py_gen.runtime.endpoints.types import class_of, message_type
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.transport.qos import as_profile
+from rosidl_py_gen.stamps import set_stamp
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
@@ -82,7 +83,7 @@ class ServiceEvents:
         event.info.event_type = int(kind)
         event.info.client_gid = client_gid
         event.info.sequence_number = sequence
-        event.info.stamp.sec, event.info.stamp.nanosec = divmod(self._clock.now_ns(), 1_000_000_000)
+        set_stamp(event.info.stamp, self._clock.now_ns())
         try:
             if self._state is IntrospectionState.CONTENTS:
                 if kind in (ServiceEventType.REQUEST_SENT, ServiceEventType.REQUEST_RECEIVED):

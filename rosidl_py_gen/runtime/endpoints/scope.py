@@ -20,7 +20,8 @@ from rosidl_py_gen.runtime.loop.callbacks import start_task
 from rosidl_py_gen.runtime.loop.failures import Failures
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
-from rosidl_py_gen.runtime.time.values import NS_PER_S, ClockType
+from rosidl_py_gen.runtime.time.values import ClockType
+from rosidl_py_gen.stamps import NS_PER_S
 from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:

@@ -1,31 +1,31 @@
 """Timers on the event loop.
 
-Decides when to wake up; what is due, and what was missed, is `time/schedule.py`. A timer on simulated time does not
-sleep: it looks again whenever its clock jumps. Callbacks run like those of subscriptions; while an async one runs,
-periods that pass are skipped and counted. Timers may be made, reset and closed in any thread; what touches the event
-loop is handed over to it.
+Decides what a tick does; when one is due is `time/due.py`. Callbacks run like those of subscriptions; while an async
+one runs, periods that pass are skipped and counted. Timers may be made, reset and closed in any thread; what touches
+the event loop is handed over to it.
 """
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
-from rosidl_py_gen.runtime.time.clock import Clock, on_every_jump
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.due import DueTimer
 from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
 from rosidl_py_gen.signatures import require_signature
+from rosidl_py_gen.stamps import NS_PER_S
 from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
+    import asyncio
     from collections.abc import Callable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
-    from rosidl_py_gen.runtime.time.clock import TimeJump
 
 
 class Timer(Owned):
@@ -42,9 +42,8 @@ class Timer(Owned):
         super().__init__(scope)
         self._clock = clock
         self._callback = None if callback is None else UserFunction(scope, callback, "a timer's callback")
-        self._rule = Schedule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
-        self._rule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
-        self._handle: asyncio.Handle | None = None
+        self._schedule = Schedule(period_ns, clock.now_ns(), waits_at_zero=clock.clock_type is ClockType.ROS_TIME)
+        self._schedule_lock = threading.Lock()  # a reset in another thread must not get lost in a call
         self._worker: asyncio.Task[None] | None = None
         self._waiters = Waiters()
         self._tick: list[Duration] = []
@@ -53,8 +52,8 @@ class Timer(Owned):
         """How many periods passed without a call and were skipped."""
         self.call_count = 0
         """How many times the timer was called, or ticked."""
-        self._jumps = on_every_jump(clock, self._before_jump, self._after_jump)
-        self._starts = scope.bridge.on_start(self._arm_soon)
+        self._due = DueTimer(clock, self._schedule, lambda: scope.bridge.loop, self._on_due)
+        self._starts = scope.bridge.on_start(self._due.arm_soon)
         scope.own(self)
 
     # ------------------------------------------------------------------------------------------------------ ticking
@@ -69,9 +68,9 @@ class Timer(Owned):
         """
         self._require_usable()
         self._scope.bridge.running_loop()
-        if self._rule.is_ready(self._clock.now_ns()):
+        if self._schedule.is_ready(self._clock.now_ns()):
             return self._call()
-        self._arm()
+        self._due.arm()
         tick = self._tick
         await self._waiters.wait(lambda: tick or self._closed)
         if not tick:
@@ -100,39 +99,10 @@ class Timer(Owned):
 
     def _advance(self) -> TimerCall:
         now_ns = self._clock.now_ns()
-        with self._rule_lock:
-            return self._rule.call(now_ns)
+        with self._schedule_lock:
+            return self._schedule.call(now_ns)
 
-    # ------------------------------------------------------------------------------------------------------ waiting
-
-    def _arm_soon(self) -> None:
-        """`_arm` from any thread: a loop that sleeps has to be woken."""
-        if self._scope.bridge.in_loop_thread():
-            self._arm()
-        else:
-            self._scope.bridge.call_soon(self._arm)
-
-    def _arm(self) -> None:
-        """Look at the clock and come back when the timer is due; runs on the loop."""
-        if self._handle is not None:
-            self._handle.cancel()
-            self._handle = None
-        loop = self._scope.bridge.loop
-        if self._closed or loop is None:
-            return
-        left_ns = self._rule.time_until_ns(self._clock.now_ns())
-        if left_ns is None:
-            return
-        if left_ns <= 0:
-            self._handle = loop.call_soon(self._fire)
-        elif not self._clock.ros_time_is_active:
-            self._handle = loop.call_later(left_ns / 1e9, self._fire)
-
-    def _fire(self) -> None:
-        self._handle = None
-        if self._closed or not self._rule.is_ready(self._clock.now_ns()):
-            self._arm()  # woken a little early, or reset meanwhile
-            return
+    def _on_due(self) -> None:
         if self._callback is None:
             if not self._waiters:
                 return  # it stays due
@@ -144,25 +114,14 @@ class Timer(Owned):
             self._worker = self._callback.call()
         else:
             self.missed += 1 + self._advance().missed
-        self._arm()
-
-    def _before_jump(self, jump: TimeJump) -> None:
-        if jump.source_changed:
-            self._rule.before_source_change(self._clock.now_ns())
-
-    def _after_jump(self, jump: TimeJump) -> None:
-        if jump.source_changed:
-            self._rule.after_source_change(self._clock.now_ns())
-        else:
-            self._rule.after_jump(self._clock.now_ns())
-        self._scope.bridge.call_soon(self._arm)
+        self._due.arm()
 
     # -------------------------------------------------------------------------------------------------------- state
 
     @property
     def period(self) -> Duration:
         """Time between two calls."""
-        return Duration(nanoseconds=self._rule.period_ns)
+        return Duration(nanoseconds=self._schedule.period_ns)
 
     def change_period(self, period_s: float) -> None:
         """Use another period from the next call on; the call already due stays where it is.
@@ -170,28 +129,28 @@ class Timer(Owned):
         Raises:
             TypeError: no number. TimeRangeError: negative or not finite.
         """
-        self._rule.change_period(period_to_ns(period_s))
-        self._scope.bridge.call_soon(self._arm)
+        self._schedule.change_period(period_to_ns(period_s))
+        self._due.arm_soon()
 
     @property
     def is_canceled(self) -> bool:
         """True between `cancel` and `reset`."""
-        return self._rule.canceled
+        return self._schedule.canceled
 
     @property
     def is_ready(self) -> bool:
         """True when a call is due."""
-        return self._rule.is_ready(self._clock.now_ns())
+        return self._schedule.is_ready(self._clock.now_ns())
 
     def time_until_next_call(self) -> Duration | None:
         """Negative when overdue; None while canceled, or while simulated time has not begun."""
-        left_ns = self._rule.time_until_ns(self._clock.now_ns())
+        left_ns = self._schedule.time_until_ns(self._clock.now_ns())
         return None if left_ns is None else Duration(nanoseconds=left_ns)
 
     def cancel(self) -> None:
         """Stop until `reset`; whoever waits for a tick keeps waiting."""
-        self._rule.cancel()
-        self._scope.bridge.call_soon(self._arm)
+        self._schedule.cancel()
+        self._due.arm_soon()
 
     def reset(self) -> None:
         """Start a period now; ends a cancellation.
@@ -201,12 +160,13 @@ class Timer(Owned):
         """
         self._scope.require_open(self._closed, "a timer")
         now_ns = self._clock.now_ns()
-        with self._rule_lock:
-            self._rule.reset(now_ns)
-        self._scope.bridge.call_soon(self._arm)
+        with self._schedule_lock:
+            self._schedule.reset(now_ns)
+        self._due.arm_soon()
 
     def __repr__(self) -> str:
-        parts = f"{self._rule.period_ns / 1e9:g} s", self._clock.clock_type.name, *["canceled"] * self.is_canceled
+        period = f"{self._schedule.period_ns / NS_PER_S:g} s"
+        parts = period, self._clock.clock_type.name, *["canceled"] * self.is_canceled
         return shown(self, *parts, peers=lambda: self.call_count, peer="call")
 
     def close(self) -> None:
@@ -216,16 +176,5 @@ class Timer(Owned):
         self._starts.close()
         if self._callback is not None:
             self._callback.close()
-        self._jumps.close()
-        bridge = self._scope.bridge
-        if bridge.is_running and not bridge.in_loop_thread():
-            bridge.call_soon(self._end)
-        else:
-            self._end()
-
-    def _end(self) -> None:
-        """What `close` has to do on the loop."""
-        if self._handle is not None:
-            self._handle.cancel()
-            self._handle = None
+        self._due.close()
         self._waiters.wake()

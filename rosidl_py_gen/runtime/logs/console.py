@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from rosidl_py_gen.runtime.logs.loggers import DEBUG, ERROR, FATAL, LEVEL_NAMES, WARN, get_root_logger, ros_level
 from rosidl_py_gen.runtime.logs.rosout import message_text
+from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,8 +57,8 @@ def format_record(record: logging.LogRecord, format_text: str = DEFAULT_FORMAT) 
         "file_name": record.pathname,
         "line_number": str(record.lineno),
     }
-    now_ns = round(record.created * 1e9)
-    seconds, nanoseconds = divmod(now_ns, 1_000_000_000)
+    now_ns = round(record.created * NS_PER_S)
+    seconds, nanoseconds = sec_nanosec(now_ns)
     values["time"] = f"{seconds}.{nanoseconds:09d}"
     values["time_as_nanoseconds"] = str(now_ns)
     values["date_time_with_ms"] = datetime.fromtimestamp(record.created).isoformat(" ", "milliseconds")

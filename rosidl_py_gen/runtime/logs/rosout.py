@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.registration import Registration
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger, ros_level
+from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +49,7 @@ def message_text(record: logging.LogRecord) -> str:
 def log_fields(record: logging.LogRecord) -> LogFields:
     """What /rosout says about `record`."""
     return LogFields(
-        round(record.created * 1e9),
+        round(record.created * NS_PER_S),
         ros_level(record.levelno),
         record.name,
         message_text(record),

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.transport.clocks import Clocks
+from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -26,7 +27,6 @@ T = TypeVar("T")
 
 _LOOK_S = 0.05
 """How long to wait for other threads before looking whether there still are any."""
-_S = 10**9
 
 
 class NothingHappensError(RosidlError):
@@ -48,7 +48,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         self._others = set(threading.enumerate())
         super().__init__(_Selector(self))
         epoch_ns = time.time_ns()
-        self.clocks = Clocks(lambda: epoch_ns + round(self._now_s * _S), lambda: round(self._now_s * _S))
+        self.clocks = Clocks(lambda: epoch_ns + round(self._now_s * NS_PER_S), lambda: round(self._now_s * NS_PER_S))
 
     def time(self) -> float:
         """Seconds since the loop was made."""

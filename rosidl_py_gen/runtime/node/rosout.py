@@ -13,6 +13,7 @@ from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.types import message_type
 from rosidl_py_gen.runtime.logs.rosout import shared_router
 from rosidl_py_gen.runtime.transport.qos import ROSOUT
+from rosidl_py_gen.stamps import sec_nanosec
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
@@ -24,7 +25,7 @@ def start_rosout(scope: Scope) -> None:
     publisher: Publisher[Log] = Publisher(scope, message_type(Log), "/rosout", ROSOUT)
 
     def publish(fields: LogFields) -> None:
-        sec, nanosec = divmod(fields.stamp_ns, 1_000_000_000)
+        sec, nanosec = sec_nanosec(fields.stamp_ns)
         publisher._publish_without_waiting(
             Log(
                 stamp=Time(sec=sec, nanosec=nanosec),

@@ -22,6 +22,7 @@ from rosidl_py_gen.runtime.parameters.values import (
     ParameterType,
     ParameterValue,
 )
+from rosidl_py_gen.stamps import sec_nanosec
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -128,7 +129,7 @@ def descriptor_from_message(message: msg.ParameterDescriptor) -> ParameterDescri
 
 def event_to_message(event: ParameterEvent, node: str, stamp_ns: int) -> msg.ParameterEvent:
     """`node` is the fully qualified name."""
-    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    sec, nanosec = sec_nanosec(stamp_ns)
     return msg.ParameterEvent(
         stamp=Time(sec=sec, nanosec=nanosec),
         node=node,

@@ -3,32 +3,30 @@
 Decides ROS time: system time until an override is enabled, then whatever was last set, 0 before that. Subscribing to
 `/clock` is `node/sim_time.py`. Jump callbacks run on the thread that changes the time, before and after the change.
 
-Decides how to sleep by a clock that can jump, too: simulated time is never slept for, each jump is looked at instead;
-system time is looked at at least once a second, because somebody may set it. A sleep ends when ROS time is activated or
-deactivated, as in rclpy: a point in one time means nothing in the other, and waiting for it could take for ever.
+A sleep ends when ROS time is activated or deactivated, as in rclpy: a point in one time means nothing in the other, and
+waiting for it could take for ever.
 
 May import this room and logs. Source: docs/internals/protocol.md 9.6.
 """
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import time
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.logs.loggers import report_failure
+from rosidl_py_gen.runtime.time.due import wait_until_due
 from rosidl_py_gen.runtime.time.schedule import Schedule
 from rosidl_py_gen.runtime.time.values import (
-    NS_PER_S,
+    ClockChange,
     ClockType,
     ClockTypeError,
     Duration,
     Time,
+    TimeJump,
     TimeRangeError,
     seconds_to_ns,
 )
@@ -38,30 +36,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.registration import Registration
-
-_LONGEST_PAUSE_S = 1.0
-
-
-class ClockChange(IntEnum):
-    """What happened to the source of a clock; numbers of rcl."""
-
-    ROS_TIME_NO_CHANGE = 1
-    ROS_TIME_ACTIVATED = 2
-    ROS_TIME_DEACTIVATED = 3
-    SYSTEM_TIME_NO_CHANGE = 4
-
-
-@dataclass(frozen=True, slots=True)
-class TimeJump:
-    """One jump; `delta` is 0 when the source changed, because the two zeros have nothing in common."""
-
-    clock_change: ClockChange
-    delta: Duration
-
-    @property
-    def source_changed(self) -> bool:
-        """True when ROS time was activated or deactivated."""
-        return self.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,6 +143,11 @@ class Clock:
 
         return self._jump_callbacks.add(_JumpCallbacks(matches, pre, post))
 
+    def _on_every_jump(self, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration:
+        """`create_jump_callback` for all jumps."""
+        chosen = _JumpCallbacks(lambda jump: jump.source_changed or jump.delta.nanoseconds != 0, pre, post)
+        return self._jump_callbacks.add(chosen)
+
     async def sleep_until(self, until: Time) -> bool:
         """Sleep until this clock, simulated or not, reads `until` or later.
 
@@ -204,7 +183,7 @@ class Clock:
 
     async def _sleep(self, length_ns: int, start_ns: int) -> bool:
         schedule = self._schedule(length_ns, start_ns)
-        return await DueWait(self, schedule, ends_with_source=True).wait()
+        return await wait_until_due(self, schedule, ends_with_source=True)
 
     def _schedule(self, period_ns: int, start_ns: int) -> Schedule:
         """A schedule by this clock whose first period begins at `start_ns`."""
@@ -250,69 +229,3 @@ def _require_jump_callback(name: str, callback: object) -> None:
     if not callable(callback):
         raise TypeError(f"{name} must be a function or None, got {callback!r:.100}")
     require_signature(callback, f"the {name} callback of a time jump", "the TimeJump")
-
-
-def on_every_jump(clock: Clock, pre: Callable[[TimeJump], None], post: Callable[[TimeJump], None]) -> Registration:
-    """`create_jump_callback` for all jumps."""
-    chosen = _JumpCallbacks(lambda jump: jump.source_changed or jump.delta.nanoseconds != 0, pre, post)
-    return clock._jump_callbacks.add(chosen)
-
-
-class DueWait:
-    """One wait until a schedule is due by a clock that jumps.
-
-    That it was due is noted in the jump itself: the task may wake when time is somewhere else already.
-    """
-
-    def __init__(self, clock: Clock, schedule: Schedule, *, ends_with_source: bool) -> None:
-        self._clock = clock
-        self._schedule = schedule
-        self._ends_with_source = ends_with_source
-        self._loop = asyncio.get_running_loop()
-        self._jumped = asyncio.Event()
-        self._outcome: bool | None = None
-
-    async def wait(self) -> bool:
-        """True when the schedule was due, which is noted as its call; False when the source of time changed before."""
-        if self._left_ns() == 0:
-            await asyncio.sleep(0)  # a loop that is always late must not starve the others
-            return True
-        with on_every_jump(self._clock, self._before_jump, self._after_jump):
-            while True:
-                left_ns = self._left_ns()
-                if self._outcome is not None:
-                    return self._outcome
-                await self._pause(left_ns)
-
-    def _left_ns(self) -> int | None:
-        """0 when over; None when only a jump can tell."""
-        now_ns = self._clock.now_ns()
-        if self._outcome is None and self._schedule.is_ready(now_ns):
-            self._schedule.call(now_ns)
-            self._outcome = True
-        return 0 if self._outcome is not None else self._schedule.time_until_ns(now_ns)
-
-    async def _pause(self, left_ns: int | None) -> None:
-        if left_ns is None or self._clock.ros_time_is_active:
-            await self._jumped.wait()
-        elif self._clock.clock_type is ClockType.STEADY_TIME:
-            await asyncio.sleep(left_ns / NS_PER_S)
-        else:
-            with contextlib.suppress(asyncio.TimeoutError):
-                await asyncio.wait_for(self._jumped.wait(), min(left_ns / NS_PER_S, _LONGEST_PAUSE_S))
-        self._jumped.clear()
-
-    def _before_jump(self, jump: TimeJump) -> None:
-        if jump.source_changed:
-            self._schedule.before_source_change(self._clock.now_ns())
-
-    def _after_jump(self, jump: TimeJump) -> None:
-        if not jump.source_changed:
-            self._left_ns()
-            self._schedule.after_jump(self._clock.now_ns())
-        elif not self._ends_with_source:
-            self._schedule.after_source_change(self._clock.now_ns())
-        elif self._outcome is None:
-            self._outcome = False
-        with contextlib.suppress(RuntimeError):  # the loop was closed with the sleep unfinished
-            self._loop.call_soon_threadsafe(self._jumped.set)

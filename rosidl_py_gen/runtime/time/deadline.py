@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.time.values import NS_PER_S, limit_to_ns
+from rosidl_py_gen.runtime.time.values import limit_to_ns
+from rosidl_py_gen.stamps import NS_PER_S
 
 
 class WaitTimeoutError(RosidlError, TimeoutError):

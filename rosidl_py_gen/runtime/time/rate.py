@@ -8,8 +8,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.rclpy_names import knows_rclpy
-from rosidl_py_gen.runtime.time.clock import DueWait
-from rosidl_py_gen.runtime.time.values import NS_PER_S, TimeRangeError, finite_number, seconds_to_ns
+from rosidl_py_gen.runtime.time.due import wait_until_due
+from rosidl_py_gen.runtime.time.values import TimeRangeError, finite_number, seconds_to_ns
+from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock
@@ -37,7 +38,7 @@ class Rate:
         if schedule is None or active != self._was_active:  # the first round, or the source changed between two
             self._schedule = schedule = self._clock._schedule(self._period_ns, self._clock.now_ns())
         schedule.after_jump(self._clock.now_ns())  # time may have gone back between two rounds
-        await DueWait(self._clock, schedule, ends_with_source=False).wait()
+        await wait_until_due(self._clock, schedule, ends_with_source=False)
         self._was_active = self._clock.ros_time_is_active
 
 

@@ -11,15 +11,16 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
 from enum import IntEnum
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Protocol, overload
+from typing import TYPE_CHECKING, overload
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec, stamp_ns
 
 if TYPE_CHECKING:
     from rosidl_py_gen.msgs.builtin_interfaces.msg import Duration as DurationMessage
     from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
+    from rosidl_py_gen.stamps import SecNanosec
 
-NS_PER_S = 1_000_000_000
 _INT32_MIN, _INT32_MAX = -(2**31), 2**31 - 1
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
@@ -38,13 +39,6 @@ class ClockType(IntEnum):
     ROS_TIME = 1
     SYSTEM_TIME = 2
     STEADY_TIME = 3
-
-
-class SecNanosec(Protocol):
-    """What builtin_interfaces/Time and Duration look like, whoever generated them."""
-
-    sec: int
-    nanosec: int
 
 
 def finite_number(what: str, value: object, kind: str) -> float:
@@ -100,9 +94,9 @@ def _total_ns(seconds: float, nanoseconds: int) -> int:
     return seconds_to_ns("seconds", seconds) + nanoseconds
 
 
-def _sec_nanosec(what: str, nanoseconds: int) -> tuple[int, int]:
+def _fitting(what: str, nanoseconds: int) -> tuple[int, int]:
     """Split for a message: seconds rounded down, nanoseconds always from 0 to 999 999 999."""
-    sec, nanosec = divmod(nanoseconds, NS_PER_S)
+    sec, nanosec = sec_nanosec(nanoseconds)
     if not _INT32_MIN <= sec <= _INT32_MAX:
         raise TimeRangeError(f"{what} of {sec} s does not fit a message, whose sec is an int32")
     return sec, nanosec
@@ -177,13 +171,13 @@ class Duration:
         """As builtin_interfaces/Duration; raises `TimeRangeError` when sec exceeds an int32."""
         from rosidl_py_gen.msgs.builtin_interfaces.msg import Duration as DurationMessage
 
-        sec, nanosec = _sec_nanosec("duration", self.nanoseconds)
+        sec, nanosec = _fitting("duration", self.nanoseconds)
         return DurationMessage(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, message: SecNanosec) -> Duration:
         """From builtin_interfaces/Duration of any generator."""
-        return cls(nanoseconds=message.sec * NS_PER_S + message.nanosec)
+        return cls(nanoseconds=stamp_ns(message))
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -215,7 +209,7 @@ class Time:
 
     def seconds_nanoseconds(self) -> tuple[int, int]:
         """Whole seconds and the nanoseconds that remain."""
-        return divmod(self.nanoseconds, NS_PER_S)
+        return sec_nanosec(self.nanoseconds)
 
     def __add__(self, other: Duration) -> Time:
         if not isinstance(other, Duration):
@@ -272,10 +266,32 @@ class Time:
         """As builtin_interfaces/Time; raises `TimeRangeError` when sec exceeds an int32."""
         from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
 
-        sec, nanosec = _sec_nanosec("time", self.nanoseconds)
+        sec, nanosec = _fitting("time", self.nanoseconds)
         return TimeMessage(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, message: SecNanosec, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
         """From builtin_interfaces/Time of any generator; a message does not say its clock, stamps are ROS time."""
-        return cls(nanoseconds=message.sec * NS_PER_S + message.nanosec, clock_type=clock_type)
+        return cls(nanoseconds=stamp_ns(message), clock_type=clock_type)
+
+
+class ClockChange(IntEnum):
+    """What happened to the source of a clock; numbers of rcl."""
+
+    ROS_TIME_NO_CHANGE = 1
+    ROS_TIME_ACTIVATED = 2
+    ROS_TIME_DEACTIVATED = 3
+    SYSTEM_TIME_NO_CHANGE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class TimeJump:
+    """One jump; `delta` is 0 when the source changed, because the two zeros have nothing in common."""
+
+    clock_change: ClockChange
+    delta: Duration
+
+    @property
+    def source_changed(self) -> bool:
+        """True when ROS time was activated or deactivated."""
+        return self.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)

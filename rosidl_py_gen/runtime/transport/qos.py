@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.stamps import NS_PER_S
 
 UNSPECIFIED_NS = 0
 INFINITE_NS = 9223372036_854775807
@@ -91,9 +92,9 @@ def duration_ns(what: str, seconds: float) -> int:
     number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
     if number and seconds == float("inf"):
         return INFINITE_NS
-    if not number or not 0 <= seconds < INFINITE_NS / 1e9:
+    if not number or not 0 <= seconds < INFINITE_NS / NS_PER_S:
         raise InvalidQoSError(f"{what} must be seconds, 0 (unspecified) or more, or math.inf; got {seconds!r}")
-    return round(seconds * 1_000_000_000)
+    return round(seconds * NS_PER_S)
 
 
 # ----------------------------------------------------------------------------------------------------------- profile

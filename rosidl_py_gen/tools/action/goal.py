@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import to_dict
 from rosidl_py_gen.runtime import ActionTimeoutError, CancelError, GoalRejectedError, GoalStatus, WaitTimeoutError
-from rosidl_py_gen.tools import Job, ToolError, messages, printing, types
-from rosidl_py_gen.tools.action.list import find_action
+from rosidl_py_gen.tools import ToolError, messages, printing, types
+from rosidl_py_gen.tools.names import find_action
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:
@@ -21,12 +21,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import ActionClient, ClientGoal
 
 
-def run(network: Network, **arguments: Any) -> Job:
-    """What the command does."""
-    return Job(_send_goal(network, **arguments))
-
-
-async def _send_goal(
+async def run(
     network: Network,
     action: str,
     words: tuple[str, ...],
@@ -36,6 +31,7 @@ async def _send_goal(
     paths: tuple[str, ...],
     as_json: bool,
 ) -> int:
+    """What the command does."""
     type_name, text = messages.type_and_values(words, stdin=stdin)
     show = _Printer(as_json)
     async with Session(network) as session:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import Job, printing
-from rosidl_py_gen.tools.action.list import actions, find_action
+from rosidl_py_gen.tools import printing
+from rosidl_py_gen.tools.names import actions, find_action
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:
@@ -14,14 +14,10 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
 
 
-def run(network: Network, **shown: Any) -> Job:
-    """What the command does."""
-    return Job(_info(network, **shown))
-
-
-async def _info(
+async def run(
     network: Network, action: str, as_json: bool, only_type: bool = False, show_types: bool = False, count: bool = False
 ) -> int:
+    """What the command does."""
     async with Session(network) as session:
         node = session.node
         name = await find_action(session, action)

@@ -8,12 +8,11 @@ from datetime import datetime
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.tools import ToolError, printing
 
 if TYPE_CHECKING:
     from rosidl_py_gen.mcap import BagReader
-
-_S = 1_000_000_000
 
 
 class Part(NamedTuple):
@@ -29,23 +28,23 @@ def part_of(reader: BagReader, topics: Sequence[str], offset_s: float, duration_
     for name in topics:
         if name not in reader.topics:
             raise ToolError(f"{reader.path} has no topic {name}{did_you_mean(name, reader.topics)}")
-    start = reader.start_ns + round(offset_s * _S)
+    start = reader.start_ns + round(offset_s * NS_PER_S)
     if start > reader.end_ns:
         raise ToolError(
             f"{reader.path} is {duration_text(reader.end_ns - reader.start_ns)} long; nothing is left of it"
         )
-    end = reader.end_ns + 1 if duration_s is None else min(start + round(duration_s * _S), reader.end_ns + 1)
+    end = reader.end_ns + 1 if duration_s is None else min(start + round(duration_s * NS_PER_S), reader.end_ns + 1)
     return Part([*(topics or reader.topics)], start, end)
 
 
 def duration_text(nanoseconds: int) -> str:
     """Seconds with milliseconds."""
-    return f"{nanoseconds / _S:.3f} s"
+    return f"{nanoseconds / NS_PER_S:.3f} s"
 
 
 def time_text(nanoseconds: int) -> str:
     """Local date and time, and seconds since 1970; only those when the date is beyond the calendar."""
-    seconds, rest = divmod(nanoseconds, _S)
+    seconds, rest = sec_nanosec(nanoseconds)
     try:
         date = datetime.fromtimestamp(seconds).astimezone().strftime("%Y-%m-%d %H:%M:%S")
     except (OverflowError, ValueError, OSError):

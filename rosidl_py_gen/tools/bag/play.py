@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
@@ -19,11 +18,13 @@ from rosidl_py_gen.mcap.metadata import qos_profiles
 from rosidl_py_gen.mcap.pacing import paced
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError, validate_full_name
+from rosidl_py_gen.stamps import NS_PER_S, set_stamp
 from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.bag.described import wrong
 from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress
+from rosidl_py_gen.tools.commands.bag import PlayOptions
+from rosidl_py_gen.tools.names import full_topic_name
 from rosidl_py_gen.tools.session import Network, Session, now_s
-from rosidl_py_gen.tools.topic.wait import full_name
 
 if TYPE_CHECKING:
     from rosidl_py_gen.mcap import BagTopic
@@ -34,34 +35,17 @@ _LISTENERS_S = 2.0
 _ACKNOWLEDGED_S = 1.0
 _PROGRESS_S = 0.5
 _LEAST_DEPTH = 10
-_S = 1_000_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """What the command line says, in the end."""
-
-    rate: float
-    loop: bool
-    topics: Sequence[str]
-    offset_s: float
-    duration_s: float | None
-    remaps: Sequence[str]
-    clock_hz: float | None
-    delay_s: float
-    paths: Sequence[str]
-
-
-def run(network: Network, path: str, **wanted: Any) -> Job:
+def run(network: Network, options: PlayOptions) -> Job:
     """What the command does."""
-    asked = _Wanted(**wanted)
-    return Job(_open(network, path, asked), endless=asked.loop)
+    return Job(_open(network, options), endless=options.loop)
 
 
-async def _open(network: Network, path: str, wanted: _Wanted) -> int:
-    with BagReader(path, search_path=wanted.paths) as reader:
-        part = _playable(reader, part_of(reader, wanted.topics, wanted.offset_s, wanted.duration_s))
-        return await _play(network, reader, part, wanted)
+async def _open(network: Network, options: PlayOptions) -> int:
+    with BagReader(options.path, search_path=options.paths) as reader:
+        part = _playable(reader, part_of(reader, options.topics, options.offset_s, options.duration_s))
+        return await _play(network, reader, part, options)
 
 
 def _playable(reader: BagReader, part: Part) -> Part:
@@ -95,19 +79,19 @@ def _unplayable(channel: BagTopic) -> str:
     return ""
 
 
-async def _play(network: Network, reader: BagReader, part: Part, wanted: _Wanted) -> int:
+async def _play(network: Network, reader: BagReader, part: Part, options: PlayOptions) -> int:
     overrides = {"start_type_description_service": True}  # others may not have the types
     async with Session(network, overrides=overrides) as session:
-        player = _Player(session, reader, part, wanted)
+        player = _Player(session, reader, part, options)
         await session.settle()
         if network.get("spin_time_s") is None:
             await player.heard(_LISTENERS_S)
-        await asyncio.sleep(wanted.delay_s)
+        await asyncio.sleep(options.delay_s)
         with progress() as show:
             helpers = [asyncio.ensure_future(one) for one in (player.publish_clock(), player.report(show))]
             try:
                 await player.play()
-                while wanted.loop:
+                while options.loop:
                     await player.play()
             finally:
                 for helper in helpers:
@@ -118,14 +102,14 @@ async def _play(network: Network, reader: BagReader, part: Part, wanted: _Wanted
 
 
 class _Player:
-    def __init__(self, session: Session, reader: BagReader, part: Part, wanted: _Wanted) -> None:
+    def __init__(self, session: Session, reader: BagReader, part: Part, options: PlayOptions) -> None:
         self._reader = reader
         self._part = part
-        self._wanted = wanted
+        self._options = options
         self._began: tuple[float, int] | None = None
         self._node = session.node
         self._noted: set[str] = set()
-        names = _remapped(session, part.topics, wanted.remaps)
+        names = _remapped(session, part.topics, options.remaps)
         self._publishers: list[Publisher[Any]] = []
         self._send: dict[tuple[str, ...], Callable[[bytes], bool]] = {}
         for channel in reader.channels:
@@ -176,7 +160,7 @@ class _Player:
         names, start, end = self._part
         self._began = None
         found = self._reader.raw_messages(names, start_ns=start, end_ns=end)
-        async for item in paced(found, self._wanted.rate):
+        async for item in paced(found, self._options.rate):
             if self._began is None:
                 self._began = now_s(), item.log_time
             send = self._by_channel.get(id(item.channel))  # comparing definitions for each message takes long
@@ -190,19 +174,19 @@ class _Player:
         if self._began is None:
             return None
         since, log_time = self._began
-        return log_time + round((now_s() - since) * self._wanted.rate * _S)
+        return log_time + round((now_s() - since) * self._options.rate * NS_PER_S)
 
     async def publish_clock(self) -> None:
-        """Publish ``/clock`` for ever, if that is wanted."""
-        if self._wanted.clock_hz is None:
+        """Publish ``/clock`` for ever, if that is options."""
+        if self._options.clock_hz is None:
             return
         clock: Any = get_message("rosgraph_msgs/msg/Clock")
         publisher = self._node.create_publisher(clock, "/clock", QoSProfile(depth=1))
-        rate = self._node.create_rate(self._wanted.clock_hz)
+        rate = self._node.create_rate(self._options.clock_hz)
         while True:
             if (now := self._now()) is not None:
                 message = clock()
-                message.clock.sec, message.clock.nanosec = divmod(now, _S)
+                set_stamp(message.clock, now)
                 publisher.publish(message)
             await rate.sleep()
 
@@ -237,10 +221,10 @@ def _remapped(session: Session, topics: Sequence[str], remaps: Sequence[str]) ->
         before, arrow, after = remap.partition(":=")
         if not (before and arrow and after):
             raise ToolError(f'"{remap}" is no remapping; expected FROM:=TO')
-        known = full_name(session, before)
+        known = full_topic_name(session, before)
         if known not in names:
             raise ToolError(f"--remap {remap}: {known} is not played; there are {', '.join(topics)[:300]}")
-        names[known] = full_name(session, after)
+        names[known] = full_topic_name(session, after)
     return names
 
 

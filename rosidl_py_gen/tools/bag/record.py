@@ -1,8 +1,7 @@
 """``bag record``.
 
-Decides what is recorded and with which quality of service: a subscription asks for what all publishers of its topic
-offer, and is made again when one appears that offers less. A topic is subscribed to before its definition is known, so
-that nothing is missed while peers are asked.
+Decides what is recorded. A topic is subscribed to before its definition is known, so that nothing is missed while peers
+are asked.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ import asyncio
 import re
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -22,60 +20,43 @@ from rosidl_py_gen.errors import ClosedError, RosidlError
 from rosidl_py_gen.mcap import BagTopic, BagWriter
 from rosidl_py_gen.mcap.metadata import qos_text
 from rosidl_py_gen.mcap.writer import topic_of
-from rosidl_py_gen.runtime import Subscription
 from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.bag.part import progress, size_text
 from rosidl_py_gen.tools.bag.writer import WriterThread
-from rosidl_py_gen.tools.session import Network, Session, now_s
-from rosidl_py_gen.tools.topic import qos as topic_qos
-from rosidl_py_gen.tools.topic.wait import full_name
+from rosidl_py_gen.tools.commands.bag import RecordOptions
+from rosidl_py_gen.tools.follow import Follow
+from rosidl_py_gen.tools.names import full_topic_name, is_hidden
+from rosidl_py_gen.tools.session import Network, Session, first_of, now_s
 
 _DEPTH = 1000
 """Messages that may come while this process does something else."""
 _PROGRESS_S = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """What the command line says, in the end."""
-
-    topics: Sequence[str]
-    everything: bool
-    regex: re.Pattern[str] | None
-    exclude: Sequence[re.Pattern[str]]
-    hidden: bool
-    no_discovery: bool
-    paths: Sequence[str]
-    as_json: bool
-
-    def has(self, topic: str) -> bool:
-        """Whether a topic is to be recorded; `topics` are full names."""
-        if topic in self.topics:
-            return True
-        if ("/_" in topic and not self.hidden) or any(pattern.search(topic) for pattern in self.exclude):
-            return False
-        return self.everything or (self.regex is not None and self.regex.search(topic) is not None)
-
-
-def run(
-    network: Network,
-    *,
-    output: str | None,
-    compression: str,
-    split_bytes: int | None,
-    split_s: float | None,
-    regex: str | None,
-    exclude: Sequence[str],
-    duration_s: float | None,
-    **wanted: Any,
-) -> Job:
+def run(network: Network, options: RecordOptions) -> Job:
     """What the command does."""
-    patterns = [_pattern(text) for text in exclude]
-    asked = _Wanted(regex=_pattern(regex) if regex else None, exclude=patterns, **wanted)
-    path = output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}"
-    inside = "" if compression == "none" else compression
-    bag = BagWriter(path, compression=inside, split_bytes=split_bytes, split_s=split_s)
-    return Job(_record(network, bag, asked, duration_s), endless=True)
+    wanted = _Wanted(options)
+    path = options.output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}"
+    inside = "" if options.compression == "none" else options.compression
+    bag = BagWriter(path, compression=inside, split_bytes=options.split_bytes, split_s=options.split_s)
+    return Job(_record(network, bag, options, wanted), endless=True)
+
+
+class _Wanted:
+    """Which topics are to be recorded; patterns that are none raise `ToolError`."""
+
+    def __init__(self, options: RecordOptions) -> None:
+        self._options = options
+        self._regex = None if options.regex is None else _pattern(options.regex)
+        self._exclude = [_pattern(text) for text in options.exclude]
+
+    def has(self, topic: str, named: Sequence[str]) -> bool:
+        """Whether a topic is, by its full name as all that were named."""
+        if topic in named:
+            return True
+        if (is_hidden(topic) and not self._options.hidden) or any(one.search(topic) for one in self._exclude):
+            return False
+        return self._options.everything or (self._regex is not None and self._regex.search(topic) is not None)
 
 
 def _pattern(text: str) -> re.Pattern[str]:
@@ -85,34 +66,21 @@ def _pattern(text: str) -> re.Pattern[str]:
         raise ToolError(f'"{text}" is no regular expression: {error}') from None
 
 
-async def _record(network: Network, bag: BagWriter, wanted: _Wanted, duration_s: float | None) -> int:
+async def _record(network: Network, bag: BagWriter, options: RecordOptions, wanted: _Wanted) -> int:
     loop = asyncio.get_running_loop()
     failed = asyncio.Event()
     writer = WriterThread(bag, partial(loop.call_soon_threadsafe, failed.set))
     recorder: _Recorder | None = None
     try:
         async with Session(network) as session:
-            recorder = _Recorder(session, writer, wanted)
+            recorder = _Recorder(session, writer, options, wanted)
             with progress() as show:
-                end = () if duration_s is None else (asyncio.sleep(duration_s),)
-                await _until(failed, recorder.follow(), recorder.report(show), *end)
+                end = () if options.duration_s is None else (asyncio.sleep(options.duration_s),)
+                await first_of(failed.wait(), recorder.follow(), recorder.report(show), *end)
     finally:
         writer.end()
-        _say_end(bag.path, writer, recorder, as_json=wanted.as_json)
+        _say_end(bag.path, writer, recorder, as_json=options.as_json)
     return 0
-
-
-async def _until(failed: asyncio.Event, *coroutines: Any) -> None:
-    """Run all until one ends or fails, or the event comes."""
-    tasks = [asyncio.ensure_future(one) for one in (failed.wait(), *coroutines)]
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _say_end(path: Path, writer: WriterThread, recorder: _Recorder | None, *, as_json: bool) -> None:
@@ -129,18 +97,14 @@ def _say_end(path: Path, writer: WriterThread, recorder: _Recorder | None, *, as
 class _Recorder:
     """Subscribes to what is wanted and hands it to the writer."""
 
-    def __init__(self, session: Session, writer: WriterThread, wanted: _Wanted) -> None:
+    def __init__(self, session: Session, writer: WriterThread, options: RecordOptions, wanted: _Wanted) -> None:
         self._session = session
         self._node = session.node
         self._writer = writer
-        names = [full_name(session, topic) for topic in wanted.topics]
-        self._wanted = _Wanted(
-            names,
-            *(wanted.everything, wanted.regex, wanted.exclude, wanted.hidden),
-            *(wanted.no_discovery, wanted.paths, wanted.as_json),
-        )
-        self._subscriptions: dict[str, Subscription[Any]] = {}
-        self._dropped = 0
+        self._options = options
+        self._wanted = wanted
+        self._named = [full_topic_name(session, topic) for topic in options.topics]
+        self._followed: list[Follow] = []
         self._has_looked = False
         self._compiling = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
@@ -150,16 +114,16 @@ class _Recorder:
     @property
     def dropped(self) -> int:
         """Messages that were not taken in time."""
-        return self._dropped + sum(one.dropped for one in self._subscriptions.values())
+        return sum(one.dropped for one in self._followed)
 
     async def follow(self) -> None:
         """Record what is there, and what appears, for ever."""
         try:
             await self._session.settle()
             self._look()
-            for name in self._wanted.topics:
+            for name in self._named:
                 if name not in self.recorded:
-                    if self._wanted.no_discovery:
+                    if self._options.no_discovery:
                         raise ToolError(f"nobody publishes {name}, and --no-discovery waits for nobody")
                     printing.note(f"nobody publishes {name} yet; waiting for it")
             async for _ in self._node.graph_changes():
@@ -182,15 +146,12 @@ class _Recorder:
                     task.result()  # its failure is ours
 
     def _look(self) -> None:
-        """Begin with new topics, and let go of subscriptions that ask for more than is offered."""
-        for name, subscription in self._subscriptions.items():
-            if topic_qos.is_too_much(subscription.qos, self._node.get_publishers_info_by_topic(name)):
-                subscription.close()
-        if self._has_looked and self._wanted.no_discovery:
+        """Begin with new topics."""
+        if self._has_looked and self._options.no_discovery:
             return
         self._has_looked = True
         for name, kinds in self._node.get_topic_names_and_types():
-            if name not in self.recorded and self._wanted.has(name) and self._node.count_publishers(name):
+            if name not in self.recorded and self._wanted.has(name, self._named) and self._node.count_publishers(name):
                 self.recorded.add(name)
                 if len(kinds) > 1:
                     printing.note(f"{name} has several types, {', '.join(kinds)}: recording those of {kinds[0]}")
@@ -199,43 +160,27 @@ class _Recorder:
     async def _record(self, topic: str, type_name: str) -> None:
         publishers = self._node.get_publishers_info_by_topic(topic)
         qos = [one.qos_profile for one in publishers if one.topic_type == type_name]
-        subscription = self._subscribe(topic, type_name)
-        self._writer.add_topic(await self._described(topic, type_name, qos))
-        if not self._wanted.as_json:
-            printing.note(f"recording {topic} [{type_name}]")
-        while True:
-            try:
-                await self._put_all(topic, subscription)
-            except ClosedError:
-                if self._node.is_closed:
-                    return
-                self._dropped += subscription.dropped
-                subscription = self._subscribe(topic, type_name)
-
-    def _subscribe(self, topic: str, type_name: str) -> Subscription[Any]:
-        profile, notes = topic_qos.chosen(self._node.get_publishers_info_by_topic(topic))
-        for note in notes:
-            printing.note(f"{topic}: {note}")
-        cls = types.opaque_class(self._session, topic, type_name)
-        made = self._node.create_subscription(cls, topic, qos=profile.keep_last(_DEPTH), raw=True)
-        self._subscriptions[topic] = made
-        return made
+        cls, put = types.opaque_class(self._session, topic, type_name), self._writer.put
+        following = Follow(self._node, topic, cls, depth=_DEPTH, note=lambda text: printing.note(f"{topic}: {text}"))
+        async with following as messages:
+            self._followed.append(messages)
+            self._writer.add_topic(await self._described(topic, type_name, qos))
+            if not self._options.as_json:
+                printing.note(f"recording {topic} [{type_name}]")
+            with suppress(ClosedError):  # the node ends
+                while True:
+                    data, info = await messages.receive_with_info()
+                    put(topic, data, info.received_timestamp_ns, max(0, info.source_timestamp_ns))
 
     async def _described(self, topic: str, type_name: str, qos: Sequence[Any]) -> BagTopic:
         """The topic as the bag keeps it; without definition when it cannot be found."""
         async with self._compiling:
             with suppress(RosidlError):  # in a thread: what arrives meanwhile is to have its own time
-                await asyncio.to_thread(get_message, type_name, path=tuple(self._wanted.paths))
+                await asyncio.to_thread(get_message, type_name, path=tuple(self._options.paths))
         try:
-            cls = await types.message_class(self._session, topic, type_name, self._wanted.paths)
+            cls = await types.message_class(self._session, topic, type_name, self._options.paths)
             return topic_of(topic, cls, qos)
         except RosidlError as error:
             printing.note(f"{topic}: recorded without a definition of {type_name}: {error}")
         hashes = [one.topic_type_hash for one in self._node.get_publishers_info_by_topic(topic)]
         return BagTopic(topic, type_name, type_hash=(hashes or [""])[0], offered_qos=qos_text(qos))
-
-    async def _put_all(self, topic: str, subscription: Subscription[Any]) -> None:
-        receive, put = subscription.receive_with_info, self._writer.put
-        while True:
-            data, info = await receive()
-            put(topic, data, info.received_timestamp_ns, max(0, info.source_timestamp_ns))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import click
@@ -82,6 +83,25 @@ def info(**arguments: Any) -> None:
     run_command("bag.info", **arguments)
 
 
+@dataclass(frozen=True, slots=True)
+class RecordOptions:
+    """What was asked of ``bag record``."""
+
+    topics: Sequence[str]
+    everything: bool
+    regex: str | None
+    exclude: Sequence[str]
+    hidden: bool
+    output: str | None
+    compression: str
+    split_bytes: int | None
+    split_s: float | None
+    duration_s: float | None
+    no_discovery: bool
+    paths: Sequence[str]
+    as_json: bool
+
+
 @bag.command()
 @click.argument("topics", nargs=-1, shell_complete=options.completion("topics"))
 @click.option("-a", "--all", "everything", is_flag=True, help="Every topic that is published.")
@@ -102,7 +122,7 @@ def info(**arguments: Any) -> None:
 @options.paths
 @options.as_json
 @options.node_options
-def record(**arguments: Any) -> None:
+def record(network: Any, **arguments: Any) -> None:
     """Record topics until Ctrl-C or SIGTERM. Messages stay as they are; types need not be installed.
 
     \b
@@ -112,7 +132,23 @@ def record(**arguments: Any) -> None:
     """
     if not (arguments["topics"] or arguments["everything"] or arguments["regex"]):
         raise click.UsageError("say what to record: topics, --regex, or --all")
-    run_command("bag.record", **arguments)
+    run_command("bag.record", network=network, options=RecordOptions(**arguments))
+
+
+@dataclass(frozen=True, slots=True)
+class PlayOptions:
+    """What was asked of ``bag play``."""
+
+    path: str
+    rate: float
+    loop: bool
+    topics: Sequence[str]
+    offset_s: float
+    duration_s: float | None
+    remaps: Sequence[str]
+    clock_hz: float | None
+    delay_s: float
+    paths: Sequence[str]
 
 
 @bag.command()
@@ -137,14 +173,14 @@ def record(**arguments: Any) -> None:
 )
 @options.paths
 @options.node_options
-def play(**arguments: Any) -> None:
+def play(network: Any, **arguments: Any) -> None:
     """Publish what a bag holds, as far apart as it was recorded, with the quality of service of then.
 
     \b
     rosidl-py bag play my_bag --rate 2 --clock 100
     rosidl-py bag play my_bag --topics /scan --remap /scan:=/old_scan --loop
     """
-    run_command("bag.play", **arguments)
+    run_command("bag.play", network=network, options=PlayOptions(**arguments))
 
 
 @bag.command()

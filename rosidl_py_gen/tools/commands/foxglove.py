@@ -1,10 +1,30 @@
 """``rosidl-py foxglove``."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import click
 
 from rosidl_py_gen.tools import options, run_command
+
+
+@dataclass(frozen=True, slots=True)
+class FoxgloveOptions:
+    """What was asked of ``foxglove``."""
+
+    host: str
+    port: int
+    is_read_only: bool
+    origins: Sequence[str]
+    token: str
+    most_mib: int
+    per_s: int
+    use_sim_time: bool
+    queue: int
+    hidden: bool
+    paths: Sequence[str]
+    as_json: bool
 
 
 @click.command()
@@ -58,7 +78,7 @@ from rosidl_py_gen.tools import options, run_command
 @options.paths
 @options.as_json
 @options.node_options
-def foxglove(**arguments: Any) -> None:
+def foxglove(network: Any, **arguments: Any) -> None:
     """Show topics, parameters, services and the graph live in Foxglove or Lichtblick.
 
     Prints the address and serves it until Ctrl-C. A topic is subscribed to while somebody watches it.
@@ -67,4 +87,4 @@ def foxglove(**arguments: Any) -> None:
     rosidl-py foxglove
     rosidl-py foxglove --host 0.0.0.0 --read-only
     """
-    run_command("foxglove.serve", **arguments)
+    run_command("foxglove.serve", network=network, options=FoxgloveOptions(**arguments))

@@ -1,5 +1,7 @@
 """``rosidl-py service``."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import click
@@ -80,6 +82,20 @@ def info(**arguments: Any) -> None:
     run_command("service.info", **arguments)
 
 
+@dataclass(frozen=True, slots=True)
+class CallOptions:
+    """What was asked of ``service call``."""
+
+    service: str
+    words: Sequence[str]
+    stdin: bool
+    rate: float | None
+    full_length: bool
+    timeout_s: float
+    paths: Sequence[str]
+    as_json: bool
+
+
 @service.command()
 @options.service_argument()
 @click.argument("words", nargs=-1, metavar="[TYPE] [VALUES]")
@@ -92,7 +108,7 @@ def info(**arguments: Any) -> None:
 @options.paths
 @options.as_json
 @options.node_options
-def call(**arguments: Any) -> None:
+def call(network: Any, **arguments: Any) -> None:
     """Call a service; VALUES are YAML or JSON, what they leave out has its default.
 
     The type is found out when it is not given. --json prints the response alone.
@@ -102,7 +118,20 @@ def call(**arguments: Any) -> None:
     rosidl-py service call /add_two_ints example_interfaces/srv/AddTwoInts '{a: 1, b: 2}'
     rosidl-py service call /status std_srvs/srv/Trigger --rate 2 --json
     """
-    run_command("service.call", **arguments)
+    run_command("service.call", network=network, options=CallOptions(**arguments))
+
+
+@dataclass(frozen=True, slots=True)
+class EchoOptions:
+    """What was asked of ``service echo``."""
+
+    service: str
+    type_name: str | None
+    once: bool
+    full_length: bool
+    flow_style: bool
+    paths: Sequence[str]
+    as_json: bool
 
 
 @service.command()
@@ -114,10 +143,10 @@ def call(**arguments: Any) -> None:
 @options.paths
 @options.as_json
 @options.node_options
-def echo(**arguments: Any) -> None:
+def echo(network: Any, **arguments: Any) -> None:
     """Print requests and responses as they pass, of servers and clients whose introspection is on.
 
     \b
     rosidl-py service echo /add_two_ints
     """
-    run_command("service.echo", **arguments)
+    run_command("service.echo", network=network, options=EchoOptions(**arguments))

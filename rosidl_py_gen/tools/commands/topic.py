@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
 
 import click
 
@@ -147,6 +148,27 @@ _QOS_OPTIONS = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class EchoOptions:
+    """What was asked of ``topic echo``; `truncate_length` is None when the user did not say."""
+
+    topic: str
+    type_name: str | None
+    once: bool
+    field: str | None
+    filter_text: str | None
+    style: Literal["yaml", "flow", "csv", "json"]
+    raw: bool
+    full_length: bool
+    truncate_length: int | None
+    arrays: bool
+    strings: bool
+    lost_messages: bool
+    timeout_s: float | None
+    qos: dict[str, Any]
+    paths: Sequence[str]
+
+
 @topic.command()
 @options.topic_argument()
 @click.argument("type_name", metavar="[TYPE]", required=False, shell_complete=options.completion("types"))
@@ -181,7 +203,7 @@ _QOS_OPTIONS = (
 @_qos_options
 @options.paths
 @options.node_options
-def echo(style: str | None, **arguments: Any) -> None:
+def echo(network: Any, style: Any, **arguments: Any) -> None:
     """Print the messages of a topic.
 
     \b
@@ -193,7 +215,25 @@ def echo(style: str | None, **arguments: Any) -> None:
     or not in, abs all any bool float int isfinite isinf isnan len max min round sqrt sum, and
     any(x < 1 for x in m.ranges).
     """
-    run_command("topic.echo", style=style or "yaml", **arguments)
+    run_command("topic.echo", network=network, options=EchoOptions(style=style or "yaml", **arguments))
+
+
+@dataclass(frozen=True, slots=True)
+class PubOptions:
+    """What was asked of ``topic pub``; `rate`, `times` and `wait` are None when the user did not say."""
+
+    topic: str
+    words: Sequence[str]
+    rate: float | None
+    once: bool
+    times: int | None
+    wait: int | None
+    timeout_s: float | None
+    print_every: int
+    keep_alive_s: float
+    qos: dict[str, Any]
+    paths: Sequence[str]
+    as_json: bool
 
 
 def _types_of_topic(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Any]:
@@ -247,7 +287,7 @@ def _types_of_topic(ctx: click.Context, param: click.Parameter, incomplete: str)
 @options.paths
 @options.as_json
 @options.node_options
-def pub(**arguments: Any) -> None:
+def pub(network: Any, **arguments: Any) -> None:
     """Publish messages.
 
     \b
@@ -258,10 +298,23 @@ def pub(**arguments: Any) -> None:
     VALUES is YAML or JSON; what it leaves out has its default. "header: auto" and "stamp: now" are set for each
     message. With - each document of standard input is published once. TYPE may be left out for a topic that is there.
     """
-    run_command("topic.pub", **arguments)
+    run_command("topic.pub", network=network, options=PubOptions(**arguments))
 
 
 # ------------------------------------------------------------------------------------------------------------- figures
+
+
+@dataclass(frozen=True, slots=True)
+class MeterOptions:
+    """What was asked of a command that measures."""
+
+    topics: Sequence[str]
+    window: int
+    times: int | None
+    timeout_s: float | None
+    paths: Sequence[str]
+    as_json: bool
+    filter_text: str | None = None
 
 
 def _figures(window: int) -> Callable[[F], F]:
@@ -296,33 +349,33 @@ def _figures(window: int) -> Callable[[F], F]:
 @topic.command()
 @_figures(10000)
 @click.option("--filter", "filter_text", metavar="EXPR", help="Count only messages m for which this holds.")
-def hz(**arguments: Any) -> None:
+def hz(network: Any, **arguments: Any) -> None:
     """Print how often messages arrive.
 
     \b
     rosidl-py topic hz /scan
     rosidl-py topic hz /scan /odom --json
     """
-    run_command("topic.meter", kind="hz", **arguments)
+    run_command("topic.meter", network=network, kind="hz", options=MeterOptions(**arguments))
 
 
 @topic.command()
 @_figures(100)
-def bw(**arguments: Any) -> None:
+def bw(network: Any, **arguments: Any) -> None:
     """Print how many bytes per second arrive.
 
     \b
     rosidl-py topic bw /camera/image_raw
     """
-    run_command("topic.meter", kind="bw", **arguments)
+    run_command("topic.meter", network=network, kind="bw", options=MeterOptions(**arguments))
 
 
 @topic.command()
 @_figures(10000)
-def delay(**arguments: Any) -> None:
+def delay(network: Any, **arguments: Any) -> None:
     """Print how old messages are when they arrive, by the stamp in their headers.
 
     \b
     rosidl-py topic delay /scan
     """
-    run_command("topic.meter", kind="delay", **arguments)
+    run_command("topic.meter", network=network, kind="delay", options=MeterOptions(**arguments))

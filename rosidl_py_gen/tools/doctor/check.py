@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import read_environment
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.doctor import machine as doctor_machine
 from rosidl_py_gen.tools.doctor import network as doctor_network
 from rosidl_py_gen.tools.doctor import peers as doctor_peers
@@ -30,12 +30,8 @@ _INDENT = 11
 Sections = dict[str, list[Finding]]
 
 
-def run(network: Network, report: bool, paths: tuple[str, ...], as_json: bool) -> Job:
+async def run(network: Network, report: bool, paths: tuple[str, ...], as_json: bool) -> int:
     """What the command does."""
-    return Job(_run(network, report, paths, as_json))
-
-
-async def _run(network: Network, report: bool, paths: tuple[str, ...], as_json: bool) -> int:
     sections: Sections = {}
 
     def done(name: str, findings: list[Finding]) -> None:

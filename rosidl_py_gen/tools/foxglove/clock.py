@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime.qos import CLOCK
+from rosidl_py_gen.stamps import stamp_ns
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
 TOPIC = "/clock"
 _TELL_S = 1 / 30
 """Viewers draw no faster; what they are told about time is never dropped, so that it should not be much."""
-_S = 1_000_000_000
 
 
 class Clock:
@@ -35,7 +35,7 @@ class Clock:
         clock: Any = get_message("rosgraph_msgs/msg/Clock")
 
         def arrived(message: Any) -> None:
-            self._sim_ns = max(0, message.clock.sec * _S + message.clock.nanosec)
+            self._sim_ns = max(0, stamp_ns(message.clock))
             now = time.monotonic()
             if now >= self._told_at + _TELL_S:
                 self._told_at = now

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime import validate_full_name
-from rosidl_py_gen.tools.node.list import is_hidden_node
+from rosidl_py_gen.tools.names import is_hidden, is_hidden_node
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, NodeInfo
@@ -39,7 +39,7 @@ class Connections:
                 (served, self._node.get_service_names_and_types_by_node(info.name, info.namespace)),
             ):
                 for name, _ in names:
-                    if self._hidden or "/_" not in name:
+                    if self._hidden or not is_hidden(name):
                         found.setdefault(name, []).append(whole)
         if (published, subscribed, served) != self._told:
             self._told = published, subscribed, served

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Parameter, ParameterNotDeclaredError, parameter_value
-from rosidl_py_gen.tools.node.list import LIST_PARAMETERS, is_hidden_node, nodes_that_serve
+from rosidl_py_gen.tools.names import LIST_PARAMETERS, is_hidden_node, nodes_that_serve
 
 if TYPE_CHECKING:
     from collections.abc import Callable

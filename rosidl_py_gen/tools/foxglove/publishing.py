@@ -18,7 +18,7 @@ from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
 from rosidl_py_gen.tools import ToolError, types
-from rosidl_py_gen.tools.topic.wait import full_name
+from rosidl_py_gen.tools.names import full_topic_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -96,7 +96,7 @@ class Publishing:
     async def _open(self, offered: _Offered) -> None:
         offer = offered.offer
         try:
-            topic = full_name(self._session, offer.topic)
+            topic = full_topic_name(self._session, offer.topic)
             offered.cls = await self._class(topic, offer)
             offered.publisher = self._session.node.create_publisher(offered.cls, topic, BEST_AVAILABLE)
             with suppress(WaitTimeoutError):

@@ -6,12 +6,11 @@ Decides the order: what is there is shown as it is found, and viewers may come f
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
 from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools.commands.foxglove import FoxgloveOptions
 from rosidl_py_gen.tools.foxglove.access import Access
 from rosidl_py_gen.tools.foxglove.clock import TOPIC as CLOCK
 from rosidl_py_gen.tools.foxglove.clock import Clock
@@ -23,40 +22,22 @@ from rosidl_py_gen.tools.foxglove.publishing import Publishing
 from rosidl_py_gen.tools.foxglove.server import Handlers, Listening, Server
 from rosidl_py_gen.tools.foxglove.services import Services
 from rosidl_py_gen.tools.foxglove.topics import Topics
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools.session import Network, Session, first_of
 
 _APP = "https://app.foxglove.dev"
 _PAUSE_S = 0.1
 """Between looks at a graph that keeps changing."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """What the command line says, in the end."""
-
-    host: str
-    port: int
-    queue: int
-    use_sim_time: bool
-    is_read_only: bool
-    origins: Sequence[str]
-    token: str
-    most_mib: int
-    per_s: int
-    hidden: bool
-    paths: Sequence[str]
-    as_json: bool
-
-
-def run(network: Network, **wanted: Any) -> Job:
+def run(network: Network, options: FoxgloveOptions) -> Job:
     """What the command does."""
-    return Job(_serve(network, _Wanted(**wanted)), endless=True)
+    return Job(_serve(network, options), endless=True)
 
 
-async def _serve(network: Network, wanted: _Wanted) -> int:
+async def _serve(network: Network, options: FoxgloveOptions) -> int:
     async with Session(network) as session:
         await session.settle()
-        view = _View(session, wanted)
+        view = _View(session, options)
         try:
             await view.show()
         finally:
@@ -67,21 +48,21 @@ async def _serve(network: Network, wanted: _Wanted) -> int:
 class _View:
     """Everything between the graph and viewers."""
 
-    def __init__(self, session: Session, wanted: _Wanted) -> None:
-        self._wanted = wanted
+    def __init__(self, session: Session, options: FoxgloveOptions) -> None:
+        self._options = options
         self._node = session.node
         self._clock = Clock()
         self._server = server = Server()
-        access = Access(wanted.origins, wanted.token)
-        self._front = Front(access, most_bytes=wanted.most_mib << 20, per_s=wanted.per_s)
+        access = Access(options.origins, options.token)
+        self._front = Front(access, most_bytes=options.most_mib << 20, per_s=options.per_s)
         self._changed = asyncio.Event()
         self._has_clock = self._has_noted_clock = self._is_closed = False
-        shown: dict[str, Any] = {"paths": wanted.paths, "hidden": wanted.hidden}
+        shown: dict[str, Any] = {"paths": options.paths, "hidden": options.hidden}
         self._topics = Topics(session, server, self._clock, **shown)
         self._services = Services(session, server, **shown)
-        self._publishing = Publishing(session, server, paths=wanted.paths)
-        self._parameters = Parameters(session, server, self._changed.set, is_read_only=wanted.is_read_only)
-        self._connections = Connections(session.node, server, hidden=wanted.hidden)
+        self._publishing = Publishing(session, server, paths=options.paths)
+        self._parameters = Parameters(session, server, self._changed.set, is_read_only=options.is_read_only)
+        self._connections = Connections(session.node, server, hidden=options.hidden)
 
     async def show(self) -> None:
         """Until it is cancelled.
@@ -89,35 +70,24 @@ class _View:
         Raises:
             ToolError: the address cannot be used.
         """
-        wanted, token = self._wanted, new_token()
-        self._has_clock = wanted.use_sim_time or self._node.count_publishers(CLOCK) > 0
+        options, token = self._options, new_token()
+        self._has_clock = options.use_sim_time or self._node.count_publishers(CLOCK) > 0
         parameters = self._parameters
         handlers = Handlers(self._serve, parameters.get, parameters.set_, parameters.refreshed)
 
         def start(host: str, port: int) -> int:
-            listening = Listening(host, port, wanted.queue, self._has_clock, wanted.is_read_only)
+            listening = Listening(host, port, options.queue, self._has_clock, options.is_read_only)
             return self._server.start(listening, handlers, token)
 
         behind = start_hidden(start)
-        port = await self._front.start(wanted.host, wanted.port, behind)
+        port = await self._front.start(options.host, options.port, behind)
         if self._has_clock:
             self._clock.follow(self._node, self._server)
         self._say_where(port)
         while True:
             async with own_viewer(*behind, token) as own:
-                await self._follow_all(own)
-
-    async def _follow_all(self, own: OwnViewer) -> None:
-        """Until our own viewer is lost: the graph may not be published without it."""
-        tasks = [asyncio.ensure_future(job) for job in (own.read_on(), self._follow(), self._follow_parameters(own))]
-        try:
-            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-            for task in done:
-                task.result()
-        finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+                # until it is lost: the graph may not be published without it
+                await first_of(own.read_on(), self._follow(), self._follow_parameters(own))
 
     async def _follow(self) -> None:
         """Follow the graph, for ever."""
@@ -129,7 +99,7 @@ class _View:
     def _look(self) -> None:
         self._note_clock()
         self._topics.look()
-        if not self._wanted.is_read_only:
+        if not self._options.is_read_only:
             self._services.look()
         self._parameters.look()
         self._connections.look()
@@ -153,10 +123,10 @@ class _View:
             await asyncio.sleep(_PAUSE_S)
 
     def _say_where(self, port: int) -> None:
-        host = f"[{self._wanted.host}]" if ":" in self._wanted.host else self._wanted.host
-        address = f"ws://{host}:{port}" + (f"/?token={quote(self._wanted.token)}" if self._wanted.token else "")
+        host = f"[{self._options.host}]" if ":" in self._options.host else self._options.host
+        address = f"ws://{host}:{port}" + (f"/?token={quote(self._options.token)}" if self._options.token else "")
         app = f"{_APP}?ds=foxglove-websocket&ds.url={quote(address, safe='')}"
-        if self._wanted.as_json:
+        if self._options.as_json:
             printing.document({"address": address, "open": app}, in_stream=True)
             return
         printing.line(f"{address} for Foxglove and Lichtblick; Ctrl-C ends it", "bold")

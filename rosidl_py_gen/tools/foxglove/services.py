@@ -14,7 +14,7 @@ from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
 from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.tools import ToolError, printing, types
-from rosidl_py_gen.tools.node.list import is_served
+from rosidl_py_gen.tools.names import is_hidden, is_served
 from rosidl_py_gen.typesupport import referenced_classes
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ class Services:
         there = {
             name: kinds[0]
             for name, kinds in node.get_service_names_and_types()
-            if (self._hidden or "/_" not in name) and is_served(node, name)
+            if (self._hidden or not is_hidden(name)) and is_served(node, name)
         }
         gone = {name: shown for name, shown in self._shown.items() if there.get(name) != shown.type_name}
         for name in gone:

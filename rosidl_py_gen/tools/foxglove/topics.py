@@ -8,18 +8,19 @@ those who come late, when a further viewer comes.
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Durability
 from rosidl_py_gen.tools import printing, types
-from rosidl_py_gen.tools.topic import qos as topic_qos
+from rosidl_py_gen.tools.follow import Follow
+from rosidl_py_gen.tools.names import is_hidden
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.runtime import Subscription, TopicEndpointInfo
+    from rosidl_py_gen.runtime import TopicEndpointInfo
     from rosidl_py_gen.tools.foxglove.clock import Clock
     from rosidl_py_gen.tools.foxglove.server import Channel, Server
     from rosidl_py_gen.tools.session import Session
@@ -39,15 +40,15 @@ class _Shown:
     def __init__(self) -> None:
         self.opening: asyncio.Task[None] | None = None
         self.channel: Channel | None = None
-        self.subscription: Subscription[Any] | None = None
+        self.followed: Follow | None = None
         self.viewers: frozenset[int] = frozenset()
         self.has_failed = False
         """To subscribe; tried again for the next viewer."""
 
     def unsubscribe(self) -> None:
-        if self.subscription is not None:
-            self.subscription.close()
-            self.subscription = None
+        if self.followed is not None:
+            self.followed.close()
+            self.followed = None
 
     def end(self) -> None:
         if self.opening is not None:
@@ -88,7 +89,7 @@ class Topics:
         return {
             _Key(topic, one.topic_type)
             for topic, _ in self._node.get_topic_names_and_types()
-            if self._hidden or "/_" not in topic
+            if self._hidden or not is_hidden(topic)
             for one in self._others(topic)
         }
 
@@ -127,36 +128,30 @@ class Topics:
         for key, shown in self._shown.items():
             before, shown.viewers = shown.viewers, watchers.get(shown.channel.id if shown.channel else 0, frozenset())
             has_newcomer = bool(shown.viewers - before)
-            if not shown.viewers or self._is_outdated(key, shown, has_newcomer):
+            if not shown.viewers:
                 shown.unsubscribe()
-            if shown.viewers and shown.subscription is None and (has_newcomer or not shown.has_failed):
-                self._subscribe(key, shown)
+            elif has_newcomer or not shown.has_failed:
+                self._follow(key, shown, has_newcomer)
 
-    def _is_outdated(self, key: _Key, shown: _Shown, has_newcomer: bool) -> bool:
-        if shown.subscription is None:
-            return False
-        profile = shown.subscription.qos
-        if has_newcomer and profile.durability is Durability.TRANSIENT_LOCAL:
-            return True
-        return topic_qos.is_too_much(profile, self._publishers(key))
-
-    def _publishers(self, key: _Key) -> list[TopicEndpointInfo]:
-        found = self._node.get_publishers_info_by_topic(key.topic)
-        return [one for one in found if one.topic_type == key.type_name]
-
-    def _subscribe(self, key: _Key, shown: _Shown) -> None:
-        assert shown.channel is not None
-        send, now_ns = shown.channel.send, self._clock.now_ns
-        profile, _ = topic_qos.chosen(self._publishers(key))
+    def _follow(self, key: _Key, shown: _Shown, has_newcomer: bool) -> None:
         shown.has_failed = False
         try:
-            cls = types.opaque_class(self._session, key.topic, key.type_name)
-            shown.subscription = self._node.create_subscription(
-                cls, key.topic, lambda data: send(data, now_ns()), profile, raw=True
-            )
+            if shown.followed is None:
+                shown.followed = self._subscribed(key, shown)
+            elif has_newcomer and shown.followed.qos.durability is Durability.TRANSIENT_LOCAL:
+                shown.followed.renew()
+            else:
+                shown.followed.look()
         except RosidlError as error:  # a name or type that is none of ROS
             shown.has_failed = True
+            shown.unsubscribe()
             self._server.tell(key.topic, f"{key.topic} cannot be read: {error}")
+
+    def _subscribed(self, key: _Key, shown: _Shown) -> Follow:
+        assert shown.channel is not None
+        send, now_ns = shown.channel.send, self._clock.now_ns
+        cls = types.opaque_class(self._session, key.topic, key.type_name)
+        return Follow(self._node, key.topic, cls, callback=lambda data: send(data, now_ns()))
 
     async def close(self) -> None:
         """Let go of everything."""

@@ -11,10 +11,10 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.names import did_you_mean
-from rosidl_py_gen.tools import Job, ToolError, printing
+from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.graph.picture import Edge, Picture
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -29,22 +29,17 @@ _EVERY_TOPIC = ("/rosout", "/parameter_events")
 _EVERY_PACKAGE = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 
 
-def run(network: Network, kind: str | None, as_json: bool, output: str | None, **chosen: Any) -> Job:
-    """What the command does."""
-    if as_json:
-        kind = "json"
-    if output is not None and kind is None:
-        ending = Path(output).suffix.lower()
-        if ending not in _ENDINGS:
-            known = ", ".join(_ENDINGS)
-            raise ToolError(f"{output}: the ending says how to draw; expected one of {known}, or --format")
-        kind = _ENDINGS[ending]
-    return Job(_show(network, kind or "text", output, **chosen))
-
-
-async def _show(
-    network: Network, kind: str, output: str | None, nodes: tuple[str, ...], topics: tuple[str, ...], everything: bool
+async def run(
+    network: Network,
+    kind: str | None,
+    as_json: bool,
+    output: str | None,
+    nodes: tuple[str, ...],
+    topics: tuple[str, ...],
+    everything: bool,
 ) -> int:
+    """What the command does."""
+    kind = "json" if as_json else kind or _kind_of(output)
     async with Session(network) as session:
         await session.settle_names()
         picture = _filtered(_picture(session, everything), nodes, topics)
@@ -60,6 +55,16 @@ async def _show(
         await asyncio.to_thread(Path(output).write_text, text, encoding="utf-8")
         printing.note(f"wrote {output}: {len(picture.nodes)} nodes")
     return 0
+
+
+def _kind_of(output: str | None) -> str:
+    """What the ending of a file says; text without a file."""
+    if output is None:
+        return "text"
+    ending = Path(output).suffix.lower()
+    if ending not in _ENDINGS:
+        raise ToolError(f"{output}: the ending says how to draw; expected one of {', '.join(_ENDINGS)}, or --format")
+    return _ENDINGS[ending]
 
 
 def _drawn(picture: Picture, kind: str) -> str:

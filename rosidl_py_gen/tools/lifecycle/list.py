@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from rosidl_py_gen import to_dict
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
 from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, **arguments: Any) -> Job:
+async def run(network: Network, node: str, show_all: bool, timeout_s: float, as_json: bool) -> int:
     """What the command does."""
-    return Job(_list(network, **arguments))
-
-
-async def _list(network: Network, node: str, show_all: bool, timeout_s: float, as_json: bool) -> int:
     async with lifecycle_of(network, node, timeout_s) as remote:
         found = await remote.transitions(every=show_all)
     if as_json:

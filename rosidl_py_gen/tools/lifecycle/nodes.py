@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.lifecycle.remote import lifecycle_nodes
 from rosidl_py_gen.tools.session import Network, Session
 
 
-def run(network: Network, **shown: Any) -> Job:
+async def run(network: Network, hidden: bool, count: bool, as_json: bool) -> int:
     """What the command does."""
-    return Job(_list(network, **shown))
-
-
-async def _list(network: Network, hidden: bool, count: bool, as_json: bool) -> int:
     async with Session(network) as session:
         await session.settle()
         found = lifecycle_nodes(session.node, hidden=hidden)

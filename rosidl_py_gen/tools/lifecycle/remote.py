@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from rosidl_py_gen.runtime import CallTimeoutError, ServerLostError
 from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.node.list import find_node, nodes_that_serve
+from rosidl_py_gen.tools.names import find_node, nodes_that_serve
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rosidl_py_gen.tools import Job, ToolError, printing
+from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.lifecycle.remote import lifecycle_of
 from rosidl_py_gen.tools.session import Network
 
@@ -14,12 +14,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.msgs.lifecycle_msgs.msg import Transition
 
 
-def run(network: Network, **arguments: Any) -> Job:
+async def run(network: Network, node: str, transition: str, timeout_s: float, as_json: bool) -> int:
     """What the command does."""
-    return Job(_set(network, **arguments))
-
-
-async def _set(network: Network, node: str, transition: str, timeout_s: float, as_json: bool) -> int:
     async with lifecycle_of(network, node, timeout_s) as remote:
         possible = [one.transition for one in await remote.transitions()]
         wanted = _wanted(possible, transition)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rosidl_py_gen.tools import Job, printing
-from rosidl_py_gen.tools.action.list import actions
-from rosidl_py_gen.tools.node.list import find_node
+from rosidl_py_gen.tools import printing
+from rosidl_py_gen.tools.names import actions, find_node, is_hidden
 from rosidl_py_gen.tools.session import Network, Session
-from rosidl_py_gen.tools.topic.list import is_hidden
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node
@@ -23,12 +21,8 @@ _HEADINGS = {
 }
 
 
-def run(network: Network, **shown: Any) -> Job:
+async def run(network: Network, node: str, hidden: bool, as_json: bool) -> int:
     """What the command does."""
-    return Job(_info(network, **shown))
-
-
-async def _info(network: Network, node: str, hidden: bool, as_json: bool) -> int:
     async with Session(network) as session:
         full_name = await find_node(session, node)
         await session.settle()

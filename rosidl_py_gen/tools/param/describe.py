@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
 from rosidl_py_gen.tools.session import Network
 
@@ -13,12 +13,8 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import ParameterDescriptor
 
 
-def run(network: Network, **arguments: Any) -> Job:
+async def run(network: Network, node: str, names: tuple[str, ...], timeout_s: float, as_json: bool) -> int:
     """What the command does."""
-    return Job(_describe(network, **arguments))
-
-
-async def _describe(network: Network, node: str, names: tuple[str, ...], timeout_s: float, as_json: bool) -> int:
     async with parameters_of(network, node, timeout_s) as client:
         found = await client.describe(names, timeout_s)
     if as_json:

@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from rosidl_py_gen.runtime import parse_parameter_file
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, **arguments: Any) -> Job:
+async def run(network: Network, node: str, output: str | None, timeout_s: float, as_json: bool) -> int:
     """What the command does."""
-    return Job(_dump(network, **arguments))
-
-
-async def _dump(network: Network, node: str, output: str | None, timeout_s: float, as_json: bool) -> int:
     async with parameters_of(network, node, timeout_s) as client:
         text = await client.dump_yaml(timeout_s)
     if output is not None:

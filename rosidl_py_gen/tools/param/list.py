@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime import RosidlError
 from rosidl_py_gen.tools import Job, ToolError, printing
-from rosidl_py_gen.tools.node.list import LIST_PARAMETERS, nodes_that_serve
+from rosidl_py_gen.tools.names import LIST_PARAMETERS, nodes_that_serve
 from rosidl_py_gen.tools.param.remote import parameters_of, type_in_words
 from rosidl_py_gen.tools.session import Network, Session
 

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
-from rosidl_py_gen.tools import Job, printing, report
+from rosidl_py_gen.tools import printing, report
 from rosidl_py_gen.tools.param.remote import parameters_of
 from rosidl_py_gen.tools.session import Network
 
 
-def run(network: Network, **arguments: Any) -> Job:
+async def run(network: Network, node: str, file: str, timeout_s: float, as_json: bool) -> int:
     """What the command does."""
-    return Job(_load(network, **arguments))
-
-
-async def _load(network: Network, node: str, file: str, timeout_s: float, as_json: bool) -> int:
     async with parameters_of(network, node, timeout_s) as client:
         results = await client.load_yaml(file, timeout_s)
     if as_json:

@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime import (
     WaitTimeoutError,
 )
 from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.node.list import find_node
+from rosidl_py_gen.tools.names import find_node
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import to_dict
 from rosidl_py_gen.tools import Job, messages, printing, types
+from rosidl_py_gen.tools.commands.service import CallOptions
 from rosidl_py_gen.tools.service.info import find_service
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -18,51 +19,33 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Client
 
 
-def run(network: Network, rate: float | None, **arguments: Any) -> Job:
+def run(network: Network, options: CallOptions) -> Job:
     """What the command does."""
-    return Job(_call(network, rate, **arguments), endless=rate is not None)
+    return Job(_call(network, options), endless=options.rate is not None)
 
 
-async def _call(
-    network: Network,
-    rate: float | None,
-    service: str,
-    words: tuple[str, ...],
-    stdin: bool,
-    full_length: bool,
-    timeout_s: float,
-    paths: tuple[str, ...],
-    as_json: bool,
-) -> int:
-    type_name, text = messages.type_and_values(words, stdin=stdin)
+async def _call(network: Network, options: CallOptions) -> int:
+    type_name, text = messages.type_and_values(options.words, stdin=options.stdin)
     async with Session(network) as session:
-        name = await types.meanwhile(find_service(session, service, timeout_s))
-        cls: Any = await types.service_class(session, name, type_name, paths)
+        name = await types.meanwhile(find_service(session, options.service, options.timeout_s))
+        cls: Any = await types.service_class(session, name, type_name, options.paths)
         request = messages.message_from(cls.Request, text)
         client = session.node.create_client(cls, name)
-        truncate = None if full_length else messages.TRUNCATE
         loop = asyncio.get_running_loop()
         while True:
             began = loop.time()
-            await _one_call(client, request, timeout_s, truncate, as_json, in_stream=rate is not None)
-            if rate is None:
+            await _one_call(client, request, options)
+            if options.rate is None:
                 return 0
-            await asyncio.sleep(began + 1 / rate - loop.time())
+            await asyncio.sleep(began + 1 / options.rate - loop.time())
 
 
-async def _one_call(
-    client: Client[Any, Any],
-    request: Message,
-    timeout_s: float,
-    truncate: int | None,
-    as_json: bool,
-    *,
-    in_stream: bool,
-) -> None:
-    if not as_json:
+async def _one_call(client: Client[Any, Any], request: Message, options: CallOptions) -> None:
+    truncate = None if options.full_length else messages.TRUNCATE
+    if not options.as_json:
         printing.line(f"requester: making request: {messages.shown(request, truncate)}\n")
-    response = await client.call(request, timeout_s)
-    if as_json:
-        (printing.json_line if in_stream else printing.document)(to_dict(response))
+    response = await client.call(request, options.timeout_s)
+    if options.as_json:
+        (printing.document if options.rate is None else printing.json_line)(to_dict(response))
     else:
         printing.line(f"response:\n{messages.shown(response, truncate)}\n")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from rosidl_py_gen.runtime import ServiceEventType, WaitTimeoutError
 from rosidl_py_gen.runtime.qos import SERVICES_DEFAULT
 from rosidl_py_gen.tools import Job, messages, printing, types
+from rosidl_py_gen.tools.commands.service import EchoOptions
 from rosidl_py_gen.tools.service.info import find_service
 from rosidl_py_gen.tools.session import Network, Session
 
@@ -21,24 +22,15 @@ _PATIENCE_S = 1.0
 """Whoever publishes events is discovered together with the service."""
 
 
-def run(network: Network, **arguments: Any) -> Job:
+def run(network: Network, options: EchoOptions) -> Job:
     """What the command does."""
-    return Job(_echo(network, **arguments), endless=True)
+    return Job(_echo(network, options), endless=True)
 
 
-async def _echo(
-    network: Network,
-    service: str,
-    type_name: str | None,
-    once: bool,
-    full_length: bool,
-    flow_style: bool,
-    paths: tuple[str, ...],
-    as_json: bool,
-) -> int:
+async def _echo(network: Network, options: EchoOptions) -> int:
     async with Session(network) as session:
-        name = await types.meanwhile(find_service(session, service))
-        cls: Any = await types.service_class(session, name, type_name, paths)
+        name = await types.meanwhile(find_service(session, options.service))
+        cls: Any = await types.service_class(session, name, options.type_name, options.paths)
         events = session.node.create_subscription(cls.Event, f"{name}/_service_event", qos=SERVICES_DEFAULT)
         try:
             await events.wait_for_publishers(_PATIENCE_S)
@@ -48,12 +40,12 @@ async def _echo(
                 "waiting until somebody turns it on (configure_introspection)"
             )
         async for event in events:
-            shown = _plain(event, None if full_length else messages.TRUNCATE)
-            if as_json:
-                (printing.document if once else printing.json_line)(shown)
+            shown = _plain(event, None if options.full_length else messages.TRUNCATE)
+            if options.as_json:
+                (printing.document if options.once else printing.json_line)(shown)
             else:
-                printing.line(messages.to_yaml(shown, flow=flow_style) + "---")
-            if once:
+                printing.line(messages.to_yaml(shown, flow=options.flow_style) + "---")
+            if options.once:
                 break
     return 0
 

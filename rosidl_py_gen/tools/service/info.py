@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.session import Network, Session
 
 if TYPE_CHECKING:
@@ -13,12 +13,8 @@ if TYPE_CHECKING:
 _PATIENCE_S = 1.0
 
 
-def run(network: Network, **shown: Any) -> Job:
+async def run(network: Network, service: str, as_json: bool, only_type: bool = False, verbose: bool = False) -> int:
     """What the command does."""
-    return Job(_info(network, **shown))
-
-
-async def _info(network: Network, service: str, as_json: bool, only_type: bool = False, verbose: bool = False) -> int:
     async with Session(network) as session:
         node = session.node
         name = await find_service(session, service)

@@ -1,150 +1,93 @@
-"""``topic echo``.
-
-Decides how a subscription follows its publishers: when one appears that offers less than was asked for, it is made
-again, so that every publisher is heard.
-"""
+"""``topic echo``."""
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
-from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import Subscription, WaitTimeoutError
+from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.tools import Job, ToolError, printing, types
+from rosidl_py_gen.tools.commands.topic import EchoOptions
 from rosidl_py_gen.tools.filters import FilterError, compile_filter, compile_path
+from rosidl_py_gen.tools.follow import Follow
+from rosidl_py_gen.tools.names import find_topic, full_topic_name
 from rosidl_py_gen.tools.session import Network, Session, now_s
 from rosidl_py_gen.tools.topic import qos as topic_qos
-from rosidl_py_gen.tools.topic.formats import Format, Style
-from rosidl_py_gen.tools.topic.wait import found, full_name
+from rosidl_py_gen.tools.topic.formats import Format
 
 _LOST_EVERY_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """What the command line says, in the end."""
-
-    topic: str
-    type_name: str | None
-    paths: Sequence[str]
-    qos: dict[str, Any]
-    timeout_s: float | None
-    once: bool
-    raw: bool
-    lost_messages: bool
-    field: str | None
-    filter_text: str | None
-    format: Format
-
-
-def run(
-    network: Network,
-    *,
-    style: Style,
-    full_length: bool,
-    truncate_length: int | None,
-    arrays: bool,
-    strings: bool,
-    **wanted: Any,
-) -> Job:
+def run(network: Network, options: EchoOptions) -> Job:
     """What the command does."""
-    shown = Format(style, full_length, truncate_length, arrays, strings)
-    return Job(_echo(network, _Wanted(format=shown, **wanted)), endless=not wanted["once"])
+    return Job(_echo(network, options), endless=not options.once)
 
 
-async def _echo(network: Network, wanted: _Wanted) -> int:
+async def _echo(network: Network, options: EchoOptions) -> int:
     async with Session(network) as session:
-        naming = _topic_name(session, wanted)
-        topic = await (naming if wanted.raw else types.meanwhile(naming))
-        await _Echo(session, topic, wanted).run()
+        naming = _topic_name(session, options)
+        topic = await (naming if options.raw else types.meanwhile(naming))
+        await _Echo(session, topic, options).run()
     return 0
 
 
-async def _topic_name(session: Session, wanted: _Wanted) -> str:
+async def _topic_name(session: Session, options: EchoOptions) -> str:
     """The full name of the topic, once its publishers had time to be seen."""
-    if wanted.type_name is None:
-        return await found(session, wanted.topic, wanted.timeout_s)
-    topic = full_name(session, wanted.topic)
+    if options.type_name is None:
+        return await find_topic(session, options.topic, options.timeout_s)
+    topic = full_topic_name(session, options.topic)
     await session.settle()
     return topic
 
 
 class _Echo:
-    def __init__(self, session: Session, topic: str, wanted: _Wanted) -> None:
+    def __init__(self, session: Session, topic: str, options: EchoOptions) -> None:
         self._session = session
         self._topic = topic
-        self._wanted = wanted
+        self._options = options
         self._show: Callable[[Any], bool] = lambda value: True
-        self._shown_at = now_s()
-        self._lost = self._lost_noted = 0
+        self._lost_noted = 0
         self._lost_noted_at = 0.0
 
     async def run(self) -> None:
         """Print until there is enough."""
-        wanted = self._wanted
-        if wanted.raw:
-            cls = types.opaque_class(self._session, self._topic, wanted.type_name)
-            self._show = _shows(lambda value: value, lambda value: True, wanted.format.printer())
+        options = self._options
+        shown = Format(options.style, options.full_length, options.truncate_length, options.arrays, options.strings)
+        if options.raw:
+            cls = types.opaque_class(self._session, self._topic, options.type_name)
+            self._show = _shows(lambda value: value, lambda value: True, shown.printer())
         else:
-            cls = await types.message_class(self._session, self._topic, wanted.type_name, wanted.paths)
-            field = compile_path(wanted.field, cls) if wanted.field else lambda value: value
-            condition = compile_filter(wanted.filter_text, cls) if wanted.filter_text else lambda value: True
-            self._show = _shows(field, condition, wanted.format.printer())
-        self._shown_at = now_s()
-        node = self._session.node
-        given = topic_qos.given(wanted.qos, presets.SENSOR_DATA)
-        while True:
-            profile, notes = topic_qos.chosen(node.get_publishers_info_by_topic(self._topic))
-            if given is None:
-                for note in notes:
-                    printing.note(note)
-            raw: Any = wanted.raw
-            subscription: Subscription[Any] = node.create_subscription(cls, self._topic, qos=given or profile, raw=raw)
-            watching = asyncio.ensure_future(self._close_when_too_much(subscription)) if given is None else None
-            try:
-                if await self._print_from(subscription):
-                    return
-            finally:
-                subscription.close()
-                if watching is not None:
-                    watching.cancel()
+            cls = await types.message_class(self._session, self._topic, options.type_name, options.paths)
+            field = compile_path(options.field, cls) if options.field else lambda value: value
+            condition = compile_filter(options.filter_text, cls) if options.filter_text else lambda value: True
+            self._show = _shows(field, condition, shown.printer())
+        given = topic_qos.given(options.qos, presets.SENSOR_DATA)
+        async with Follow(
+            self._session.node, self._topic, cls, raw=options.raw, qos=given, note=printing.note
+        ) as messages:
+            await self._print_from(messages)
 
-    async def _close_when_too_much(self, subscription: Subscription[Any]) -> None:
-        node = self._session.node
-        async for _ in node.graph_changes():
-            if topic_qos.is_too_much(subscription.qos, node.get_publishers_info_by_topic(self._topic)):
-                subscription.close()
-                return
-
-    async def _print_from(self, subscription: Subscription[Any]) -> bool:
-        """False when the subscription has to be made again."""
-        timeout_s = self._wanted.timeout_s
+    async def _print_from(self, messages: Follow) -> None:
+        timeout_s = self._options.timeout_s
+        shown_at = now_s()
         while True:
-            left_s = None if timeout_s is None else max(0.0, self._shown_at + timeout_s - now_s())
+            left_s = None if timeout_s is None else max(0.0, shown_at + timeout_s - now_s())
             try:
-                message = await subscription.receive(left_s)
+                message, _ = await messages.receive_with_info(left_s)
             except WaitTimeoutError:
                 raise ToolError(self._silence()) from None
-            except ClosedError:
-                if self._session.node.is_closed:
-                    raise
-                self._lost += subscription.dropped
-                return False
             if self._show(message):
-                self._shown_at = now_s()
-                if self._wanted.once:
-                    return True
-            if self._wanted.lost_messages:
-                self._note_lost(self._lost + subscription.dropped)
+                shown_at = now_s()
+                if self._options.once:
+                    return
+            if self._options.lost_messages:
+                self._note_lost(messages.dropped)
 
     def _silence(self) -> str:
         publishers = self._session.node.count_publishers(self._topic)
-        which = " that the filter lets through" if self._wanted.filter_text else ""
-        return f"no message{which} on {self._topic} in {self._wanted.timeout_s:g} s; it has {publishers} publishers"
+        which = " that the filter lets through" if self._options.filter_text else ""
+        return f"no message{which} on {self._topic} in {self._options.timeout_s:g} s; it has {publishers} publishers"
 
     def _note_lost(self, total: int) -> None:
         if total > self._lost_noted and (now := now_s()) > self._lost_noted_at + _LOST_EVERY_S:

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-_NS_PER_S = 1e9
+from rosidl_py_gen.stamps import NS_PER_S
 
 
 class Figures(ABC):
@@ -125,7 +125,7 @@ class Bandwidth(Figures):
         sizes = np.fromiter(self._values, np.int64)
         took_ns = max(1, time_ns() - self._times[0])
         return {
-            "bytes_per_s": float(sizes.sum() * _NS_PER_S / took_ns),
+            "bytes_per_s": float(sizes.sum()) * NS_PER_S / took_ns,
             "mean": float(sizes.mean()),
             "min": int(sizes.min()),
             "max": int(sizes.max()),
@@ -149,7 +149,7 @@ _SPREAD = "min: {min:.3f}s max: {max:.3f}s std dev: {std_dev:.5f}s window: {wind
 
 def _spread(values_ns: deque[int]) -> dict[str, float]:
     """In seconds."""
-    values = np.fromiter(values_ns, np.int64) / _NS_PER_S
+    values = np.fromiter(values_ns, np.int64) / NS_PER_S
     return {
         "mean": float(values.mean()),
         "min": float(values.min()),

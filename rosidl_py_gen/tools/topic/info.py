@@ -7,24 +7,20 @@ from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.runtime import History
 from rosidl_py_gen.runtime.qos import INFINITE_NS
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
+from rosidl_py_gen.tools.names import find_topic
 from rosidl_py_gen.tools.session import Network, Session
-from rosidl_py_gen.tools.topic.wait import found
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile, TopicEndpointInfo
 
 
-def run(network: Network, **arguments: Any) -> Job:
-    """What the command does."""
-    return Job(_info(network, **arguments))
-
-
-async def _info(
+async def run(
     network: Network, topic: str, timeout_s: float | None, as_json: bool, verbose: bool = False, only_type: bool = False
 ) -> int:
+    """What the command does."""
     async with Session(network) as session:
-        name = await found(session, topic, timeout_s)
+        name = await find_topic(session, topic, timeout_s)
         await (session.settle_names() if verbose else session.settle())
         node = session.node
         types = dict(node.get_topic_names_and_types()).get(name, [])

@@ -5,16 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.tools import Job, printing
+from rosidl_py_gen.tools import printing
+from rosidl_py_gen.tools.names import is_hidden
 from rosidl_py_gen.tools.session import Network, Session
 
 
-def run(network: Network, **shown: Any) -> Job:
-    """What the command does."""
-    return Job(_list(network, **shown))
-
-
-async def _list(
+async def run(
     network: Network,
     show_types: bool,
     verbose: bool,
@@ -23,6 +19,7 @@ async def _list(
     as_json: bool,
     type_name: str | None = None,
 ) -> int:
+    """What the command does."""
     wanted = type_name and str(split_ros_name(type_name, "msg"))
     async with Session(network) as session:
         await session.settle()
@@ -33,16 +30,11 @@ async def _list(
             if (hidden or not is_hidden(name)) and (wanted is None or wanted in types)
             for subscribers in (node.count_subscribers(name),)
         ]
-    if as_json:
-        printing.document(found)
-    elif count:
-        printing.line(str(len(found)))
-    elif verbose:
+    if verbose and not (as_json or count):
         _show_ends(found, "Published", "publisher")
         _show_ends(found, "Subscribed", "subscriber")
     else:
-        for one in found:
-            printing.line(f"{one['name']} [{', '.join(one['types'])}]" if show_types else one["name"])
+        printing.names(found, count, show_types, as_json)
     return 0
 
 
@@ -52,8 +44,3 @@ def _show_ends(found: list[dict[str, Any]], heading: str, end: str) -> None:
         if number := one[f"{end}s"]:
             printing.line(f" * {one['name']} [{', '.join(one['types'])}] {number} {end}{'s' if number > 1 else ''}")
     printing.line()
-
-
-def is_hidden(name: str) -> bool:
-    """Whether ROS tools leave the name out: one of its parts begins with an underscore."""
-    return "/_" in name

@@ -10,18 +10,20 @@ import asyncio
 import shutil
 import struct
 import sys
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import Subscription
 from rosidl_py_gen.runtime import qos as presets
+from rosidl_py_gen.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.tools import Job, ToolError, printing, types
+from rosidl_py_gen.tools.commands.topic import MeterOptions
 from rosidl_py_gen.tools.filters import FilterError, compile_filter
-from rosidl_py_gen.tools.session import Network, Session
+from rosidl_py_gen.tools.names import find_topic
+from rosidl_py_gen.tools.session import Network, Session, first_of
 from rosidl_py_gen.tools.topic.figures import Bandwidth, Delay, Figures, Rate
-from rosidl_py_gen.tools.topic.wait import found
 
 _EVERY_S = 1.0
 _DEPTH = 1000
@@ -49,48 +51,26 @@ class _Meter:
                 add(info.received_timestamp_ns, found)
 
 
-def run(network: Network, **arguments: Any) -> Job:
+def run(network: Network, kind: str, options: MeterOptions) -> Job:
     """What the command does."""
-    return Job(_measure(network, **arguments), endless=arguments["times"] is None)
+    return Job(_measure(network, kind, options), endless=options.times is None)
 
 
-async def _measure(
-    network: Network,
-    kind: str,
-    topics: Sequence[str],
-    window: int,
-    times: int | None,
-    timeout_s: float | None,
-    paths: Sequence[str],
-    as_json: bool,
-    filter_text: str | None = None,
-) -> int:
+async def _measure(network: Network, kind: str, options: MeterOptions) -> int:
     async with Session(network) as session:
         meters = []
-        for topic in topics:
-            name = await found(session, topic, timeout_s)
-            cls, value = await _taken(session, name, kind, paths, filter_text)
+        for topic in options.topics:
+            name = await find_topic(session, topic, options.timeout_s)
+            cls, value = await _taken(session, name, kind, options.paths, options.filter_text)
             raw: Any = cls is None
             subscription: Subscription[Any] = session.node.create_subscription(
                 cls or types.opaque_class(session, name), name, qos=presets.SENSOR_DATA.keep_last(_DEPTH), raw=raw
             )
-            meters.append(_Meter(name, subscription, value, _KINDS[kind](window)))
-            if not as_json and (kind == "bw" or len(topics) > 1):
+            meters.append(_Meter(name, subscription, value, _KINDS[kind](options.window)))
+            if not options.as_json and (kind == "bw" or len(options.topics) > 1):
                 printing.line(f"Subscribed to [{name}]")
-        await _first_of(_report(meters, times, as_json), *(meter.feed() for meter in meters))
+        await first_of(_report(meters, options.times, options.as_json), *(meter.feed() for meter in meters))
     return 0
-
-
-async def _first_of(*coroutines: Coroutine[Any, Any, None]) -> None:
-    """Run all until one ends or fails."""
-    tasks = [asyncio.ensure_future(coroutine) for coroutine in coroutines]
-    try:
-        done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        for task in done:
-            task.result()
-    finally:
-        for task in tasks:
-            task.cancel()
 
 
 async def _report(meters: Sequence[_Meter], times: int | None, as_json: bool) -> None:
@@ -150,8 +130,7 @@ def _where(condition: Callable[[Message], bool]) -> _Value:
 
 
 def _stamp(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return stamp_ns(message.header.stamp)
 
 
 def _first_stamp(data: bytes) -> int | None:
@@ -159,4 +138,4 @@ def _first_stamp(data: bytes) -> int | None:
     if len(data) < 12:
         return None
     sec, nanosec = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(sec) * 1_000_000_000 + int(nanosec)
+    return int(sec) * NS_PER_S + int(nanosec)

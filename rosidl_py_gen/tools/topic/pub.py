@@ -8,67 +8,53 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Sequence
 from contextlib import aclosing, suppress
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import Publisher, WaitTimeoutError
 from rosidl_py_gen.runtime import qos as presets
 from rosidl_py_gen.tools import Job, ToolError, messages, printing, types
+from rosidl_py_gen.tools.commands.topic import PubOptions
+from rosidl_py_gen.tools.names import find_topic, full_topic_name
 from rosidl_py_gen.tools.session import Network, Session
 from rosidl_py_gen.tools.topic import qos as topic_qos
 from rosidl_py_gen.tools.topic.stdin import documents
-from rosidl_py_gen.tools.topic.wait import found, full_name
 
 _ACKNOWLEDGED_S = 1.0
 _NOTE_EVERY_S = 1.0
 _STDIN = "-"
 
 
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """What the command line says, in the end; `times` and `wait` are None when it does not say."""
-
-    topic: str
-    paths: Sequence[str]
-    qos: dict[str, Any]
-    timeout_s: float | None
-    rate: float | None
-    times: int | None
-    wait: int | None
-    print_every: int
-    keep_alive_s: float
-    as_json: bool
-
-
-def run(network: Network, *, words: Sequence[str], once: bool, times: int | None, **wanted: Any) -> Job:
+def run(network: Network, options: PubOptions) -> Job:
     """What the command does."""
-    type_name, text = messages.type_and_values(words)
-    asked = _Wanted(times=1 if once else times, **wanted)
-    return Job(_publish(network, type_name, text, asked), endless=asked.times is None and text != _STDIN)
+    type_name, text = messages.type_and_values(options.words)
+    if options.once:
+        options = replace(options, times=1)
+    return Job(_publish(network, type_name, text, options), endless=options.times is None and text != _STDIN)
 
 
-async def _publish(network: Network, type_name: str | None, text: str, wanted: _Wanted) -> int:
+async def _publish(network: Network, type_name: str | None, text: str, options: PubOptions) -> int:
     async with Session(network) as session:
         if type_name is None:
-            topic = await types.meanwhile(found(session, wanted.topic, wanted.timeout_s))
+            topic = await types.meanwhile(find_topic(session, options.topic, options.timeout_s))
         else:
-            topic = full_name(session, wanted.topic)
-        cls = await types.message_class(session, topic, type_name, wanted.paths)
+            topic = full_topic_name(session, options.topic)
+        cls = await types.message_class(session, topic, type_name, options.paths)
         ready = None if text == _STDIN else messages.message_and_stamps(cls, text)  # before anybody is waited for
-        qos = topic_qos.given(wanted.qos, presets.DEFAULT) or presets.DEFAULT
+        qos = topic_qos.given(options.qos, presets.DEFAULT) or presets.DEFAULT
         publisher: Publisher[Any] = session.node.create_publisher(cls, topic, qos)
-        ends = wanted.times is not None or ready is None
-        await _subscribed(publisher, int(ends) if wanted.wait is None else wanted.wait, wanted.timeout_s)
-        if not wanted.as_json:
+        ends = options.times is not None or ready is None
+        await _subscribed(publisher, int(ends) if options.wait is None else options.wait, options.timeout_s)
+        if not options.as_json:
             printing.line("publisher: beginning loop")
         made = _again_and_again(*ready) if ready else _from_stdin(cls)
         async with aclosing(made) as several:
-            await _publish_each(session, publisher, several, wanted, paced=ready is not None)
+            await _publish_each(session, publisher, several, options, paced=ready is not None)
         began = asyncio.get_running_loop().time()
         with suppress(WaitTimeoutError):
             await publisher.wait_for_acknowledged(_ACKNOWLEDGED_S)
-        await asyncio.sleep(began + wanted.keep_alive_s - asyncio.get_running_loop().time())
+        await asyncio.sleep(began + options.keep_alive_s - asyncio.get_running_loop().time())
     return 0
 
 
@@ -92,17 +78,17 @@ async def _subscribed(publisher: Publisher[Any], count: int, limit_s: float | No
 
 
 async def _publish_each(
-    session: Session, publisher: Publisher[Any], several: AsyncIterator[Message], wanted: _Wanted, *, paced: bool
+    session: Session, publisher: Publisher[Any], several: AsyncIterator[Message], options: PubOptions, *, paced: bool
 ) -> None:
-    hz = wanted.rate or (1.0 if paced else None)
+    hz = options.rate or (1.0 if paced else None)
     rate = None if hz is None else session.node.create_rate(hz)
     number = 0
     async for message in several:
         number += 1
-        if wanted.print_every and number % wanted.print_every == 0:
-            _show(number, message, wanted.as_json)
+        if options.print_every and number % options.print_every == 0:
+            _show(number, message, options.as_json)
         publisher.publish(message)
-        if number == wanted.times:
+        if number == options.times:
             return
         if rate is not None:
             await rate.sleep()

@@ -13,7 +13,8 @@ import pytest
 from worlds import until
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime import ClockType, Duration, Time
+from rosidl_py_gen.runtime import Clock, ClockType, Duration, Time
+from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -96,6 +97,18 @@ async def test_simulated_time_drives_timers(memory: World) -> None:
         await asyncio.sleep(0.01)
     assert calls[-1] == 12_000_000_000
     assert len(calls) >= 2
+
+
+async def test_a_timer_follows_a_system_clock_that_somebody_sets(memory: World) -> None:
+    now_s, set_ns = asyncio.get_running_loop().time, 0
+    clock = Clock(ClockType.SYSTEM_TIME, system_ns=lambda: round(now_s() * NS_PER_S) + set_ns)
+    timer = memory.node("n").create_timer(3600.0, clock=clock)
+    tick = asyncio.ensure_future(timer.tick())
+    await asyncio.sleep(0.5)
+    set_ns = 3600 * NS_PER_S
+    began = now_s()
+    await tick
+    assert now_s() - began <= 1.0
 
 
 async def test_the_iterator_ends_and_tick_raises_when_the_timer_closes(memory: World) -> None:

@@ -6,8 +6,16 @@ import logging
 
 import pytest
 
-from rosidl_py_gen.runtime.time.clock import Clock, ClockChange, TimeJump
-from rosidl_py_gen.runtime.time.values import ClockType, ClockTypeError, Duration, Time, TimeRangeError
+from rosidl_py_gen.runtime.time.clock import Clock
+from rosidl_py_gen.runtime.time.values import (
+    ClockChange,
+    ClockType,
+    ClockTypeError,
+    Duration,
+    Time,
+    TimeJump,
+    TimeRangeError,
+)
 
 ROS = ClockType.ROS_TIME
 

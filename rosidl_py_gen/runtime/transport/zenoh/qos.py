@@ -22,12 +22,12 @@ from rosidl_py_gen.runtime.transport.qos import (
     QoSProfile,
     Reliability,
 )
+from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec
 
 DEFAULT_DEPTH = 42
 """What a depth of 0 means to rmw_zenoh_cpp, with KEEP_ALL too."""
 
-_S = 1_000_000_000
-_FOREVER_S, _FOREVER_NS = divmod(INFINITE_NS, _S)
+_FOREVER_S, _FOREVER_NS = sec_nanosec(INFINITE_NS)
 _DEFAULTS = (
     *(int(Reliability.RELIABLE), int(Durability.VOLATILE), int(History.KEEP_LAST), DEFAULT_DEPTH),
     *(_FOREVER_S, _FOREVER_NS, _FOREVER_S, _FOREVER_NS, int(Liveliness.AUTOMATIC), _FOREVER_S, _FOREVER_NS),
@@ -46,7 +46,7 @@ def qos_text(qos: QoSProfile) -> str:
         if policy.name == "UNKNOWN":
             raise InvalidQoSError(f"{type(policy).__name__}.UNKNOWN cannot be announced: only others have that")
     deadline, lifespan, lease = (
-        divmod(period or INFINITE_NS, _S) for period in (qos.deadline_ns, qos.lifespan_ns, qos.liveliness_lease_ns)
+        sec_nanosec(period or INFINITE_NS) for period in (qos.deadline_ns, qos.lifespan_ns, qos.liveliness_lease_ns)
     )
     # SYSTEM_DEFAULT is 0 in every policy, and 0 means the default of rmw_zenoh_cpp.
     numbers = (
@@ -71,7 +71,7 @@ def read_qos(text: str) -> QoSProfile | None:
     if [len(part) for part in parts] != list(_PARTS) or not all(map(_NUMBER.match, written)):
         return None
     numbers = [int(number) if number else default for number, default in zip(written, _DEFAULTS, strict=True)]
-    deadline, lifespan, lease = (min(numbers[at] * _S + numbers[at + 1], INFINITE_NS) for at in (4, 6, 9))
+    deadline, lifespan, lease = (min(numbers[at] * NS_PER_S + numbers[at + 1], INFINITE_NS) for at in (4, 6, 9))
     try:
         return QoSProfile(
             history=History(numbers[2]),

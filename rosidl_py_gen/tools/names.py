@@ -1,0 +1,115 @@
+"""Names that a command was given, or finds: what ROS tools hide, who serves something, and waiting for one of them."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.errors import InvalidNameError
+from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.tools import printing
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rosidl_py_gen.runtime import Node
+    from rosidl_py_gen.tools.session import Session
+
+LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
+"""How the name of a service ends that every node with parameters has, and its type."""
+_SILENT_S = 2.0
+"""Fast DDS robots are found within 1.2 s."""
+_FEEDBACK, _FEEDBACK_TYPE, _SEND_GOAL = "/_action/feedback", "_FeedbackMessage", "/_action/send_goal"
+
+
+# --------------------------------------------------------------------------------------------------------------- topics
+
+
+def is_hidden(name: str) -> bool:
+    """Whether ROS tools leave a topic or a service out: a part of its name begins with an underscore."""
+    return "/_" in name
+
+
+def full_topic_name(session: Session, topic: str) -> str:
+    """The full name of a topic that need not be there. Raises `InvalidNameError`."""
+    return session.node.resolve_topic_name(topic if topic.startswith("/") else f"/{topic}")
+
+
+async def find_topic(session: Session, topic: str, timeout_s: float | None) -> str:
+    """The full name of a topic that somebody publishes or subscribes to; waits for it, and says so after 2 s.
+
+    Raises:
+        ToolError: it did not appear. InvalidNameError.
+    """
+    node = session.node
+    waiting = asyncio.get_running_loop().call_later(
+        _SILENT_S, printing.note, f"topic {topic} does not appear to be published yet; waiting for it"
+    )
+    try:
+        return await session.find("topic", topic, lambda: [*dict(node.get_topic_names_and_types())], timeout_s)
+    finally:
+        waiting.cancel()
+
+
+def is_one_of(wanted: str, types: list[str], kind: str) -> bool:
+    """Whether a type, perhaps in the short form ``pkg/Name``, is among `types`.
+
+    Raises:
+        InvalidNameError: it is no name of a type.
+    """
+    return str(split_ros_name(wanted, kind)) in types
+
+
+# ---------------------------------------------------------------------------------------------------------------- nodes
+
+
+def is_hidden_node(name: str) -> bool:
+    """Whether ROS tools leave a node out, by its full name: they hide themselves like that."""
+    return name.rpartition("/")[2].startswith("_")
+
+
+def is_served(node: Node, service: str) -> bool:
+    """Whether somebody serves it; never for a name that ROS refuses, which DDS programs may use."""
+    try:
+        return node.count_services(service) > 0
+    except InvalidNameError:
+        return False
+
+
+def nodes_that_serve(node: Node, ending: str, type_name: str, *, hidden: bool) -> list[str]:
+    """Full names, sorted, of the nodes with a service of that type below their own name; clients alone do not count."""
+    found = [
+        name.removesuffix(ending)
+        for name, types in node.get_service_names_and_types()
+        if name.endswith(ending) and type_name in types and is_served(node, name)
+    ]
+    return [name for name in found if hidden or not is_hidden_node(name)]
+
+
+async def find_node(session: Session, node: str, timeout_s: float | None = None) -> str:
+    """The full name; raises as `Session.find`."""
+    return await session.find("node", node, session.node.get_node_names, timeout_s)
+
+
+# -------------------------------------------------------------------------------------------------------------- actions
+
+
+def actions(topics: Iterable[tuple[str, list[str]]]) -> list[tuple[str, list[str]]]:
+    """The actions among topics, by their feedback as for ``ros2 action``: servers publish it, clients subscribe."""
+    ends = len(_FEEDBACK_TYPE)
+    return [
+        (name.removesuffix(_FEEDBACK), [one[:-ends] for one in types if one.endswith(_FEEDBACK_TYPE)])
+        for name, types in topics
+        if name.endswith(_FEEDBACK)
+    ]
+
+
+async def find_action(session: Session, action: str, timeout_s: float | None = None) -> str:
+    """The full name, once its services are known, too; raises as `Session.find`."""
+    node = session.node
+
+    def known() -> list[str]:
+        services = {name for name, _ in node.get_service_names_and_types()}
+        return [name for name, _ in actions(node.get_topic_names_and_types()) if name + _SEND_GOAL in services]
+
+    return await session.find("action", action, known, timeout_s)
