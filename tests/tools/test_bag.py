@@ -26,7 +26,7 @@ from worlds import start_process, until
 from rosidl_py_gen import compile_text, get_message
 from rosidl_py_gen.mcap import BagReader, BagWriter
 from rosidl_py_gen.mcap.metadata import qos_profiles
-from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability
+from rosidl_py_gen.runtime import BackendMissingError, Durability, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -264,6 +264,17 @@ def test_wrong_words_for_recording_are_told(run_here: Any, tmp_path: Path) -> No
 
 
 # --------------------------------------------------------------------------------------------------------------- play
+
+
+def test_no_bag_is_made_where_nothing_can_be_heard(
+    run_here: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing(*_: object) -> None:
+        raise BackendMissingError("no middleware")
+
+    monkeypatch.setattr("rosidl_py_gen.runtime.node.core.chosen_transport", missing)
+    assert run_here("bag", "record", "--all", "-o", str(tmp_path / "bag")) == (1, "", "error: no middleware\n")
+    assert list(tmp_path.iterdir()) == []
 
 
 async def test_a_bag_is_played_at_its_rate_with_the_quality_of_then(network: World, tool: Any, tmp_path: Path) -> None:

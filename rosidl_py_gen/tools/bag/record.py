@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
 from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.errors import ClosedError, RosidlError
@@ -28,6 +26,9 @@ from rosidl_py_gen.tools.follow import Follow
 from rosidl_py_gen.tools.names import full_topic_name, is_hidden
 from rosidl_py_gen.tools.session import Network, Session, first_of, now_s
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
 _DEPTH = 1000
 """Messages that may come while this process does something else."""
 _PROGRESS_S = 0.5
@@ -38,8 +39,8 @@ def run(network: Network, options: RecordOptions) -> Job:
     wanted = _Wanted(options)
     path = options.output or f"rosbag2_{datetime.now():%Y_%m_%d-%H_%M_%S}"
     inside = "" if options.compression == "none" else options.compression
-    bag = BagWriter(path, compression=inside, split_bytes=options.split_bytes, split_s=options.split_s)
-    return Job(_record(network, bag, options, wanted), endless=True)
+    create = partial(BagWriter, path, compression=inside, split_bytes=options.split_bytes, split_s=options.split_s)
+    return Job(_record(network, create, options, wanted), endless=True)
 
 
 class _Wanted:
@@ -66,30 +67,34 @@ def _pattern(text: str) -> re.Pattern[str]:
         raise ToolError(f'"{text}" is no regular expression: {error}') from None
 
 
-async def _record(network: Network, bag: BagWriter, options: RecordOptions, wanted: _Wanted) -> int:
+async def _record(network: Network, create: Callable[[], BagWriter], options: RecordOptions, wanted: _Wanted) -> int:
     loop = asyncio.get_running_loop()
     failed = asyncio.Event()
-    writer = WriterThread(bag, partial(loop.call_soon_threadsafe, failed.set))
+    writer: WriterThread | None = None
     recorder: _Recorder | None = None
     try:
-        async with Session(network) as session:
+        async with Session(network) as session:  # first, so that no bag is made where nothing can be heard
+            writer = WriterThread(create(), partial(loop.call_soon_threadsafe, failed.set))
             recorder = _Recorder(session, writer, options, wanted)
             with progress() as show:
                 end = () if options.duration_s is None else (asyncio.sleep(options.duration_s),)
                 await first_of(failed.wait(), recorder.follow(), recorder.report(show), *end)
     finally:
-        writer.end()
-        _say_end(bag.path, writer, recorder, as_json=options.as_json)
+        if writer is not None:
+            writer.end()
+            _say_end(writer, recorder, as_json=options.as_json)
     return 0
 
 
-def _say_end(path: Path, writer: WriterThread, recorder: _Recorder | None, *, as_json: bool) -> None:
+def _say_end(writer: WriterThread, recorder: _Recorder | None, *, as_json: bool) -> None:
     topics = 0 if recorder is None else len(recorder.recorded)
     dropped = writer.dropped + (0 if recorder is None else recorder.dropped)
     if as_json:
-        printing.document({"path": str(path), "messages": writer.messages, "topics": topics, "dropped": dropped})
+        printing.document({"path": str(writer.path), "messages": writer.messages, "topics": topics, "dropped": dropped})
         return
-    printing.note(f"recorded {writer.messages} messages of {topics} topics, {size_text(writer.bytes)}, in {path}")
+    printing.note(
+        f"recorded {writer.messages} messages of {topics} topics, {size_text(writer.bytes)}, in {writer.path}"
+    )
     if dropped:
         printing.note(f"{dropped} messages came faster than they could be written, and are missing")
 

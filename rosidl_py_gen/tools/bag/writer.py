@@ -31,6 +31,7 @@ class WriterThread:
 
     def __init__(self, bag: BagWriter, on_error: Callable[[], object]) -> None:
         self._bag = bag
+        self.path = bag.path
         self._on_error = on_error
         self._items: queue.SimpleQueue[BagTopic | tuple[str, bytes, int, int] | None] = queue.SimpleQueue()
         self._written_bytes = 0  # changed by the thread, `bytes` by the one who puts
