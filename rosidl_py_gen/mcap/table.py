@@ -32,7 +32,7 @@ Op: TypeAlias = "str | Get"
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _PART = re.compile(r"(\w+)(?:\[\s*(-?\d{1,9})\s*\]|\[\s*(-?\d{0,9})\s*:\s*(-?\d{0,9})\s*\])?", re.ASCII)
 _OPEN = -1
-_MOST_COLUMNS = 10_000
+_MAX_COLUMNS = 10_000
 _SHOWN_NAMES = 500
 _SPARE, _LARGE = 16, 1 << 26
 """A column may take so many times what is in it, and so many bytes in any case: one long value makes every row long."""
@@ -129,9 +129,9 @@ def _present(column: Column, get: Get, message: Any, pad: Any, place: str) -> An
 
 def _columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column]:
     if fields is None:
-        found = list(islice(_plain(cls, "", []), _MOST_COLUMNS + 1))
-        if len(found) > _MOST_COLUMNS:
-            raise BagError(f"more than {_MOST_COLUMNS} columns: name the fields you want")
+        found = list(islice(_plain(cls, "", []), _MAX_COLUMNS + 1))
+        if len(found) > _MAX_COLUMNS:
+            raise BagError(f"more than {_MAX_COLUMNS} columns: name the fields you want")
         return found
     paths = [fields] if isinstance(fields, str) else fields
     return list({column.name: column for path in paths for column in _of_path(cls, path)}.values())

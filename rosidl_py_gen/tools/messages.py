@@ -32,7 +32,7 @@ _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 TRUNCATE = 128
 _TYPE = re.compile(r"\w+(/\w+){1,2}\Z")
-MOST_TEXT = 1 << 20
+MAX_TEXT = 1 << 20
 """Characters of a value on the command line."""
 
 
@@ -114,8 +114,8 @@ def from_yaml(text: str) -> Any:
     Raises:
         ToolError: no YAML, with line and column.
     """
-    if len(text) > MOST_TEXT:
-        raise ToolError(f"a value of {len(text)} characters; at most {MOST_TEXT} are taken")
+    if len(text) > MAX_TEXT:
+        raise ToolError(f"a value of {len(text)} characters; at most {MAX_TEXT} are taken")
     try:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -141,7 +141,7 @@ def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str |
         expected = "no values beside --stdin" if stdin else "values in one word: put them between '"
         raise ToolError(f"cannot make sense of {' '.join(rest)[:200]!r}; expected {expected}")
     if stdin:
-        return name, sys.stdin.read(MOST_TEXT + 1)
+        return name, sys.stdin.read(MAX_TEXT + 1)
     return name, rest[0] if rest else ""
 
 

@@ -185,7 +185,7 @@ async def test_events_of_nodes_that_are_not_there_are_not_kept(memory: World, to
 async def test_viewers_can_define_so_many_types_and_no_more(
     memory: World, told: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(publishing, "_MOST_SCHEMAS", 2)
+    monkeypatch.setattr(publishing, "_MAX_SCHEMAS", 2)
     node = memory.node()
     publisher = Publishing(session_of(node), told, paths=())
 

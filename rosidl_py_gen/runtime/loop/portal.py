@@ -30,7 +30,7 @@ _PAUSE_S = 0.3
 """A loop that does not run for so long has stopped; a program may run one loop several times."""
 
 
-class Host(Protocol):
+class LoopOwner(Protocol):
     """What is attached to one loop after the other: a `Bridge`."""
 
     @property
@@ -44,7 +44,7 @@ class Host(Protocol):
 class Portal:
     """The private loop of one context and its thread."""
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: LoopOwner) -> None:
         self._host = host
         self.loop: asyncio.AbstractEventLoop | None = None
         """The private loop; None before it is needed."""

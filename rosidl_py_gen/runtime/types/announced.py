@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
 _DESCRIBER = "/get_type_description"
 """What is behind the name of a node in that of its service."""
-_MOST_SHOWN = 5
+_MAX_SHOWN = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +154,7 @@ def is_complete(one: Announced, subject: Subject) -> bool:
 def some(texts: Iterable[str]) -> str:
     """Not all of them when they are many: a peer decides how many there are."""
     listed = list(texts)
-    return ", ".join(listed[:_MOST_SHOWN]) + (f" and {len(listed) - _MOST_SHOWN} more" if listed[_MOST_SHOWN:] else "")
+    return ", ".join(listed[:_MAX_SHOWN]) + (f" and {len(listed) - _MAX_SHOWN} more" if listed[_MAX_SHOWN:] else "")
 
 
 def _valid(type_hash: str) -> str:

@@ -9,7 +9,7 @@ from action_worlds import Fibonacci
 from worlds import World, until
 
 from rosidl_py_gen.runtime.endpoints.types import service_type
-from rosidl_py_gen.runtime.node.actions import NodeActions
+from rosidl_py_gen.runtime.node.actions import ActionMethods
 from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
 from rosidl_py_gen.runtime.transport.discovered import Channel
@@ -25,7 +25,7 @@ DEEP = QoSProfile().keep_all()
 class Tap:
     """Readers beside the real ones, which keep every sample of a service or topic."""
 
-    def __init__(self, node: NodeActions, topic: str, dds_type: str) -> None:
+    def __init__(self, node: ActionMethods, topic: str, dds_type: str) -> None:
         self.reader = on_wire.reader(node, topic, dds_type)
 
     def take(self, *, service: bool = True) -> list[str]:
@@ -41,7 +41,7 @@ def wire(*parts: str) -> str:
     return text + "0" * (-len(text) % 8)
 
 
-def tap_service(node: NodeActions, name: str, dds_type: str) -> tuple[Tap, Tap]:
+def tap_service(node: ActionMethods, name: str, dds_type: str) -> tuple[Tap, Tap]:
     request = Tap(node, request_name(name), f"{dds_type}Request_")
     return request, Tap(node, reply_name(name), f"{dds_type}Response_")
 

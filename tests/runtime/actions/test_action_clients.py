@@ -315,7 +315,7 @@ def test_a_thousand_goals_leave_nothing_but_their_results(world: World) -> None:
         await some(1000 if world.kind == "memory" else 100)
         assert [sizes(thing) for thing in things] == before
         assert before[1]["active"] == before[2]["_goals"] == before[4]["_goals"] == 0
-        assert before[5]["_wanted"] == before[6]["_pending"] == 0
+        assert before[5]["_pending"] == before[6]["_pending"] == 0
 
     run(main, 60)
 

@@ -161,7 +161,7 @@ async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, m
     _, client = await pair(dds, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
     dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)
-    (wanted,) = client._result._wanted
+    (wanted,) = client._result._pending
     await until(lambda: wanted.answer is not None)
     seen = client._result._seen_s
     await until(lambda: client._result._seen_s > seen + 0.5)

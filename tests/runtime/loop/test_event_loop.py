@@ -62,7 +62,7 @@ class Pipe:
 @pytest.fixture
 def pipes() -> Iterator[list[Pipe]]:
     """More than are looked at in one go."""
-    made = [Pipe() for _ in range(3 * event_loop._MOST_EVENTS)]
+    made = [Pipe() for _ in range(3 * event_loop._MAX_EVENTS)]
     yield made
     for each in made:
         each.close()

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.samples import Sink
 
-_MOST_BYTES = 64
+_MAX_BYTES = 64
 
 
 class Arrivals:
@@ -58,7 +58,7 @@ class Arrivals:
         """All that were put since the last time, each once."""
         ends = self._ends
         if ends is not None:
-            ends[0].read(_MOST_BYTES)
+            ends[0].read(_MAX_BYTES)
         self._is_told = False
         ready = self._ready
         return list(dict.fromkeys([ready.popleft() for _ in range(len(ready))]))

@@ -47,7 +47,7 @@ _HEARTBEAT_S = 0.5
 _time_ns = time.time_ns
 
 
-class Host(Protocol):
+class EndpointOwner(Protocol):
     """What endpoints need of their participant."""
 
     arrivals: Arrivals
@@ -132,7 +132,7 @@ def declare_subscriber(
 class ZenohWriter:
     """See `port.Writer`."""
 
-    def __init__(self, owner: Host, info: EndpointFound, key: str) -> None:
+    def __init__(self, owner: EndpointOwner, info: EndpointFound, key: str) -> None:
         self._owner = owner
         self.info = info
         self.guid = info.guid
@@ -185,7 +185,7 @@ class ZenohWriter:
 class ZenohReader:
     """See `port.Reader`; the queue is filled by `_take`."""
 
-    def __init__(self, owner: Host, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+    def __init__(self, owner: EndpointOwner, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
         self._owner = owner
         self.info = info
         self.guid = info.guid
@@ -267,7 +267,7 @@ class ZenohReader:
 class BufferReader(ZenohReader):
     """A reader that listens on the key for buffers, too; each sample comes on one of the two."""
 
-    def __init__(self, owner: Host, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+    def __init__(self, owner: EndpointOwner, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
         super().__init__(owner, info, key, ignore_local=ignore_local)
         try:
             self._channel = self._declare(cpu_channel(key))

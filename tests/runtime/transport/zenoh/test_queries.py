@@ -79,7 +79,7 @@ async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pai
     await until(lambda: len(pair.replies.connected()) == 2)
     for _ in range(30):
         assert (await pair.call()).sum == 3
-    assert len(pair.replies._asked) == services._MOST_ANSWERED
+    assert len(pair.replies._asked) == services._MAX_ANSWERED
 
 
 async def test_closing_a_client_with_calls_under_way_cancels_them(pair: Pair) -> None:
@@ -166,7 +166,7 @@ async def test_a_request_without_header_is_not_kept(pair: Pair) -> None:
 async def test_of_large_requests_that_nobody_answers_the_oldest_are_given_up(
     pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(services, "_MOST_BYTES", 45)  # a request has 20
+    monkeypatch.setattr(services, "_MAX_BYTES", 45)  # a request has 20
     assert await pair.client.wait_for_service(5)
     calls = [pair.call() for _ in range(4)]
     requests = [await anext(pair.server) for _ in range(4)]

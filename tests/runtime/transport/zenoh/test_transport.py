@@ -180,7 +180,7 @@ async def test_requests_that_nobody_answers_go_with_their_client(zenoh: World) -
 async def test_of_many_requests_that_nobody_answers_the_oldest_are_given_up(
     zenoh: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(services, "_MOST_QUERIES", 3)
+    monkeypatch.setattr(services, "_MAX_QUERIES", 3)
     server = zenoh.node("server").create_service(AddTwoInts, "add")
     client = zenoh.node("caller").create_client(AddTwoInts, "add")
     assert await client.wait_for_service(5)
