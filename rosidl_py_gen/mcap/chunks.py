@@ -161,7 +161,7 @@ class _Bytes:
         self._at = 0
 
     def read(self, length: int) -> Any:
-        """As a stream."""
+        """The next bytes; fewer at the end."""
         self._at += length
         return self._data[self._at - length : self._at]
 
@@ -170,7 +170,7 @@ class _Bytes:
 
 
 def head_of(read: Read, body: int, end: int, where: str) -> Head:
-    """Of the chunk whose record has its body there; raises `BagError`, and what libraries raise."""
+    """The head of the chunk whose record has its body there; raises `BagError`, and what libraries raise."""
     _, _, size, crc, name = _HEAD.unpack(read(body, _HEAD.size))
     if name > _MAX_NAME:
         raise BagError(f"{where}: damaged: the compression of a chunk has a name of {name} bytes")

@@ -108,7 +108,7 @@ def _has_nan(points: np.ndarray[Any, Any]) -> np.ndarray[Any, np.dtype[np.bool_]
 
 
 def _packed(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """The same fields in native byte order, without gaps."""
+    """A type with the same fields in native byte order, without gaps."""
     return np.dtype([(name, dtype[name].newbyteorder("=")) for name in dtype.names or ()])
 
 

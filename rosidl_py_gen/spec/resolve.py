@@ -167,7 +167,7 @@ def select(library: Library, wanted: list[str]) -> list[RosName]:
 
 
 def selected(library: Library, wanted: list[str]) -> tuple[list[RosName], list[Problem]]:
-    """As `select`, with the problems of the filter beside what the rest of it stands for."""
+    """What `select` gives, with the problems of the filter beside what the rest of it stands for."""
     search = library.search
     whole: dict[str, None] = {}
     single: dict[RosName, None] = {}

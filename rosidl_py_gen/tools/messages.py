@@ -57,7 +57,7 @@ def plain(
 
 
 def plain_value(value: Any, *, truncate: int | None = TRUNCATE, arrays: bool = True, strings: bool = True) -> Any:
-    """As `plain`, for the value of a field."""
+    """`plain` for the value of a field."""
     return _plain(value, _Shown(truncate, arrays, strings))
 
 
@@ -157,7 +157,7 @@ def message_from(cls: type[M], text: str) -> M:
 
 
 def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
-    """As `message_from`, and those times in it that shall be now: ``header: auto`` and ``stamp: now``."""
+    """A message, as of `message_from`, and the times in it that shall be now: ``header: auto``, ``stamp: now``."""
     value = from_yaml(text) if text.strip() else {}
     if value is None:
         value = {}

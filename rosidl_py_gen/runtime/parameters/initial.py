@@ -59,7 +59,7 @@ class _Holder:
 
 
 class InitialValues:
-    """Those of one context."""
+    """The initial values that files and arguments give the nodes of one context."""
 
     def __init__(self, parameters: Sequence[ParameterOverrides], bridge: Bridge) -> None:
         self._bridge = bridge
@@ -146,7 +146,7 @@ class InitialValues:
         given.left.clear()
 
     def _warn_of_strangers(self) -> None:
-        """Of files and arguments that are for nodes which never were here."""
+        """Warn of files and arguments that are for nodes which never were here."""
         by_source: dict[str, list[_Given]] = {}
         for given in self._given:
             given.is_for_somebody = given.is_for_somebody or any(given.concerns(one) for one in self._holders)

@@ -50,12 +50,12 @@ class Subject:
 
 
 def topic_subject(name: str) -> Subject:
-    """Of a topic given by its fully qualified name."""
+    """What tells the type of a topic, which is given by its fully qualified name."""
     return Subject("topic", name, {Channel("topic", name): ""}, {}, {"": ("",)})
 
 
 def service_subject(name: str, kind: str = "service", behind: str = "") -> Subject:
-    """Of a service given by its fully qualified name."""
+    """What tells the type of a service, which is given by its fully qualified name."""
     needed = {Channel("request", name): f"{behind}_Request", Channel("reply", name): f"{behind}_Response"}
     # A ROS 2 node describes neither request nor response, but what it publishes for introspection.
     messages: dict[str, tuple[str, ...]] = {part: (behind, f"{behind}_Event", part) for part in needed.values()}
@@ -64,7 +64,7 @@ def service_subject(name: str, kind: str = "service", behind: str = "") -> Subje
 
 
 def action_subject(name: str, send_goal: str, get_result: str, feedback: str) -> Subject:
-    """Of an action given by its name and those of its services and topic, all fully qualified."""
+    """What tells the type of an action, given by its name and those of its services and topic, all fully qualified."""
     halves = (service_subject(send_goal, behind="_SendGoal"), service_subject(get_result, behind="_GetResult"))
     needed = {channel: part for half in halves for channel, part in half.needed.items()}
     messages: dict[str, tuple[str, ...]] = {

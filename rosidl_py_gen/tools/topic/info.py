@@ -58,7 +58,7 @@ def _show(
 
 
 def _described(info: TopicEndpointInfo) -> str:
-    """As rclpy describes an endpoint."""
+    """An endpoint in the words of rclpy."""
     qos = info.qos_profile
     depth = f" ({qos.depth})" if qos.history is History.KEEP_LAST else ""
     return "\n".join(

@@ -224,11 +224,11 @@ class TokenGraph:
         return self.changes
 
     def connected(self, endpoint: EndpointFound) -> dict[bytes, EndpointFound]:
-        """Those at the other side of an endpoint, by their GUIDs."""
+        """The endpoints at the other side of one, by their GUIDs."""
         return self._of(_key(endpoint, not endpoint.is_writer))
 
     def beside(self, endpoint: EndpointFound) -> dict[bytes, EndpointFound]:
-        """Those at the same side of an endpoint, itself included, by their GUIDs."""
+        """The endpoints at the same side as one, itself included, by their GUIDs."""
         return self._of(_key(endpoint, endpoint.is_writer))
 
     def _of(self, key: Key) -> dict[bytes, EndpointFound]:

@@ -343,7 +343,7 @@ class ZenohServer(_End):
         return asker
 
     def forget(self, client: bytes) -> None:
-        """That client is gone."""
+        """Drop the requests of a client that is gone."""
         with self._queries_lock:
             of_client = [identity for identity in self._queries if identity[0] == client]
         self._drop(of_client)
