@@ -303,6 +303,7 @@ def test_a_context_that_is_closed_runs_nothing(memory: World) -> None:
     assert Context is type(context)
 
 
+@pytest.mark.every_transport
 def test_what_threads_make_while_a_node_closes_is_closed_too(world: World) -> None:
     watcher = world.node("watcher")
     context = world.context()

@@ -269,6 +269,7 @@ def test_spin_takes_nodes(bad: Any) -> None:
 # --------------------------------------------------------------------------------------- nodes made before their loop
 
 
+@pytest.mark.every_transport
 def test_nodes_made_before_their_loop_are_served_by_run_and_by_spin(world: World) -> None:
     alice, bob = world.pair()
     seen: list[int] = []
@@ -324,6 +325,7 @@ def test_any_use_inside_a_running_loop_attaches_it(memory: World, use: Callable[
     assert ticked
 
 
+@pytest.mark.every_transport
 def test_a_program_that_only_publishes_and_sleeps_gets_its_callbacks(world: World) -> None:
     node = world.node("n")
     seen: list[int] = []

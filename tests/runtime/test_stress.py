@@ -163,6 +163,7 @@ async def test_a_killed_server_leaves_and_its_pending_calls_time_out(dds: World)
         server.wait()
 
 
+@pytest.mark.every_transport
 async def test_a_hundred_nodes_and_a_thousand_topics_leave_nothing_behind(world: World) -> None:
     shares = 10 if world.kind == "zenoh" else 1  # it tells everybody of each endpoint, which takes its time
     node_count, topic_count = 100 // shares, 1000 // shares
@@ -184,6 +185,7 @@ async def test_a_hundred_nodes_and_a_thousand_topics_leave_nothing_behind(world:
     assert_nothing_is_left(before)
 
 
+@pytest.mark.every_transport
 async def test_create_and_close_a_thousand_times(world: World) -> None:
     times = 100 if world.kind == "zenoh" else 1000
     node = world.node("n")
@@ -222,6 +224,7 @@ async def test_create_and_close_a_thousand_times(world: World) -> None:
     await until(lambda: topics() <= {"/rosout", "/parameter_events", "ros_discovery_info"})
 
 
+@pytest.mark.every_transport
 def test_contexts_can_be_opened_and_closed_again_and_again(world: World) -> None:
     world.context().close()
     gc.collect()
@@ -233,6 +236,7 @@ def test_contexts_can_be_opened_and_closed_again_and_again(world: World) -> None
     assert_nothing_is_left(before)
 
 
+@pytest.mark.every_transport
 def test_nodes_in_threads_publish_until_they_are_closed(world: World) -> None:
     """Two contexts, five nodes each, ten publishers each, ten rounds, all at once (r2r's own stress test)."""
     failures: list[BaseException] = []

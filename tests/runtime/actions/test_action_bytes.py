@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import on_wire
+import pytest
 from action_worlds import Fibonacci
 from worlds import World, until
 
@@ -100,6 +101,7 @@ async def test_an_unknown_goal_is_answered_unknown_with_a_default_result(dds: Wo
     assert result[1].take() == [wire("00 00 00 00", "00 00 00 00")]
 
 
+@pytest.mark.every_transport
 def test_names_types_and_qos_are_those_of_ros(world: World) -> None:
     node = world.node("server")
     node.create_action_server(Fibonacci, "fib", until_canceled)

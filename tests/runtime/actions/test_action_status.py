@@ -41,6 +41,7 @@ async def at_once(handle: Any) -> Any:
     return result(1)
 
 
+@pytest.mark.every_transport
 async def test_every_transition_of_immediate_goals_is_published_in_order(world: World) -> None:
     seen: list[list[int]] = []
 
@@ -56,6 +57,7 @@ async def test_every_transition_of_immediate_goals_is_published_in_order(world: 
     assert seen == [[2], [4], [4, 2], [4, 4], [4, 4, 2], [4, 4, 4]]
 
 
+@pytest.mark.every_transport
 @pytest.mark.parametrize("accept", [None, lambda request: True])
 async def test_the_response_is_sent_before_the_status(
     world: World, monkeypatch: pytest.MonkeyPatch, accept: Any
@@ -98,6 +100,7 @@ async def test_other_threads_return_when_the_status_is_published(world: World, m
     assert "status 4" in at_return
 
 
+@pytest.mark.every_transport
 async def test_closing_publishes_what_is_on_its_way(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     server, client = await pair(world, None)
     asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))

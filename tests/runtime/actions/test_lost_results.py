@@ -40,6 +40,7 @@ def lose(monkeypatch: pytest.MonkeyPatch, count: int, *, deny: bool = False) -> 
     return lost
 
 
+@pytest.mark.every_transport
 async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,6 +51,7 @@ async def test_a_reply_to_the_same_number_of_another_client_is_nobody_elses(dds:
     assert (await call).sum == 3
 
 
+@pytest.mark.every_transport
 async def test_a_plain_and_an_async_handler_answer(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "add", add)
@@ -61,6 +62,7 @@ async def test_a_plain_and_an_async_handler_answer(world: World) -> None:
         assert await client.call(Request(a=2, b=40), timeout_s=5) == Response(sum=42)
 
 
+@pytest.mark.every_transport
 async def test_many_calls_at_once_find_their_own_responses(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "add", add_slowly)
@@ -70,6 +72,7 @@ async def test_many_calls_at_once_find_their_own_responses(world: World) -> None
     assert [client.pending_count for client in clients] == [0, 0, 0]
 
 
+@pytest.mark.every_transport
 async def test_requests_can_be_answered_later_from_another_task(world: World) -> None:
     alice, bob = world.pair()
     server = alice.create_service(AddTwoInts, "add")
@@ -93,6 +96,7 @@ async def test_requests_can_be_answered_later_from_another_task(world: World) ->
     await asyncio.wait_for(collecting, 10)
 
 
+@pytest.mark.every_transport
 async def test_a_call_without_server_times_out(world: World) -> None:
     _, bob = world.pair()
     client = bob.create_client(AddTwoInts, "nobody")
@@ -157,6 +161,7 @@ async def test_calls_with_different_time_limits_end_in_their_order(
     assert ended == [0, 0.05, 0.1, 0.2]
 
 
+@pytest.mark.every_transport
 async def test_pending_calls_are_freed_by_timeout_cancellation_and_close(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "silent")  # never answers
@@ -245,6 +250,7 @@ async def test_call_sync_on_the_loop_says_what_to_do(world: World) -> None:
         client.call_sync(Request())
 
 
+@pytest.mark.every_transport
 def test_call_sync_from_a_script(world: World) -> None:
     alice, bob = world.node("alice"), world.node("bob")
     ready, done = threading.Event(), threading.Event()
@@ -266,6 +272,7 @@ def test_call_sync_from_a_script(world: World) -> None:
     thread.join()
 
 
+@pytest.mark.every_transport
 async def test_types_given_as_text_are_dicts(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service("example_interfaces/srv/AddTwoInts", "add", lambda request: {"sum": request["a"]})
@@ -273,12 +280,14 @@ async def test_types_given_as_text_are_dicts(world: World) -> None:
     assert await client.call({"a": 5}, timeout_s=5) == {"sum": 5}
 
 
+@pytest.mark.every_transport
 async def test_empty_requests_and_responses_work(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(Empty, "reset", lambda request: Empty.Response())
     assert await bob.create_client(Empty, "reset").call(Empty.Request(), timeout_s=5) == Empty.Response()
 
 
+@pytest.mark.every_transport
 async def test_a_service_that_comes_later_is_waited_for(world: World) -> None:
     alice, bob = world.pair()
     client = bob.create_client(AddTwoInts, "add")
@@ -292,6 +301,7 @@ async def test_a_service_that_comes_later_is_waited_for(world: World) -> None:
     assert (await client.call(Request(a=1, b=2), timeout_s=5)).sum == 3
 
 
+@pytest.mark.every_transport
 @pytest.mark.without_zenoh("there clients and servers announce their service, not its messages")
 async def test_both_ends_announce_their_id_as_cyclone_does(world: World) -> None:
     alice, bob = world.pair()

@@ -299,6 +299,7 @@ asyncio.run(main())
 seen_by = ContextVar("seen_by", default="unset")
 
 
+@pytest.mark.every_transport
 @loops
 def test_each_callback_has_its_own_context(world: World, kind: str) -> None:
     alice, bob = world.pair()
@@ -324,6 +325,7 @@ def test_each_callback_has_its_own_context(world: World, kind: str) -> None:
     assert seen == ["unset"] * 3
 
 
+@pytest.mark.every_transport
 @pytest.mark.parametrize("kind", ["ours", "asyncio", "no readers"])  # uvloop has no such mode
 def test_debug_mode_tells_of_slow_callbacks(world: World, kind: str, caplog: pytest.LogCaptureFixture) -> None:
     alice, bob = world.pair()
@@ -348,6 +350,7 @@ def test_debug_mode_tells_of_slow_callbacks(world: World, kind: str, caplog: pyt
     assert "Executing <Handle Bridge." in caplog.text or "Executing <Handle Subscription." in caplog.text
 
 
+@pytest.mark.every_transport
 @loops
 def test_what_fails_inside_is_logged_and_others_still_hear(
     world: World, kind: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
@@ -373,6 +376,7 @@ def test_what_fails_inside_is_logged_and_others_still_hear(
     monkeypatch.undo()
 
 
+@pytest.mark.every_transport
 @loops
 @pytest.mark.parametrize("error", [ValueError, asyncio.CancelledError])
 def test_an_error_of_a_callback_is_logged_and_the_next_message_comes(
@@ -399,6 +403,7 @@ def test_an_error_of_a_callback_is_logged_and_the_next_message_comes(
     assert "the callback of /n failed" in caplog.text
 
 
+@pytest.mark.every_transport
 @pytest.mark.parametrize("kind", ["ours", "asyncio"])
 def test_ctrl_c_in_a_callback_ends_the_loop(world: World, kind: str) -> None:
     alice, bob = world.pair()

@@ -59,6 +59,7 @@ def waiting_call(client: Any) -> Iterator[None]:
     assert [type(outcome) for outcome in outcomes] == [ClosedError]
 
 
+@pytest.mark.every_transport
 def test_two_threads_may_wait_for_services_without_a_loop(world: World) -> None:
     server, caller = world.pair()
     stop, serving = threading.Event(), threading.Event()
@@ -101,6 +102,7 @@ def test_two_threads_may_wait_for_services_without_a_loop(world: World) -> None:
     assert took < 4.5  # before the slowest would have answered
 
 
+@pytest.mark.every_transport
 def test_what_was_published_between_two_loops_does_not_stop_delivery(world: World) -> None:
     node = world.node("both")
     client = node.create_client(SetBool, "set")
@@ -117,6 +119,7 @@ def test_what_was_published_between_two_loops_does_not_stop_delivery(world: Worl
     asyncio.run(main())
 
 
+@pytest.mark.every_transport
 def test_a_client_may_be_used_on_one_loop_after_the_other(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     # A server that keeps few requests, as on rmw_cyclonedds.
     from rosidl_py_gen.runtime.endpoints import service
@@ -137,6 +140,7 @@ def test_a_client_may_be_used_on_one_loop_after_the_other(world: World, monkeypa
     asyncio.run(burst())
 
 
+@pytest.mark.every_transport
 def test_publishing_on_a_loop_is_enough_to_bring_a_node_to_life(world: World) -> None:
     node = world.node("early")
     heard: list[str] = []
@@ -168,6 +172,7 @@ def test_plain_scripts_see_the_nodes_of_other_contexts_of_their_process(dds: Wor
     assert len(participant._nodes._reader.queue.items) == 0
 
 
+@pytest.mark.every_transport
 def test_threads_may_take_turns_in_waiting_calls(world: World) -> None:
     client = world.node("caller").create_client(SetBool, "s")
     outcomes: list[BaseException | None] = []
@@ -190,6 +195,7 @@ def test_threads_may_take_turns_in_waiting_calls(world: World) -> None:
     assert {type(outcome) for outcome in outcomes} == {CallTimeoutError}
 
 
+@pytest.mark.every_transport
 @pytest.mark.parametrize("style", ["paused", "ended"])
 def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, style: str) -> None:
     client = world.node("caller").create_client(SetBool, "s")
@@ -224,6 +230,7 @@ def test_a_waiting_call_ends_when_the_loop_that_serves_it_stops(world: World, st
         loop.close()
 
 
+@pytest.mark.every_transport
 def test_a_loop_may_start_while_threads_wait_for_services(world: World) -> None:
     node = world.node("caller")
     client, stop = node.create_client(SetBool, "s"), threading.Event()
@@ -252,6 +259,7 @@ def test_a_loop_may_start_while_threads_wait_for_services(world: World) -> None:
     assert set(outcomes) <= {CallTimeoutError, True}
 
 
+@pytest.mark.every_transport
 def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world: World) -> None:
     node = world.node("n")
     client, ticks = node.create_client(SetBool, "s"), []
@@ -290,6 +298,7 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
     loop.close()
 
 
+@pytest.mark.every_transport
 async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -313,6 +322,7 @@ async def test_three_clients_of_a_slow_server_that_keeps_little_lose_nothing(
     assert not clients[0]._window._waiting and not clients[0]._window._held
 
 
+@pytest.mark.every_transport
 def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(world: World) -> None:
     client = world.node("n").create_client(SetBool, "s")
 
@@ -334,6 +344,7 @@ def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(world: Wor
     loop.close()
 
 
+@pytest.mark.every_transport
 def test_the_thread_of_waiting_calls_ends_with_the_last_one(world: World) -> None:
     node = world.node("n")
     client, heard = node.create_client(SetBool, "s"), []
@@ -347,6 +358,7 @@ def test_the_thread_of_waiting_calls_ends_with_the_last_one(world: World) -> Non
     assert "rosidl-py-gen portal" not in [one.name for one in threading.enumerate()]
 
 
+@pytest.mark.every_transport
 def test_an_async_callback_that_outlasts_a_waiting_call_goes_on_in_the_next_and_is_cancelled_at_the_end(
     world: World,
 ) -> None:

@@ -171,6 +171,7 @@ async def test_a_change_of_source_ends_a_sleep(activate: bool, kind: str) -> Non
     assert list(clock._jump_callbacks) == []
 
 
+@pytest.mark.every_transport
 def test_a_sleep_that_began_before_use_sim_time_does_not_wait_for_2023(world: World) -> None:
     async def main() -> None:
         node, source = world.node("n"), world.node("source").create_sim_time_publisher()
