@@ -296,12 +296,32 @@ def run(main: Callable[[], Coroutine[Any, Any, None]], timeout_s: float = 20) ->
     asyncio.run(asyncio.wait_for(main(), timeout_s))
 
 
-async def until(condition: Callable[[], bool], timeout_s: float = 5) -> None:
-    """Let the loop run until `condition` holds."""
+async def until(condition: Callable[[], object], timeout_s: float = 20) -> None:
+    """Let the loop run until `condition` holds; what does not by then never would."""
     deadline = asyncio.get_running_loop().time() + timeout_s
     while not condition():
         assert asyncio.get_running_loop().time() < deadline, "never happened"
         await asyncio.sleep(0.001)
+
+
+def wait_until(condition: Callable[[], object], timeout_s: float = 20) -> None:
+    """`until` in plain code."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "never happened"
+        time.sleep(0.005)
+
+
+def while_the_loop_sleeps(act: Callable[[], object]) -> threading.Thread:
+    """Do something in another thread, which alone can wake the loop of this one; the thread, for `join`."""
+
+    def wait_and_act() -> None:
+        time.sleep(0.1)  # the loop sleeps by now; if it does not yet, the test shows less, and passes
+        act()
+
+    thread = threading.Thread(target=wait_and_act)
+    thread.start()
+    return thread
 
 
 async def rests(for_s: float, cpu_s: float) -> bool:
@@ -311,7 +331,7 @@ async def rests(for_s: float, cpu_s: float) -> bool:
     """
     for _ in range(3):
         before = time.process_time()
-        await asyncio.sleep(for_s)
+        await asyncio.sleep(for_s)  # what is measured
         if time.process_time() - before < cpu_s:
             return True
     return False
@@ -344,4 +364,4 @@ async def start_process(*command: str | Path, **options: Any) -> asyncio.subproc
 
 async def take(stream: Any) -> Any:
     """The next item."""
-    return await asyncio.wait_for(stream.__anext__(), 5)
+    return await asyncio.wait_for(stream.__anext__(), 20)

@@ -16,7 +16,8 @@ from typing import Any
 
 import pytest
 from rclpy_peer import Peer, PeerError
-from rclpy_worlds import action, fresh, service, until
+from rclpy_worlds import action, fresh, service
+from worlds import until
 
 from rosidl_py_gen.runtime import ServerGoal
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
@@ -156,7 +157,7 @@ class Soak:
     @staticmethod
     def is_replaced(client: Any, dead: set[bytes]) -> bool:
         """Whether the client knows a server, and none of these any more."""
-        servers = client.servers()
+        servers = client._servers()
         return bool(servers) and servers.isdisjoint(dead)
 
     async def kill(self, start_mortal: Callable[[str], Peer]) -> None:
@@ -164,7 +165,7 @@ class Soak:
         name = fresh("mortal")
         client = self.ours.create_client(self.trigger, name)
         while not self.is_over:
-            dead = client.servers()  # until its lease ends nobody knows, and a request may go to it alone
+            dead = client._servers()  # until its lease ends nobody knows, and a request may go to it alone
             peer = start_mortal("mortal")
             await peer.ask("serve", name=name, type=TRIGGER, how="trigger", note="alive")
             await peer.ask("client", name=self.names["ours_mortal"], type=BASIC)

@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 import pytest
-from action_worlds import Fibonacci, goal, pair, result
+from action_worlds import Fibonacci, goal, pair, result, statuses_of
 from hypothesis import given
 from hypothesis import strategies as st
 from worlds import World, take, until
@@ -43,14 +43,8 @@ async def at_once(handle: Any) -> Any:
 
 @pytest.mark.every_transport
 async def test_every_transition_of_immediate_goals_is_published_in_order(world: World) -> None:
-    seen: list[list[int]] = []
-
-    _, client = await pair(world, at_once)
-    watcher = world.node("watcher").create_subscription(
-        GoalStatusArray, "fib/_action/status", lambda m: seen.append([row.status for row in m.status_list]), 100
-    )
-    assert await watcher.wait_for_publishers(timeout_s=5)
-    await asyncio.sleep(0.05)
+    server, client = await pair(world, at_once)
+    seen = await statuses_of(world, server)
     for _ in range(3):
         await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
     await until(lambda: len(seen) >= 6)

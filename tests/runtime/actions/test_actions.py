@@ -619,7 +619,7 @@ async def test_closing_the_client_wakes_whoever_waits(world: World) -> None:
     handle = await client.send_goal(goal())
     waiting = asyncio.ensure_future(handle.result())
     feedback = asyncio.ensure_future(take(handle.feedback()))
-    await asyncio.sleep(0.01)
+    await asyncio.sleep(0)  # both have begun to wait
     client.close()
     client.close()
     for task in (waiting, feedback):
@@ -636,7 +636,7 @@ async def test_closing_the_server_cancels_its_handlers(world: World) -> None:
     async def execute(handle: Any) -> Any:
         entered.set()
         try:
-            await asyncio.sleep(30)
+            await asyncio.Event().wait()
         except asyncio.CancelledError:
             cancelled.set()
             raise

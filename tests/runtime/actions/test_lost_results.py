@@ -34,7 +34,7 @@ def lose(monkeypatch: pytest.MonkeyPatch, count: int, *, deny: bool = False) -> 
         if len(lost) == count:
             return original(self, request)
         lost.append(bytes(request.goal_id.uuid))
-        return self._unknown if deny else asyncio.sleep(3600)
+        return self._unknown if deny else asyncio.Event().wait()
 
     monkeypatch.setattr(ActionServer, "_on_get_result", on_get_result)
     return lost

@@ -162,7 +162,7 @@ async def test_a_killed_server_is_missed_after_its_lease(network: World, mortal:
 async def test_a_goal_whose_server_leaves_before_it_accepts_ends_at_once(world: World) -> None:
     async def on_goal(goal: Any) -> bool:
         entered.set()
-        await asyncio.sleep(60)
+        await asyncio.Event().wait()
         return True
 
     async def execute(goal: Any) -> Any:

@@ -218,7 +218,7 @@ def slow_server(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
     ready, stop = threading.Event(), threading.Event()
 
     def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:
-        time.sleep(0.03)
+        time.sleep(0.03)  # what the test is about: the loop is held up
         return AddTwoInts.Response(sum=request.a)
 
     async def serve() -> None:

@@ -284,7 +284,7 @@ async def test_incompatible_qos_is_explained_once_with_both_nodes(
         bob.create_subscription(String, "s", qos=QoSProfile().reliable())
         await until(lambda: len(told()) == 2)  # each side tells its own user
         bob.create_publisher(String, "unrelated")
-        await asyncio.sleep(0.1)
+        await until(lambda: alice.count_publishers("unrelated") == bob.count_publishers("unrelated") == 1)
     assert len(told()) == 2
     for line in told():
         assert "on /s from node /alice to node /bob" in line

@@ -129,7 +129,7 @@ async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: 
     monkeypatch.setattr(ask, "_ENDPOINTS_PATIENCE_S", 10.0)  # its endpoint comes later still
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
-    await asyncio.sleep(0.1)
+    await asyncio.sleep(0)  # it waits by now
     world.node("n").create_publisher(Foo, "foo")
     assert fields_of(await asking) == [("x", 6)]
     with pytest.raises(CallTimeoutError, match=r"no node /nobody appeared in 0\.1 s"):
