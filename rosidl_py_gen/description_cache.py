@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 VARIABLE = "ROSIDL_PY_GEN_CACHE"
 """Environment variable that names another folder; ``off`` keeps nothing."""
-MOST_FILES = 2000
-MOST_BYTES = 1 << 20
+MAX_FILES = 2000
+MAX_BYTES = 1 << 20
 """Of one description with its sources; those of the largest actions have some 50 KB."""
 _SUFFIX = ".cdr"
 
@@ -50,10 +50,10 @@ def load_description(type_hash: str) -> bytes | None:
         return None
     try:
         with (folder / f"{type_hash}{_SUFFIX}").open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
+            data = file.read(MAX_BYTES + 1)
     except (OSError, ValueError):
         return None
-    return data if len(data) <= MOST_BYTES else None
+    return data if len(data) <= MAX_BYTES else None
 
 
 def kept_descriptions(containing: bytes) -> Iterator[tuple[str, bytes]]:
@@ -76,7 +76,7 @@ def kept_descriptions(containing: bytes) -> Iterator[tuple[str, bytes]]:
 def keep_description(type_hash: str, data: bytes) -> None:
     """Keep an encoded description; the oldest go when there are too many."""
     folder = cache_folder()
-    if folder is None or len(data) > MOST_BYTES:
+    if folder is None or len(data) > MAX_BYTES:
         return
     import tempfile  # takes longer to import than most of a node
 
@@ -96,5 +96,5 @@ def keep_description(type_hash: str, data: bytes) -> None:
 def _make_room(folder: Path) -> None:
     with os.scandir(folder) as entries:
         aged = sorted((entry.stat().st_mtime_ns, entry.path) for entry in entries if entry.name.endswith(_SUFFIX))
-    for _, path in aged[: max(0, len(aged) - MOST_FILES + 1)]:
+    for _, path in aged[: max(0, len(aged) - MAX_FILES + 1)]:
         os.unlink(path)

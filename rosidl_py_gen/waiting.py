@@ -27,18 +27,18 @@ def current_loop() -> asyncio.AbstractEventLoop | None:
         return None
 
 
-def settle(future: asyncio.Future[T], result: T) -> None:
+def complete(future: asyncio.Future[T], result: T) -> None:
     """Let whoever waits go on, on the future's loop; nothing happens when nobody can any more."""
     if not future.done() and not future.get_loop().is_closed():
         future.set_result(result)
 
 
-def settle_threadsafe(future: asyncio.Future[Any], result: object, error: BaseException | None = None) -> None:
-    """`settle` from any thread, with an error if there is one."""
+def complete_threadsafe(future: asyncio.Future[Any], result: object, error: BaseException | None = None) -> None:
+    """`complete` from any thread, with an error if there is one."""
     loop = future.get_loop()
     if loop is not current_loop():
         with contextlib.suppress(RuntimeError):  # it is closed
-            loop.call_soon_threadsafe(settle_threadsafe, future, result, error)
+            loop.call_soon_threadsafe(complete_threadsafe, future, result, error)
     elif not future.done():
         future.set_result(result) if error is None else future.set_exception(error)
 
@@ -66,7 +66,7 @@ class Waiters:
         def end() -> None:
             nonlocal is_over
             is_over = True
-            settle(future, None)
+            complete(future, None)
 
         timer = None if timeout_s is None else loop.call_later(timeout_s, end)
         try:
@@ -101,7 +101,7 @@ class Waiters:
                 loop = future.get_loop()
                 if loop is not here:
                     with contextlib.suppress(RuntimeError):  # closed with somebody waiting
-                        loop.call_soon_threadsafe(settle, future, None)
+                        loop.call_soon_threadsafe(complete, future, None)
                 elif not future.done():
                     future.set_result(None)
         except IndexError:  # that was the last one, or another thread took it in this moment

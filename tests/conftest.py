@@ -68,6 +68,9 @@ def pytest_ignore_collect(collection_path: Path) -> bool | None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--fuzz-rounds", type=int, default=examples(100_000), help="inputs the codec fuzzers try")
+    parser.addoption(
+        "--all-transports", action="store_true", help="run tests with a world on DDS and Zenoh, too, all of them"
+    )
 
 
 def _is_quick(config: pytest.Config) -> bool:

@@ -157,7 +157,7 @@ def start(world: World, patch: pytest.MonkeyPatch, arguments: tuple[str, ...], s
     @contextmanager
     def listening(network: session.Network) -> Iterator[None]:
         try:
-            options: Any = {"discovery": network.get("discovery"), "announce_delay_s": session._TOGETHER_S}
+            options: Any = {"discovery": network.get("discovery"), "announce_delay_s": session._ANNOUNCE_DELAY_S}
             context = Context(network.get("domain_id"), args=[], transport=world.transport, **options)
             network["context"] = context
             world.contexts.append(context)

@@ -37,7 +37,7 @@ def test_the_folder_is_the_one_of_the_platform_or_the_chosen_one(
 
 def test_what_is_kept_is_found_and_the_oldest_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path / "new" / "folder"))
-    monkeypatch.setattr(description_cache, "MOST_FILES", 3)
+    monkeypatch.setattr(description_cache, "MAX_FILES", 3)
     for age, one in enumerate(HASHES):
         assert load_description(one) is None
         keep_description(one, one.encode())
@@ -48,9 +48,9 @@ def test_what_is_kept_is_found_and_the_oldest_go(tmp_path: Path, monkeypatch: py
 
 def test_large_ones_and_odd_folders_are_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    keep_description(HASHES[0], bytes(description_cache.MOST_BYTES + 1))
+    keep_description(HASHES[0], bytes(description_cache.MAX_BYTES + 1))
     assert list(tmp_path.iterdir()) == []
-    (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(description_cache.MOST_BYTES + 1))
+    (tmp_path / f"{HASHES[0]}.cdr").write_bytes(bytes(description_cache.MAX_BYTES + 1))
     (tmp_path / f"{HASHES[1]}.cdr").mkdir()
     assert load_description(HASHES[0]) is load_description(HASHES[1]) is None
     keep_description(HASHES[1], b"x")

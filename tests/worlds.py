@@ -1,5 +1,5 @@
-"""Worlds for tests with nodes: every test that uses `world` runs on the memory transport and again on real DDS, those
-of some files on Zenoh, too; every test that uses `network` runs on DDS and on Zenoh, with processes of its own.
+"""Worlds for tests with nodes: a test that uses `world` runs on the memory transport, and on real DDS and Zenoh where
+that matters (`transports`); every test that uses `network` runs on DDS and on Zenoh, with processes of its own.
 
 All stay on this machine: a fixture sets the environment so, refuses to join a domain that is not loopback only or not
 one of ours, and to open a session of Zenoh that listens elsewhere. Zenoh's sessions meet at a router in this process.
@@ -79,7 +79,7 @@ ON_ZENOH = {
     "test_topics.py",
     "test_type_description.py",
 }
-"""Files whose tests with a `world` run on Zenoh as well."""
+"""Files whose tests run on Zenoh as well where they run on DDS."""
 
 
 @functools.cache
@@ -240,13 +240,26 @@ network = world
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run tests with a `world` on all transports: on Zenoh where that matters, and where it has what they are about."""
+    """Say on what tests run that have a `world` or a `network`; `transports` has the rule."""
     refusal = metafunc.definition.get_closest_marker("without_zenoh")
     if "world" in metafunc.fixturenames:
-        zenoh_too = refusal is None and metafunc.definition.path.name in ON_ZENOH
-        metafunc.parametrize("world", ["memory", "dds", *["zenoh"] * zenoh_too], indirect=True)
+        metafunc.parametrize("world", transports(metafunc), indirect=True)
     if "network" in metafunc.fixturenames:
         metafunc.parametrize("network", ["dds", *["zenoh"] * (refusal is None)], indirect=True)
+
+
+def transports(metafunc: pytest.Metafunc) -> list[str]:
+    """Those of a test with a `world`: memory, where nothing depends on the machine, and all where it matters.
+
+    Marked `every_transport` are tests of delivery, order, matching, quality of service, discovery, loss, whose a reply
+    is, and closing, and one journey of each feature. With `--all-transports` the others run everywhere, too.
+    """
+    definition = metafunc.definition
+    marked = definition.get_closest_marker("every_transport") is not None
+    if not (marked or metafunc.config.getoption("--all-transports")):
+        return ["memory"]
+    has_zenoh = definition.get_closest_marker("without_zenoh") is None
+    return ["memory", "dds", *["zenoh"] * (has_zenoh and definition.path.name in ON_ZENOH)]
 
 
 @pytest.fixture
@@ -283,12 +296,32 @@ def run(main: Callable[[], Coroutine[Any, Any, None]], timeout_s: float = 20) ->
     asyncio.run(asyncio.wait_for(main(), timeout_s))
 
 
-async def until(condition: Callable[[], bool], timeout_s: float = 5) -> None:
-    """Let the loop run until `condition` holds."""
+async def until(condition: Callable[[], object], timeout_s: float = 20) -> None:
+    """Let the loop run until `condition` holds; what does not by then never would."""
     deadline = asyncio.get_running_loop().time() + timeout_s
     while not condition():
         assert asyncio.get_running_loop().time() < deadline, "never happened"
         await asyncio.sleep(0.001)
+
+
+def wait_until(condition: Callable[[], object], timeout_s: float = 20) -> None:
+    """`until` in plain code."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "never happened"
+        time.sleep(0.005)
+
+
+def while_the_loop_sleeps(act: Callable[[], object]) -> threading.Thread:
+    """Do something in another thread, which alone can wake the loop of this one; the thread, for `join`."""
+
+    def wait_and_act() -> None:
+        time.sleep(0.1)  # the loop sleeps by now; if it does not yet, the test shows less, and passes
+        act()
+
+    thread = threading.Thread(target=wait_and_act)
+    thread.start()
+    return thread
 
 
 async def rests(for_s: float, cpu_s: float) -> bool:
@@ -298,7 +331,7 @@ async def rests(for_s: float, cpu_s: float) -> bool:
     """
     for _ in range(3):
         before = time.process_time()
-        await asyncio.sleep(for_s)
+        await asyncio.sleep(for_s)  # what is measured
         if time.process_time() - before < cpu_s:
             return True
     return False
@@ -331,4 +364,4 @@ async def start_process(*command: str | Path, **options: Any) -> asyncio.subproc
 
 async def take(stream: Any) -> Any:
     """The next item."""
-    return await asyncio.wait_for(stream.__anext__(), 5)
+    return await asyncio.wait_for(stream.__anext__(), 20)

@@ -28,7 +28,7 @@ class LoadList(NamedTuple):
 
 
 class LoadRecords(NamedTuple):
-    """The same for messages of fixed size, for which a structured array may stand too."""
+    """Fetch messages of fixed size, as `LoadList` does, or the structured array that may stand for them."""
 
     var: str
     expression: str

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.spec.find import SearchPath
 
-_MOST_SHOWN = 10
+_MAX_SHOWN = 10
 
 
 def installed_packages() -> dict[str, Distribution]:
@@ -109,8 +109,8 @@ def _changed(one: Distribution) -> list[str]:
 
 def _listed(texts: Iterable[str]) -> str:
     texts = list(texts)
-    more = f" and {len(texts) - _MOST_SHOWN} more" if len(texts) > _MOST_SHOWN else ""
-    return ", ".join(texts[:_MOST_SHOWN]) + more or "none"
+    more = f" and {len(texts) - _MAX_SHOWN} more" if len(texts) > _MAX_SHOWN else ""
+    return ", ".join(texts[:_MAX_SHOWN]) + more or "none"
 
 
 def _pip(*arguments: str) -> None:

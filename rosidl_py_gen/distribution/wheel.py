@@ -38,7 +38,7 @@ class Wheel:
 
     @property
     def file_name(self) -> str:
-        """As pip reads it."""
+        """The wheel's name by which pip knows project, version and tags."""
         return f"{self._stem}-{_TAG}.whl"
 
     @property
@@ -87,7 +87,7 @@ def normalized(name: str) -> str:
 
 
 def file_hash(data: bytes) -> str:
-    """As RECORD has it."""
+    """The hash of a file's bytes in the spelling of RECORD."""
     return _hash(data)
 
 

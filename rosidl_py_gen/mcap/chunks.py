@@ -30,11 +30,11 @@ RECORD = struct.Struct("<BQ")
 """Kind and length of a record of MCAP."""
 _HEAD = struct.Struct("<QQQII")
 """What a chunk begins with: log times, size, checksum, and the length of its compression's name."""
-_MOST_NAME = 100
+_MAX_NAME = 100
 PIECE = 1 << 20
 WHOLE = 1 << 23
 """Chunks up to this size are unpacked at once, which is quicker."""
-MOST_WINDOW = 1 << 27
+MAX_WINDOW = 1 << 27
 """What zstd may look back: as `zstd` itself has it without ``--long``."""
 Read = Callable[[int, int], bytes]
 """Bytes of the file, from where and how many; less at its end."""
@@ -44,7 +44,7 @@ LEAST_MESSAGE = MESSAGE.size - RECORD.size
 IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
 _LARGE = 8
 """A message is large when its chunk has at most so many times its size."""
-_MOST_LZ4 = 255
+_MAX_LZ4 = 255
 """LZ4 makes at most so many bytes of one."""
 
 
@@ -106,7 +106,7 @@ class Unpacker:
             return self._zstd.own.decompress(chunk.data, max_output_size=size)
         if chunk.compression == "lz4":
             self._require_size(size, packed)
-            if size > _MOST_LZ4 * packed:
+            if size > _MAX_LZ4 * packed:
                 raise BagError(f"{self.where}: damaged: a chunk of {packed} bytes says it holds {size}")
             # One byte more than there may be: zero would mean no limit.
             data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
@@ -161,7 +161,7 @@ class _Bytes:
         self._at = 0
 
     def read(self, length: int) -> Any:
-        """As a stream."""
+        """The next bytes; fewer at the end."""
         self._at += length
         return self._data[self._at - length : self._at]
 
@@ -170,9 +170,9 @@ class _Bytes:
 
 
 def head_of(read: Read, body: int, end: int, where: str) -> Head:
-    """Of the chunk whose record has its body there; raises `BagError`, and what libraries raise."""
+    """The head of the chunk whose record has its body there; raises `BagError`, and what libraries raise."""
     _, _, size, crc, name = _HEAD.unpack(read(body, _HEAD.size))
-    if name > _MOST_NAME:
+    if name > _MAX_NAME:
         raise BagError(f"{where}: damaged: the compression of a chunk has a name of {name} bytes")
     at = body + _HEAD.size + name
     (length,) = struct.unpack("<Q", read(at, 8))
@@ -255,7 +255,7 @@ def _unpacking(source: _Stored, head: Head) -> Callable[[int], bytes]:
     if not head.compression:
         return source.read
     if head.compression == "zstd":
-        zstd = ZstdDecompressor(max_window_size=MOST_WINDOW)
+        zstd = ZstdDecompressor(max_window_size=MAX_WINDOW)
         return zstd.stream_reader(source, read_size=PIECE, read_across_frames=True).read  # type: ignore[arg-type]
     if head.compression == "lz4":
         return _Lz4(source).read

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
-from rosidl_py_gen.mcap.chunks import MOST_WINDOW, Zstd
+from rosidl_py_gen.mcap.chunks import MAX_WINDOW, Zstd
 from rosidl_py_gen.mcap.common import BagError, BagTopic
 from rosidl_py_gen.mcap.storage import damage_told
 
@@ -25,8 +25,8 @@ SUFFIX = ".zstd"
 _MAGIC = b"\x28\xb5\x2f\xfd"
 """Begins what zstd made. Messages of CDR begin with a zero."""
 _PIECE = 1 << 20
-_MOST_RATIO = 1000
-_MOST_HEAD = 18
+_MAX_RATIO = 1000
+_MAX_HEAD = 18
 """Bytes of the head of a frame, which says how large it becomes."""
 
 
@@ -41,13 +41,13 @@ def unpack_file(path: Path, folder: Path, max_bytes: int) -> Path:
     """
     target = folder / path.name.removesuffix(SUFFIX)
     room = shutil.disk_usage(folder).free // 2
-    most = max(max_bytes, _MOST_RATIO * path.stat().st_size)
+    most = max(max_bytes, _MAX_RATIO * path.stat().st_size)
     with path.open("rb") as packed, target.open("wb") as unpacked, damage_told(path):
         written = 0
-        said = frame_content_size(packed.read(_MOST_HEAD))
+        said = frame_content_size(packed.read(_MAX_HEAD))
         packed.seek(0)
         _require_size(path, said, most)
-        with ZstdDecompressor(max_window_size=MOST_WINDOW).stream_reader(packed, read_across_frames=True) as stream:
+        with ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(packed, read_across_frames=True) as stream:
             while piece := stream.read(_PIECE):
                 written += len(piece)
                 if written > room:

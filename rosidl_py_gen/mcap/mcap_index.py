@@ -243,7 +243,7 @@ def _require_end(stream: IO[bytes], at: int, end: int, size: int) -> None:
 
 
 def _require_checksum(stream: IO[bytes], unpacker: Unpacker, at: int, length: int, is_needed: bool) -> None:
-    """Of all data: records, their kinds and messages outside of chunks have no other."""
+    """Check the sum over all data: records, their kinds and messages outside of chunks have no other."""
     if not (is_needed and unpacker.validate_crcs and length == _CRC.size):
         return
     stream.seek(at + RECORD.size)

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 else:
     _FastLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 FILE = "metadata.yaml"
-_MOST = 1 << 26
+_MAX_BYTES = 1 << 26
 """Bytes of a metadata file."""
-_DEEPEST = 50
+_MAX_DEPTH = 50
 """Levels of lists and mappings in it; rosbag2 needs a dozen."""
 _PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
 
@@ -54,11 +54,11 @@ def read_metadata(folder: Path) -> BagMetadata:
     path = folder / FILE
     try:
         with path.open("rb") as stream:
-            text = stream.read(_MOST + 1)
+            text = stream.read(_MAX_BYTES + 1)
     except OSError as error:
         raise BagError(f"{path}: {error.strerror}; a bag folder has this file") from None
-    if len(text) > _MOST:
-        raise BagError(f"{path}: more than {_MOST} bytes")
+    if len(text) > _MAX_BYTES:
+        raise BagError(f"{path}: more than {_MAX_BYTES} bytes")
     try:
         told = _loaded(text)
     except Exception as error:  # a wrong value of `!!int`, `!!bool` or `!!timestamp` has one of a dozen classes
@@ -79,8 +79,8 @@ def _loaded(text: str | bytes) -> Any:
     depth = 0
     for event in yaml.parse(text, Loader=_Loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _DEEPEST:
-            raise ValueError(f"more than {_DEEPEST} levels")
+        if depth > _MAX_DEPTH:
+            raise ValueError(f"more than {_MAX_DEPTH} levels")
     return yaml.load(text, Loader=_Loader)
 
 

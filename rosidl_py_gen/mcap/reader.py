@@ -364,7 +364,7 @@ class BagReader:
         end_ns: int | None = None,
         pad: float | str | None = None,
     ) -> Any:
-        """The same as a `pandas.DataFrame`, with the log times as index, in UTC.
+        """The messages of a topic as a `pandas.DataFrame`, with the log times as index, in UTC.
 
         An array of known length becomes a column for each element, ``orientation_covariance[0]`` and so on.
 

@@ -32,7 +32,7 @@ Op: TypeAlias = "str | Get"
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _PART = re.compile(r"(\w+)(?:\[\s*(-?\d{1,9})\s*\]|\[\s*(-?\d{0,9})\s*:\s*(-?\d{0,9})\s*\])?", re.ASCII)
 _OPEN = -1
-_MOST_COLUMNS = 10_000
+_MAX_COLUMNS = 10_000
 _SHOWN_NAMES = 500
 _SPARE, _LARGE = 16, 1 << 26
 """A column may take so many times what is in it, and so many bytes in any case: one long value makes every row long."""
@@ -129,9 +129,9 @@ def _present(column: Column, get: Get, message: Any, pad: Any, place: str) -> An
 
 def _columns(cls: type[Any], fields: Sequence[str] | None) -> list[Column]:
     if fields is None:
-        found = list(islice(_plain(cls, "", []), _MOST_COLUMNS + 1))
-        if len(found) > _MOST_COLUMNS:
-            raise BagError(f"more than {_MOST_COLUMNS} columns: name the fields you want")
+        found = list(islice(_plain(cls, "", []), _MAX_COLUMNS + 1))
+        if len(found) > _MAX_COLUMNS:
+            raise BagError(f"more than {_MAX_COLUMNS} columns: name the fields you want")
         return found
     paths = [fields] if isinstance(fields, str) else fields
     return list({column.name: column for path in paths for column in _of_path(cls, path)}.values())
@@ -145,7 +145,7 @@ def _plain(cls: type[Any], path: str, ops: list[Op], length: int | None = None) 
 
 
 def _single(field: Field, name: str, ops: list[Op], length: int | None) -> Iterator[Column]:
-    """Of one value, or of one of each element when there is a `length`."""
+    """The column of one value, or of one value of each element when there is a `length`."""
     if field.cls is None:
         primitive = PRIMITIVES.get(field.type.base)
         yield Column(name, _joined(ops), "U" if primitive is None else primitive.numpy, length)
@@ -322,7 +322,7 @@ def _fitted(column: Column, found: list[Any], pad: Any) -> tuple[str, tuple[int,
 
 
 def _text_kind(texts: list[str]) -> str:
-    """As long as the longest, but Python's own texts where one long text would make all of them large."""
+    """A kind as long as the longest text; Python's own texts where one long text would make all of them large."""
     longest = max(map(len, texts), default=1) or 1
     size = 4 * longest * len(texts)
     return "O" if size > _LARGE and size > 4 * _SPARE * sum(map(len, texts)) else f"U{longest}"
@@ -338,7 +338,7 @@ def _padded(value: Any, length: int, kind: str, pad: Any) -> Any:
 
 
 def _pad(column: Column, pad: Any) -> Any:
-    """Of the type of the column; raises ValueError when it is another value there."""
+    """The filling as the type of the column; raises ValueError when it is another value there."""
     if isinstance(pad, str) != (column.kind == "U"):
         raise ValueError(f"pad={pad!r:.50} is no {'text' if column.kind == 'U' else 'number'}, {_OTHER}")
     if column.kind == "U":

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime import QoSProfile
 
 _COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
-MOST_COMPRESSED_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
+MAX_COMPRESSED_BYTES = MAX_UNPACKED_BYTES - (1 << 20)
 """A larger message has a chunk of its own without compression: readers unpack so much at once without being told
 otherwise, with what stands around a message in its chunk.
 """
@@ -207,7 +207,7 @@ class BagWriter:
         self._split_if_due(log_time)
         self._files[-1].add(topic, log_time)
         self._written += len(data)
-        if len(data) <= MOST_COMPRESSED_BYTES:
+        if len(data) <= MAX_COMPRESSED_BYTES:
             self._writer.add_message(channel, log_time, data, published)
             return
         self.flush()

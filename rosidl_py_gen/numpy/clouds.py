@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _DATATYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """``sensor_msgs/msg/PointField``: INT8 to FLOAT64."""
 _NUMBERS = {kind: number for number, kind in _DATATYPES.items()}
-_MOST_STEP = 2**31 - 1
+_MAX_STEP = 2**31 - 1
 """Bytes of a point that numpy can describe."""
 
 
@@ -30,8 +30,8 @@ def pointcloud_dtype(cloud: Any) -> np.dtype[Any]:
             `point_step` is larger than numpy knows.
     """
     step = count(cloud.point_step, "point_step")
-    if step > _MOST_STEP:
-        raise ConversionError(f"point_step: {step} bytes, but a point of an array has at most {_MOST_STEP}")
+    if step > _MAX_STEP:
+        raise ConversionError(f"point_step: {step} bytes, but a point of an array has at most {_MAX_STEP}")
     names, formats, offsets = [], [], []
     for index, field in enumerate(cloud.fields):
         place = f"fields[{index}]"
@@ -108,7 +108,7 @@ def _has_nan(points: np.ndarray[Any, Any]) -> np.ndarray[Any, np.dtype[np.bool_]
 
 
 def _packed(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """The same fields in native byte order, without gaps."""
+    """A type with the same fields in native byte order, without gaps."""
     return np.dtype([(name, dtype[name].newbyteorder("=")) for name in dtype.names or ()])
 
 

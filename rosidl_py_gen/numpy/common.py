@@ -13,7 +13,7 @@ from rosidl_py_gen.errors import RosidlError
 M = TypeVar("M", bound=Message)
 
 
-MOST = 2**32 - 1
+MAX_UINT32 = 2**32 - 1
 """Rows, columns and bytes are uint32 in all messages."""
 
 
@@ -39,9 +39,9 @@ def message_class(cls: type[M] | None, name: str) -> type[M]:
 
 def count(value: Any, field: str) -> int:
     """A number of rows or bytes; raises `ConversionError` for what is none."""
-    if isinstance(value, int | np.integer) and not isinstance(value, bool) and 0 <= value <= MOST:
+    if isinstance(value, int | np.integer) and not isinstance(value, bool) and 0 <= value <= MAX_UINT32:
         return int(value)
-    raise ConversionError(f"{field}: expected a number from 0 to {MOST}, got {value!r:.50}")
+    raise ConversionError(f"{field}: expected a number from 0 to {MAX_UINT32}, got {value!r:.50}")
 
 
 def native(array: np.ndarray[Any, Any]) -> tuple[np.ndarray[Any, Any], bool]:

@@ -30,7 +30,7 @@ def occupancygrid_to_array(grid: Any, *, copy: bool = False) -> np.ndarray[Any, 
 
 
 def _cells(data: Any) -> np.ndarray[Any, np.dtype[np.int8]]:
-    """Of what the field holds, which may be a list; never another number."""
+    """The numbers of a map's field, which may hold a list; one that does not fit is an error."""
     try:
         found = np.frombuffer(data, np.int8) if isinstance(data, bytes | bytearray | memoryview) else np.asarray(data)
         made = found.astype(np.int8, copy=False)

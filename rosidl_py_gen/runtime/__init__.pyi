@@ -93,6 +93,7 @@ from rosidl_py_gen.runtime.parameters.files import parse_parameter_value as pars
 from rosidl_py_gen.runtime.parameters.live import snapshot as snapshot
 from rosidl_py_gen.runtime.parameters.live import update_parameters as update_parameters
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError as ParameterFileError
+from rosidl_py_gen.runtime.parameters.overrides import ParameterOverrides as ParameterOverrides
 from rosidl_py_gen.runtime.parameters.validation import Listing as Listing
 from rosidl_py_gen.runtime.parameters.values import FloatRange as FloatRange
 from rosidl_py_gen.runtime.parameters.values import IntRange as IntRange

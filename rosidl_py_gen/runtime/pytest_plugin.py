@@ -41,7 +41,7 @@ class RosErrors:
         self._expected: list[tuple[type[BaseException], str]] = []
 
     def expect(self, kind: type[BaseException], match: str = "") -> None:
-        """This test makes callbacks raise `kind`, with a text that `match` is found in (`re.search`), once or more.
+        """Expect callbacks to raise `kind`, with a text that `match` is found in (`re.search`), once or more.
 
         The test fails when none does.
         """

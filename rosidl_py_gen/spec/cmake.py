@@ -227,7 +227,7 @@ class Script:
         return found
 
     def _value(self, name: str) -> Values:
-        """Of a variable: nothing before the file sets it, unknown when it never does."""
+        """What a variable holds: nothing before the file sets it, unknown when it never does."""
         found = self._values.get(name, {} if name in self._own else None)
         if found is None:
             return {UNKNOWN: True}

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.spec.model import ConstantDef, Interface
     from rosidl_py_gen.spec.resolve import Library
 
-MOST_LINES = 20_000
+MAX_LINES = 20_000
 """Types that use each other twice a level double the text with each level."""
 _LINE = "=" * 80
 
@@ -117,13 +117,13 @@ def expanded_lines(
     """The definition, and below each field the definition of its type. Without comments there are no empty lines.
 
     Raises:
-        DefinitionError: it would be more than `MOST_LINES`.
+        DefinitionError: it would be more than `MAX_LINES`.
     """
     found: list[str] = []
     for line in _expanded(library, name, comments, nested_comments):
         found.append(line)
-        if len(found) > MOST_LINES:
-            raise DefinitionError(Problem(str(name), 0, 0, f"has more than {MOST_LINES} lines with all types it uses"))
+        if len(found) > MAX_LINES:
+            raise DefinitionError(Problem(str(name), 0, 0, f"has more than {MAX_LINES} lines with all types it uses"))
     return found
 
 

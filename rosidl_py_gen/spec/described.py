@@ -32,12 +32,12 @@ from rosidl_py_gen.spec.model import (
 )
 from rosidl_py_gen.spec.resolve import Library, check, raise_findings
 
-MOST_TYPES = 500
-MOST_FIELDS = 5000
+MAX_TYPES = 500
+MAX_FIELDS = 5000
 """Of all types together."""
-MOST_OF_ONE = 1000
+MAX_OF_ONE = 1000
 """Fields of one type; CPython takes 0.2 s for its class then, and far more than twice as long for twice as many."""
-MOST_TEXT = 1 << 18
+MAX_TEXT = 1 << 18
 """Characters of all sources together, and of all default values; more are not looked at."""
 
 Sources = Mapping[str, tuple[str, str]]
@@ -90,16 +90,16 @@ def described_library(
 
 def _limit(name: RosName, individuals: Mapping[str, Description]) -> None:
     counts = [len(one["fields"]) for one in individuals.values()]
-    if len(counts) > MOST_TYPES or sum(counts) > MOST_FIELDS or max(counts, default=0) > MOST_OF_ONE:
+    if len(counts) > MAX_TYPES or sum(counts) > MAX_FIELDS or max(counts, default=0) > MAX_OF_ONE:
         raise _problem(
             str(name),
-            f"expected a description of at most {MOST_TYPES} types with {MOST_OF_ONE} fields each and {MOST_FIELDS} "
+            f"expected a description of at most {MAX_TYPES} types with {MAX_OF_ONE} fields each and {MAX_FIELDS} "
             f"together, found {len(counts)} types with up to {max(counts)} fields and {sum(counts)} together",
         )
 
 
 def _affordable(sources: Sources) -> Sources:
-    return sources if sum(len(text) for _, text in sources.values()) <= MOST_TEXT else {}
+    return sources if sum(len(text) for _, text in sources.values()) <= MAX_TEXT else {}
 
 
 @cache
@@ -140,7 +140,7 @@ def _from_source(
 ) -> Interface | None:
     """What the source of a type says, if there is one that says what the description does."""
     encoding, text = sources.get(str(name), ("", ""))
-    if encoding not in (name.kind, "idl") or not text or _elements(encoding, text) > 2 * MOST_OF_ONE:
+    if encoding not in (name.kind, "idl") or not text or _elements(encoding, text) > 2 * MAX_OF_ONE:
         return None
     source = Source(f"<{name}>", text.replace("\r\n", "\n").replace("\r", "\n"), encoding)
     try:
@@ -183,7 +183,7 @@ class _Described:
 
     def __init__(self, individuals: Mapping[str, Description]) -> None:
         self._individuals = individuals
-        self._left = MOST_TEXT
+        self._left = MAX_TEXT
 
     def message(self, name: str) -> MessageDef:
         """Raises `DefinitionError`."""

@@ -15,16 +15,16 @@ from rosidl_py_gen.fieldtype import Arity
 if TYPE_CHECKING:
     from rosidl_py_gen.spec.model import FieldDef, Findings, MessageDef
 
-MOST_LEVELS = 100
+MAX_LEVELS = 100
 """Of types that contain each other."""
-MOST_FIELDS = 20_000
+MAX_FIELDS = 20_000
 """Of a type and all types it refers to, each once; a nested message of few fields counts with them, as those are
 printed where it is used."""
-MOST_TYPES = 500
+MAX_TYPES = 500
 """A type refers to, at all levels: its hash, and that of each of them, covers all that it refers to."""
-MOST_VALUES = 1 << 20
+MAX_VALUES = 1 << 20
 """In a new message: fields, elements of fixed arrays of strings and messages, at all levels. Half a second to make."""
-MOST_BYTES = 1 << 28
+MAX_BYTES = 1 << 28
 """Of fixed arrays of numbers in a new message, at all levels."""
 
 _FEW = 48
@@ -75,10 +75,10 @@ class Measures:
         self, message: MessageDef, item: FieldDef, values: int, size: int, fields: int, types: int
     ) -> bool:
         for found, most, what in (
-            (values, MOST_VALUES, "values in nested messages and fixed arrays"),
-            (size, MOST_BYTES, "bytes in fixed arrays"),
-            (fields, MOST_FIELDS, "fields with those of nested messages"),
-            (types, MOST_TYPES, "types that it refers to"),
+            (values, MAX_VALUES, "values in nested messages and fixed arrays"),
+            (size, MAX_BYTES, "bytes in fixed arrays"),
+            (fields, MAX_FIELDS, "fields with those of nested messages"),
+            (types, MAX_TYPES, "types that it refers to"),
         ):
             if found > most:
                 text = f"{message.name} has {found} {what} up to here, at most {most} are allowed"

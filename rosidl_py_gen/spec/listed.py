@@ -39,7 +39,7 @@ _SUFFIXES = (".msg", ".srv", ".action", ".idl")
 _WORD = re.compile(r'[^\s()"#;]+')
 _LIST_WORDS = ("DEPENDENCIES",)
 _ONE_WORD = ("LIBRARY_NAME",)
-_MOST_HINTS = 20  # each compares with a whole folder
+_MAX_HINTS = 20  # each compares with a whole folder
 _FLAGS = ("SKIP_INSTALL", "SKIP_GROUP_MEMBERSHIP_CHECK", "ADD_LINTER_TESTS")
 
 
@@ -195,7 +195,7 @@ class _Reader:
     def hint(self, whole: str) -> str:
         holder = posixpath.dirname(whole[len(ROOT) + 1 :])
         try:
-            names = os.listdir(self.folder / holder) if len(self.listing.problems) < _MOST_HINTS else ()
+            names = os.listdir(self.folder / holder) if len(self.listing.problems) < _MAX_HINTS else ()
         except OSError:
             return ""
         return did_you_mean(posixpath.basename(whole), names)

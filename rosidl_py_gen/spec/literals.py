@@ -203,7 +203,7 @@ def python_value(text: str) -> object:
 
 
 def _quiet_escape(found: re.Match[str]) -> str:
-    """The same for Python, written so that it does not warn (which is an error where warnings are)."""
+    """The escape in Python, written so that it does not warn (which is an error where warnings are)."""
     if len(found[1]) == 3:
         return f"\\u{int(found[1], 8):04x}"
     return found[0] if found[1] in _PYTHON_ESCAPES else "\\" + found[0]

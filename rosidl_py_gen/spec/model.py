@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.fieldtype import FieldType
     from rosidl_py_gen.names import RosName
 
-MOST_PROBLEMS = 100
+MAX_PROBLEMS = 100
 """Of one file; what may have been meant instead costs more to find out than it does to read the line."""
 
 Scalar = bool | int | float | str
@@ -139,11 +139,11 @@ class Findings:
         """Note a problem; of one file the first ones."""
         path = location.source.path
         count = self._counts[path] = self._counts.get(path, 0) + 1
-        if count <= MOST_PROBLEMS:
+        if count <= MAX_PROBLEMS:
             self.problems.append(location.problem(text))
-        elif count == MOST_PROBLEMS + 1:
-            self.problems.append(location.problem(f"there are more problems; the first {MOST_PROBLEMS} are shown"))
+        elif count == MAX_PROBLEMS + 1:
+            self.problems.append(location.problem(f"there are more problems; the first {MAX_PROBLEMS} are shown"))
 
     def is_full(self, location: Location) -> bool:
         """Whether so much is wrong in the location's file that further problems are not shown."""
-        return self._counts.get(location.source.path, 0) > MOST_PROBLEMS
+        return self._counts.get(location.source.path, 0) > MAX_PROBLEMS

@@ -15,7 +15,7 @@ from rosidl_py_gen.errors import DefinitionError, Problem, TypeNotFoundError, sh
 from rosidl_py_gen.names import INTERFACE_RULE, RosName, did_you_mean, split_ros_name
 from rosidl_py_gen.spec.derive import IMPLIED
 from rosidl_py_gen.spec.interface import may_be_file, parse_interface, read_source
-from rosidl_py_gen.spec.limits import MOST_LEVELS, Measures
+from rosidl_py_gen.spec.limits import MAX_LEVELS, Measures
 from rosidl_py_gen.spec.model import (
     ActionDef,
     FieldDef,
@@ -167,7 +167,7 @@ def select(library: Library, wanted: list[str]) -> list[RosName]:
 
 
 def selected(library: Library, wanted: list[str]) -> tuple[list[RosName], list[Problem]]:
-    """As `select`, with the problems of the filter beside what the rest of it stands for."""
+    """What `select` gives, with the problems of the filter beside what the rest of it stands for."""
     search = library.search
     whole: dict[str, None] = {}
     single: dict[RosName, None] = {}
@@ -251,9 +251,9 @@ def _visit(library: Library, top: MessageDef, state: dict[str, int], measures: M
             stack.pop()
             state[str(message.name)] = depth[0]
             measures.take(message)
-            if depth[0] == MOST_LEVELS:  # whatever contains this one would be deeper
+            if depth[0] == MAX_LEVELS:  # whatever contains this one would be deeper
                 at = Location(message.source, 1, 1)
-                library.findings.add(at, f"{message.name} nests types deeper than {MOST_LEVELS - 1} levels")
+                library.findings.add(at, f"{message.name} nests types deeper than {MAX_LEVELS - 1} levels")
             if stack:
                 stack[-1][2][0] = max(stack[-1][2][0], depth[0] + 1)
             continue
@@ -266,8 +266,8 @@ def _visit(library: Library, top: MessageDef, state: dict[str, int], measures: M
             library.findings.add(item.location, f"{item.type.base} contains itself through this field")
         elif item.type.base in state:
             depth[0] = max(depth[0], state[item.type.base] + 1)
-        elif len(stack) > MOST_LEVELS:
-            library.findings.add(item.location, f"types are nested deeper than {MOST_LEVELS} levels here")
+        elif len(stack) > MAX_LEVELS:
+            library.findings.add(item.location, f"types are nested deeper than {MAX_LEVELS} levels here")
         else:
             state[item.type.base] = -1
             stack.append((target, iter(target.fields), [0]))

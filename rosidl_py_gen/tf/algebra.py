@@ -68,6 +68,6 @@ def slerp(a: Quaternion, b: Quaternion, ratio: float) -> Quaternion:
 
 
 def unit(q: Quaternion) -> Quaternion:
-    """Of length 1."""
+    """The quaternion made as long as 1."""
     length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)

@@ -123,7 +123,7 @@ class TransformBuffer:
     async def wait_for(
         self, target: str, source: str, time: Any = None, *, timeout_s: float | None = None
     ) -> Transform:
-        """As `lookup`, but waits until there is one.
+        """Wait until `lookup` gives a transform.
 
         Raises:
             TransformTimeoutError: what was missing to the end.
@@ -150,7 +150,7 @@ class TransformBuffer:
 
 
 def nanoseconds(time: Any) -> int:
-    """Of None (0), a number, a `Time` or a message."""
+    """The nanoseconds of None (0), a number, a `Time` or a message."""
     if time is None:
         return 0
     if isinstance(time, int | np.integer):

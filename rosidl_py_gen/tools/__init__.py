@@ -199,7 +199,7 @@ def reporting() -> Iterator[None]:
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
-    """Of what commands use; where in the code it comes from helps nobody here."""
+    """Show a warning without its place in the code, which helps nobody here."""
     click.echo(f"warning: {printable(str(message))}", err=True)
 
 

@@ -56,7 +56,7 @@ def _names(what: str, context: click.Context) -> list[str]:
         async with Session(context.params.get("network", {})) as session:
             if what == "parameters":
                 return await _parameters(session.node, context.params["node"])
-            await session.settle()
+            await session.wait_until_quiet()
             return _listed(what, session.node)
 
     return asyncio.run(look())

@@ -306,7 +306,7 @@ def _limited(value: Any) -> Any:
 
 
 def _of_array(function: Callable[..., Any], of_array: Callable[[Any], Any]) -> Callable[..., Any]:
-    """The same of an array, which would take long as a list."""
+    """A function that takes an array as a whole: as a list it would take long."""
     return lambda *values: of_array(values[0]).item() if isinstance(values[0], np.ndarray) else function(*values)
 
 

@@ -32,7 +32,7 @@ _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 TRUNCATE = 128
 _TYPE = re.compile(r"\w+(/\w+){1,2}\Z")
-MOST_TEXT = 1 << 20
+MAX_TEXT = 1 << 20
 """Characters of a value on the command line."""
 
 
@@ -57,7 +57,7 @@ def plain(
 
 
 def plain_value(value: Any, *, truncate: int | None = TRUNCATE, arrays: bool = True, strings: bool = True) -> Any:
-    """As `plain`, for the value of a field."""
+    """`plain` for the value of a field."""
     return _plain(value, _Shown(truncate, arrays, strings))
 
 
@@ -114,8 +114,8 @@ def from_yaml(text: str) -> Any:
     Raises:
         ToolError: no YAML, with line and column.
     """
-    if len(text) > MOST_TEXT:
-        raise ToolError(f"a value of {len(text)} characters; at most {MOST_TEXT} are taken")
+    if len(text) > MAX_TEXT:
+        raise ToolError(f"a value of {len(text)} characters; at most {MAX_TEXT} are taken")
     try:
         return yaml.load(text, Loader=_Loader)
     except yaml.MarkedYAMLError as error:
@@ -141,7 +141,7 @@ def type_and_values(words: Sequence[str], *, stdin: bool = False) -> tuple[str |
         expected = "no values beside --stdin" if stdin else "values in one word: put them between '"
         raise ToolError(f"cannot make sense of {' '.join(rest)[:200]!r}; expected {expected}")
     if stdin:
-        return name, sys.stdin.read(MOST_TEXT + 1)
+        return name, sys.stdin.read(MAX_TEXT + 1)
     return name, rest[0] if rest else ""
 
 
@@ -157,7 +157,7 @@ def message_from(cls: type[M], text: str) -> M:
 
 
 def message_and_stamps(cls: type[M], text: str) -> tuple[M, list[Any]]:
-    """As `message_from`, and those times in it that shall be now: ``header: auto`` and ``stamp: now``."""
+    """A message, as of `message_from`, and the times in it that shall be now: ``header: auto``, ``stamp: now``."""
     value = from_yaml(text) if text.strip() else {}
     if value is None:
         value = {}

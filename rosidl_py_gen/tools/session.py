@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime import Node
 
-_LEAST_S, _QUIET_S, _ALONE_S, _MOST_S = 0.2, 0.1, 1.0, 2.0
+_MIN_S, _QUIET_S, _ALONE_S, _MAX_S = 0.2, 0.1, 1.0, 2.0
 """When nothing is said: peers are asked at once and answer within milliseconds on a quiet network; those that answer
 later, over wireless links or when busy, are waited for as long as news keep coming."""
-_TOGETHER_S = 0.05
+_ANNOUNCE_DELAY_S = 0.05
 """Most commands are over before it is worth telling peers of their endpoints; DDS would hold up the end, by 0.1 to
 0.2 s, until all of them had acknowledged that."""
 NAMED_TIMEOUT_S = 5.0
@@ -90,7 +90,9 @@ def _end(number: int, _: object) -> None:
 
 
 def _listen(network: Network) -> Context:
-    return Context(network.get("domain_id"), discovery=network.get("discovery"), args=[], announce_delay_s=_TOGETHER_S)
+    return Context(
+        network.get("domain_id"), discovery=network.get("discovery"), args=[], announce_delay_s=_ANNOUNCE_DELAY_S
+    )
 
 
 class Session:
@@ -130,7 +132,7 @@ class Session:
 
         printing.note(f"warning: {text.replace(f'node {self.node.fully_qualified_name}', 'this command')}")
 
-    async def settle(self) -> None:
+    async def wait_until_quiet(self) -> None:
         """Listen until discovery says nothing new: at least 0.2 s, at most 2 s; or as long as the user said.
 
         Where nobody else is seen there is no news to go by: that takes 1 s.
@@ -138,7 +140,7 @@ class Session:
         if self._spin_time_s is not None:
             await asyncio.sleep(self._began + self._spin_time_s - now_s())
             return
-        last = [self._began + _LEAST_S - _QUIET_S]
+        last = [self._began + _MIN_S - _QUIET_S]
 
         async def watch() -> None:
             async for _ in self.node.graph_changes():
@@ -148,8 +150,8 @@ class Session:
             if len(self.node.get_nodes()) <= 1:
                 return self._began + _ALONE_S
             if any(one.is_ros and one.announces_hashes is None for one in self.context.participants()):
-                return self._began + _MOST_S  # every ROS participant has endpoints: these will come
-            return min(last[0] + _QUIET_S, self._began + _MOST_S)
+                return self._began + _MAX_S  # every ROS participant has endpoints: these will come
+            return min(last[0] + _QUIET_S, self._began + _MAX_S)
 
         watching = asyncio.ensure_future(watch())
         try:
@@ -158,14 +160,14 @@ class Session:
         finally:
             watching.cancel()
 
-    async def settle_names(self) -> None:
-        """As `settle`, then wait until the nodes of all that was found have told their names, at most 2 s more.
+    async def wait_until_named(self) -> None:
+        """`wait_until_quiet`, then until the nodes of all that was found have told their names, at most 2 s more.
 
         Names follow endpoints by some 50 ms.
         """
-        await self.settle()
+        await self.wait_until_quiet()
         if self._spin_time_s is None:
-            await self.wait_for(self.node.names_are_known, _MOST_S)
+            await self.wait_for(self.node.names_are_known, _MAX_S)
 
     async def wait_for(self, is_there: Callable[[], object], timeout_s: float | None = None) -> bool:
         """Wait until `is_there` gives something true, asked after every change of the graph.

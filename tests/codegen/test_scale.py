@@ -9,7 +9,7 @@ from itertools import count
 import pytest
 
 from rosidl_py_gen import DefinitionError, compile_text, decode, encode, type_hash
-from rosidl_py_gen.spec.limits import MOST_FIELDS, MOST_TYPES, MOST_VALUES
+from rosidl_py_gen.spec.limits import MAX_FIELDS, MAX_TYPES, MAX_VALUES
 
 _LINE = "=" * 80
 _numbers = count()
@@ -130,20 +130,20 @@ def test_a_message_of_very_many_fields_is_made_like_any_other() -> None:
 
 
 REFUSED = {
-    "doubling": (chain(30, "T a\nT b\n"), rf"T\d+>:2:\d+: .* values in .* at most {MOST_VALUES} are allowed"),
+    "doubling": (chain(30, "T a\nT b\n"), rf"T\d+>:2:\d+: .* values in .* at most {MAX_VALUES} are allowed"),
     "an array of messages": (("T1[2000000] a\n", "int32 x\n"), r"T0>:1:13: .* has 2000001 values in"),
-    "arrays in arrays": (chain(7, "T[10] a\n"), rf">:1:\d+: .* values in .*, at most {MOST_VALUES}"),
+    "arrays in arrays": (chain(7, "T[10] a\n"), rf">:1:\d+: .* values in .*, at most {MAX_VALUES}"),
     "strings": (("int32 a\nstring[2000000] b\n",), r"T0>:2:17: .* has 2000002 values in"),
     "bytes": (("uint8 a\nuint8[4294967295] b\n",), r"T0>:2:19: .* has 4294967296 bytes in fixed arrays up to here"),
     "bytes in messages": (("T1[300] a\n", "float64[1000000] b\n"), r"T0>:1:9: .* has 2400000000 bytes in fixed"),
-    "fields": (("".join(f"uint8 f{i}\n" for i in range(60_000)),), rf"T0>:{MOST_FIELDS + 1}:7: .* fields with"),
+    "fields": (("".join(f"uint8 f{i}\n" for i in range(60_000)),), rf"T0>:{MAX_FIELDS + 1}:7: .* fields with"),
     "fields of messages": (
         ("".join(f"T1 f{i}\n" for i in range(1000)), "".join(f"uint8 f{i}\n" for i in range(40))),
-        rf"T0>:500:4: .* has {MOST_FIELDS + 40} fields with those of nested messages up to here, at most {MOST_FIELDS}",
+        rf"T0>:500:4: .* has {MAX_FIELDS + 40} fields with those of nested messages up to here, at most {MAX_FIELDS}",
     ),
     "types": (
         ("".join(f"T{i} f{i}\n" for i in range(1, 600)), *["uint8 x\n"] * 600),
-        rf"T0>:{MOST_TYPES + 1}:\d+: .* has {MOST_TYPES + 1} types that it refers to",
+        rf"T0>:{MAX_TYPES + 1}:\d+: .* has {MAX_TYPES + 1} types that it refers to",
     ),
     "levels": (chain(102, "T[] a\n"), "types are nested deeper than 100 levels here"),
 }

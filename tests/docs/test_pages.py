@@ -46,13 +46,13 @@ def runs_on_zenoh(file: Path, name: str) -> bool:
     """Whether that test of a file does, or any of them; `name` may end in "…"."""
     if file.parent.name == "zenoh":
         return True
-    fixtures = {"network"} | ({"world"} if file.name in ON_ZENOH else set())
     wanted = (name or "test_…").replace("…", "*")
     for test in ast.parse(file.read_text(encoding="utf-8")).body:
         if isinstance(test, ast.FunctionDef | ast.AsyncFunctionDef) and fnmatchcase(test.name, wanted):
             marks = " ".join(map(ast.unparse, test.decorator_list))
             used = {argument.arg for argument in test.args.args} | set(re.findall(r"usefixtures\('(\w+)'", marks))
-            if used & fixtures and "without_zenoh" not in marks:
+            is_everywhere = "world" in used and "every_transport" in marks and file.name in ON_ZENOH
+            if ("network" in used or is_everywhere) and "without_zenoh" not in marks:
                 return True
     return False
 

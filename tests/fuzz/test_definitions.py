@@ -24,8 +24,8 @@ from rosidl_py_gen.mcap.decoder import DecoderFactory
 from rosidl_py_gen.typesupport import type_description
 
 LINE = "=" * 80
-MOST_S = 10.0
-MOST_BYTES = 300_000_000
+MAX_S = 10.0
+MAX_BYTES = 300_000_000
 """Besides what a class of 20 000 fields takes there is nothing that may."""
 
 bases = st.sampled_from(
@@ -231,8 +231,8 @@ def tried(make: Any) -> Any:
     finally:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
-        assert time.process_time() - start < MOST_S
-        assert peak < MOST_BYTES, peak
+        assert time.process_time() - start < MAX_S
+        assert peak < MAX_BYTES, peak
 
 
 def used(cls: Any) -> None:

@@ -62,14 +62,6 @@ def random_values(share: Path, name: str, count: int = 25) -> list[dict[str, Any
     return RandomMessages(share).make(name, count)
 
 
-async def until(condition: Callable[[], bool], timeout_s: float = 10) -> None:
-    """Let the loop run until `condition` holds."""
-    deadline = asyncio.get_running_loop().time() + timeout_s
-    while not condition():
-        assert asyncio.get_running_loop().time() < deadline, "never happened"
-        await asyncio.sleep(0.01)
-
-
 async def repeated(send: Callable[[], Awaitable[None] | None], arrival: Coroutine[Any, Any, T]) -> T:
     """Send what may be lost until `arrival` has returned; its result."""
     task = asyncio.ensure_future(arrival)

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import yaml
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, until
-from worlds import ROOT, start_process
+from rclpy_worlds import fresh
+from worlds import ROOT, start_process, until
 
 from rosidl_py_gen.mcap import BagReader
 

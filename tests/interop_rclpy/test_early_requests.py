@@ -27,7 +27,7 @@ _Listener = ct.CFUNCTYPE(None, ct.c_int32, abi.MatchedStatus, ct.c_void_p)
 
 def connect_late(reader: Any, delay_s: float) -> Any:
     """Let Cyclone pause before it connects that reader with a writer it has told us of; what has to be kept alive."""
-    function = _Listener(lambda *_: time.sleep(delay_s))
+    function = _Listener(lambda *_: time.sleep(delay_s))  # Cyclone tells nobody when it would be late enough
     api, listener = cyclone._api, cyclone._api.create_listener(None)
     api.copy_listener(listener, reader._owner._listener)
     api.lset_subscription_matched_arg(listener, ct.cast(function, ct.c_void_p), None, True)

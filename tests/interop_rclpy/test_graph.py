@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, message, service, until
+from rclpy_worlds import fresh, message, service
+from worlds import until
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import EndpointType, Node, QoSProfile

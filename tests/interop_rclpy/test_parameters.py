@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, repeated, until
+from rclpy_worlds import fresh, repeated
+from worlds import until
 
 from rosidl_py_gen.runtime import Node, ParameterDescriptor, ParameterNotDeclaredError, ParameterType
 

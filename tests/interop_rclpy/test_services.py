@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, plain, random_values, service, until
+from rclpy_worlds import fresh, plain, random_values, service
+from worlds import until
 
 from rosidl_py_gen import from_dict
 
@@ -158,7 +159,7 @@ async def test_several_clients_of_theirs_at_once_get_their_own_answers(
     cls, name = service(shared_peer, "test_msgs/srv/BasicTypes"), fresh("crowd")
 
     async def handler(request: Any) -> Any:
-        await asyncio.sleep(0.01 * (request.int64_value % 3))  # answers overtake each other
+        await asyncio.sleep(0.01 * (request.int64_value % 3))  # so that answers overtake each other, whatever it takes
         return cls.Response(int32_value=request.int32_value, int64_value=request.int64_value)
 
     dds.node("tester").create_service(cls, name, handler)

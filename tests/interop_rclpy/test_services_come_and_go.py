@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 from rclpy_peer import Peer
-from rclpy_worlds import fresh, service, until
+from rclpy_worlds import fresh, service
+from worlds import until
 
 KIND = "std_srvs/srv/Trigger"
 

@@ -19,8 +19,8 @@ def test_what_the_writer_writes_is_never_refused_as_too_large(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, compression: str
 ) -> None:
     """With a limit of a megabyte for that of 1023; zeros become less than a thousandth."""
-    assert writer.MOST_COMPRESSED_BYTES + writer._CHUNK < storage.MAX_UNPACKED_BYTES
-    monkeypatch.setattr(writer, "MOST_COMPRESSED_BYTES", 1 << 20)
+    assert writer.MAX_COMPRESSED_BYTES + writer._CHUNK < storage.MAX_UNPACKED_BYTES
+    monkeypatch.setattr(writer, "MAX_COMPRESSED_BYTES", 1 << 20)
     large = String(data="\0" * (20 << 20)).encode()
     small = String(data="x" * 1000).encode()
     path = tmp_path / "b.mcap"

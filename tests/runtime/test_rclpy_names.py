@@ -132,6 +132,7 @@ def test_every_name_of_the_table_stands_in_the_guide_of_migration() -> None:
         assert f"`{name}`" in section or f"`{name}=`" in section, name
 
 
+@pytest.mark.every_transport
 async def test_a_script_written_for_rclpy_goes_a_long_way(world: World) -> None:
     node: Any = world.node("minimal")
     heard: list[Any] = []

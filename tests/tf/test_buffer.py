@@ -207,6 +207,7 @@ def test_messages_are_taken_and_given() -> None:
 # ------------------------------------------------------------------------------------------------------------- nodes
 
 
+@pytest.mark.every_transport
 def test_transforms_travel_from_broadcasters_to_buffers(world: World) -> None:
     async def main() -> None:
         async with world.node("robot") as robot, world.node("viewer") as viewer:

@@ -135,14 +135,14 @@ async def test_a_message_that_is_too_large_ends_its_viewer_only() -> None:
 async def test_a_viewer_that_sends_too_much_is_read_more_slowly_and_others_are_not() -> None:
     async with front(per_s=50) as address, viewer(address) as good, viewer(address) as flood:
         start = time.monotonic()
-        for _ in range(100):
+        for _ in range(150):
             await flood.connection.send("{")
         await flood.send("subscribe", subscriptions=[{"id": 1, "channelId": 88}])
         await good.send("subscribe", subscriptions=[{"id": 1, "channelId": 77}])
         await good.until(lambda: "Unknown channel ID: 77" in good.warnings())
-        assert time.monotonic() - start < 0.9
+        assert "Unknown channel ID: 88" not in flood.warnings()
         await flood.until(lambda: "Unknown channel ID: 88" in flood.warnings())
-        assert time.monotonic() - start > 0.9
+        assert time.monotonic() - start > 1.8
 
 
 async def test_there_is_an_end_of_viewers() -> None:

@@ -185,7 +185,7 @@ async def test_events_of_nodes_that_are_not_there_are_not_kept(memory: World, to
 async def test_viewers_can_define_so_many_types_and_no_more(
     memory: World, told: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(publishing, "_MOST_SCHEMAS", 2)
+    monkeypatch.setattr(publishing, "_MAX_SCHEMAS", 2)
     node = memory.node()
     publisher = Publishing(session_of(node), told, paths=())
 
@@ -218,16 +218,18 @@ async def test_the_compiler_is_loaded_ahead_only_when_others_are_waited_for(monk
 
 
 async def test_a_compiler_that_cannot_be_loaded_ahead_is_not_complained_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, failed = asyncio.get_running_loop(), asyncio.Event()
+
     def fail() -> None:
+        loop.call_soon_threadsafe(failed.set)
         raise ImportError("broken")
 
     monkeypatch.setattr(types, "load_compiler", fail)
     complaints: list[Any] = []
-    loop = asyncio.get_running_loop()
     loop.set_exception_handler(lambda _, context: complaints.append(context))
-    await types.meanwhile(asyncio.sleep(0.1))
+    await asyncio.wait_for(types.meanwhile(failed.wait()), 20)
     await loop.run_in_executor(None, print)
     for _ in range(10):
-        await asyncio.sleep(0.01)
+        await asyncio.sleep(0)
         gc.collect()
     assert complaints == []

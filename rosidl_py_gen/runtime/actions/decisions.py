@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from rosidl_py_gen.runtime.actions.states import GoalDecision
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError
-from rosidl_py_gen.waiting import settle
+from rosidl_py_gen.waiting import complete
 
 if TYPE_CHECKING:
     import asyncio
@@ -32,11 +32,11 @@ def ask(
     callback: UserFunction, subject: object, answer: asyncio.Future[T], then: Callable[[GoalDecision], T], refusal: T
 ) -> None:
     """Let a callback decide, now or in a task; `answer` gets what `then` makes of the decision."""
-    task = callback.call(subject, then=lambda said: settle(answer, then(decision_of(said))))
+    task = callback.call(subject, then=lambda said: complete(answer, then(decision_of(said))))
     if task is None:
-        settle(answer, refusal)
+        complete(answer, refusal)
     else:
-        task.add_done_callback(lambda _: settle(answer, refusal))
+        task.add_done_callback(lambda _: complete(answer, refusal))
 
 
 def decision_of(said: object) -> GoalDecision:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.waiting import Waiters, settle_threadsafe
+from rosidl_py_gen.waiting import Waiters, complete_threadsafe
 
 if TYPE_CHECKING:
     import asyncio
@@ -45,7 +45,7 @@ class GoalRecord:
     def refuse_cancels(self) -> None:
         """Answer the cancel requests that nobody decided about: it is too late for them."""
         for answer in tuple(self.cancel_answers):  # another thread may close while a cancel comes
-            settle_threadsafe(answer, False)
+            complete_threadsafe(answer, False)
 
     async def result_bytes(self) -> bytes:
         """Wait for the end of the goal; what get_result answers then."""

@@ -50,7 +50,7 @@ _SILENT_S = 1.0
 """So long a server acknowledges nothing, and its node is there a second time: it is gone."""
 
 
-class _Wanted:
+class _PendingResult:
     """One result that is awaited.
 
     Attributes:
@@ -66,20 +66,20 @@ class _Wanted:
     """
 
     __slots__ = (
-        *("again_s", "answer", "asked", "denied", "fail", "first", "has_ended", "pause_s", "request", "sequences"),
-        *("servers", "tell"),
+        *("again_s", "answer", "asked", "denied", "first", "has_ended", "on_error", "on_reply", "pause_s", "request"),
+        *("sequences", "servers"),
     )
 
     def __init__(
         self,
         request: Any,
-        tell: Callable[[Any], None],
-        fail: Callable[[Exception], None],
+        on_reply: Callable[[Any], None],
+        on_error: Callable[[Exception], None],
         has_ended: Callable[[], bool],
     ) -> None:
         self.request = request
-        self.tell = tell
-        self.fail = fail
+        self.on_reply = on_reply
+        self.on_error = on_error
         self.has_ended = has_ended
         self.servers: set[bytes] = set()
         self.first: frozenset[bytes] = frozenset()
@@ -111,7 +111,7 @@ class ResultClient:
     ) -> None:
         self._scope = scope
         self._lost_after_s = math.inf if lost_after_ns is None else lost_after_ns / NS_PER_S
-        self._wanted: set[_Wanted] = set()
+        self._pending: set[_PendingResult] = set()
         self._look_timer: asyncio.TimerHandle | None = None
         self._seen_s = 0.0
         self.client: Client[Any, Any] = Client(scope, service_type, name, SERVICES_DEFAULT, pause_s=_PAUSE_S)
@@ -119,121 +119,123 @@ class ResultClient:
     @property
     def pending_count(self) -> int:
         """How many results are awaited."""
-        return len(self._wanted)
+        return len(self._pending)
 
     def ask(
         self,
         request: Any,
-        tell: Callable[[Any], None],
-        fail: Callable[[Exception], None],
+        on_reply: Callable[[Any], None],
+        on_error: Callable[[Exception], None],
         has_ended: Callable[[], bool],
     ) -> None:
         """Send a request; one of the functions will be called, on the loop's thread or when the client closes.
 
         Args:
-            tell: gets the response.
-            fail: gets `ActionServerLostError`, `DecodeError` or `ClosedError`.
+            on_reply: gets the response.
+            on_error: gets `ActionServerLostError`, `DecodeError` or `ClosedError`.
             has_ended: whether the goal is known to have ended, so that its result should be there.
         """
         loop = self._scope.bridge.running_loop()
-        wanted = _Wanted(request, tell, fail, has_ended)
-        self._wanted.add(wanted)
-        self._put(wanted)
-        wanted.first = frozenset(wanted.servers)
+        pending = _PendingResult(request, on_reply, on_error, has_ended)
+        self._pending.add(pending)
+        self._put(pending)
+        pending.first = frozenset(pending.servers)
         if self._look_timer is None:
             self._seen_s = loop.time()
             self._look_timer = loop.call_later(_LOOK_S, self._look)
 
-    def _put(self, wanted: _Wanted) -> None:
+    def _put(self, pending: _PendingResult) -> None:
         """Ask those that are there now, and nobody else any more."""
-        self._forget(wanted)
-        wanted.servers = self.client._servers()
-        if wanted.servers:
-            self._ask(wanted)
+        self._forget(pending)
+        pending.servers = self.client._servers()
+        if pending.servers:
+            self._ask(pending)
 
-    def _ask(self, wanted: _Wanted) -> None:
-        wanted.asked |= self.client._servers()
-        on_reply, on_error = partial(self._on_reply, wanted), partial(self._on_error, wanted)
-        wanted.sequences.append(self.client._ask(wanted.request, on_reply, on_error))
+    def _ask(self, pending: _PendingResult) -> None:
+        pending.asked |= self.client._servers()
+        on_reply, on_error = partial(self._on_reply, pending), partial(self._on_error, pending)
+        pending.sequences.append(self.client._ask(pending.request, on_reply, on_error))
 
-    def _forget(self, wanted: _Wanted) -> None:
-        for sequence in wanted.sequences:
+    def _forget(self, pending: _PendingResult) -> None:
+        for sequence in pending.sequences:
             self.client._forget(sequence)
-        wanted.sequences.clear()
+        pending.sequences.clear()
 
-    def _on_reply(self, wanted: _Wanted, response: Any, server: bytes | None) -> bool:
+    def _on_reply(self, pending: _PendingResult, response: Any, server: bytes | None) -> bool:
         """Whether the answer was UNKNOWN while a server may know the goal."""
-        if wanted not in self._wanted:
+        if pending not in self._pending:
             return False
         if response.status == GoalStatus.UNKNOWN:
-            if server in wanted.first and wanted.has_ended():
-                wanted.denied += 1
-                if wanted.denied < _DENIALS:
+            if server in pending.first and pending.has_ended():
+                pending.denied += 1
+                if pending.denied < _DENIALS:
                     return True
-            wanted.servers.discard(server or b"")
-            if not wanted.servers.isdisjoint(self.client._servers()):
-                wanted.answer = response, self._scope.bridge.running_loop().time()
+            pending.servers.discard(server or b"")
+            if not pending.servers.isdisjoint(self.client._servers()):
+                pending.answer = response, self._scope.bridge.running_loop().time()
                 return True
-        self._end(wanted, wanted.tell, response)
+        self._end(pending, pending.on_reply, response)
         return False
 
-    def _on_error(self, wanted: _Wanted, error: Exception) -> None:
-        if wanted not in self._wanted:
+    def _on_error(self, pending: _PendingResult, error: Exception) -> None:
+        if pending not in self._pending:
             return
         if isinstance(error, ServerLostError):
-            wanted.servers.clear()  # `_look` asks again when there is one
+            pending.servers.clear()  # `_look` asks again when there is one
         else:
-            self._end(wanted, wanted.fail, error)
+            self._end(pending, pending.on_error, error)
 
-    def _end(self, wanted: _Wanted, say: Callable[[Any], None], what: Any) -> None:
-        self._wanted.discard(wanted)
-        self._forget(wanted)
-        say(what)
+    def _end(self, pending: _PendingResult, report: Callable[[Any], None], what: Any) -> None:
+        self._pending.discard(pending)
+        self._forget(pending)
+        report(what)
 
     # ---------------------------------------------------------------------------------------------- from time to time
 
     def _look(self) -> None:
         """While results are awaited, look at the servers from time to time; one timer for all goals."""
         self._look_timer = None
-        if not self._wanted or self._scope.closed:
+        if not self._pending or self._scope.closed:
             return
         loop = self._scope.bridge.running_loop()
         present, now_s = self.client._servers(), loop.time()
         if present:
             self._seen_s = now_s
         names = {server: self._node_of(server) for server in present}
-        for wanted in list(self._wanted):
-            if wanted.servers.isdisjoint(present):
-                self._look_for_another(wanted, present, now_s)
-            elif wanted.answer is not None and self._is_replaced(wanted, names, now_s):
-                self._end(wanted, wanted.tell, wanted.answer[0])
-            elif self._successors(wanted, names) - wanted.asked:
-                self._ask(wanted)
-            elif wanted.is_due(now_s):
-                wanted.pause_s *= 2
-                wanted.again_s = now_s + wanted.pause_s
-                self._ask(wanted)
+        for pending in list(self._pending):
+            if pending.servers.isdisjoint(present):
+                self._look_for_another(pending, present, now_s)
+            elif pending.answer is not None and self._is_replaced(pending, names, now_s):
+                self._end(pending, pending.on_reply, pending.answer[0])
+            elif self._successors(pending, names) - pending.asked:
+                self._ask(pending)
+            elif pending.is_due(now_s):
+                pending.pause_s *= 2
+                pending.again_s = now_s + pending.pause_s
+                self._ask(pending)
         self._look_timer = loop.call_later(_LOOK_S, self._look)
 
-    def _look_for_another(self, wanted: _Wanted, present: set[bytes], now_s: float) -> None:
+    def _look_for_another(self, pending: _PendingResult, present: set[bytes], now_s: float) -> None:
         if present:
-            self._put(wanted)
+            self._put(pending)
         elif now_s - self._seen_s >= self._lost_after_s:
             message = f"the server of {self.client.name} went away and did not come back in {self._lost_after_s} s; "
-            self._end(wanted, wanted.fail, ActionServerLostError(message + "the goal's result is lost"))
+            self._end(pending, pending.on_error, ActionServerLostError(message + "the goal's result is lost"))
 
     def _node_of(self, server: bytes) -> tuple[str, str]:
         endpoint = self._scope.graph.endpoints.get(server)
         return UNKNOWN_NODE if endpoint is None else self._scope.graph.node_of(endpoint)
 
-    def _successors(self, wanted: _Wanted, names: dict[bytes, tuple[str, str]]) -> set[bytes]:
+    def _successors(self, pending: _PendingResult, names: dict[bytes, tuple[str, str]]) -> set[bytes]:
         """Servers that came later and have the node's name of one that may know the goal."""
-        old = {names[server] for server in wanted.servers if server in names} - {UNKNOWN_NODE, BARE_DDS_NODE}
-        return {server for server, name in names.items() if name in old and server not in wanted.first | wanted.servers}
+        old = {names[server] for server in pending.servers if server in names} - {UNKNOWN_NODE, BARE_DDS_NODE}
+        return {
+            server for server, name in names.items() if name in old and server not in pending.first | pending.servers
+        }
 
-    def _is_replaced(self, wanted: _Wanted, names: dict[bytes, tuple[str, str]], now_s: float) -> bool:
+    def _is_replaced(self, pending: _PendingResult, names: dict[bytes, tuple[str, str]], now_s: float) -> bool:
         """Whether all that may know the goal have been started again, and the old ones hear nothing any more."""
-        assert wanted.answer is not None
-        new = {names[server] for server in self._successors(wanted, names)}
-        replaced = all(names[server] in new for server in wanted.servers if server in names)
-        return replaced and now_s - wanted.answer[1] >= _SILENT_S and not self.client.all_acknowledged()
+        assert pending.answer is not None
+        new = {names[server] for server in self._successors(pending, names)}
+        replaced = all(names[server] in new for server in pending.servers if server in names)
+        return replaced and now_s - pending.answer[1] >= _SILENT_S and not self.client.all_acknowledged()

@@ -27,7 +27,7 @@ from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.stamps import set_stamp, stamp_ns
-from rosidl_py_gen.waiting import settle_threadsafe
+from rosidl_py_gen.waiting import complete_threadsafe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -215,4 +215,4 @@ class ActionServer(Composite, Generic[ActionT_co]):
         """
         super().close()
         for answer in list(self._undecided.values()):
-            settle_threadsafe(answer, None)
+            complete_threadsafe(answer, None)

@@ -24,7 +24,7 @@ from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 from rosidl_py_gen.stamps import NS_PER_S
-from rosidl_py_gen.waiting import current_loop, settle
+from rosidl_py_gen.waiting import complete, current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
@@ -230,7 +230,7 @@ class ServerGoals:
                 self._scope.logger.warning(
                     f"a goal request of action {self._name} was neither accepted nor rejected; it is rejected"
                 )
-                settle(answer, None)
+                complete(answer, None)
 
         self._scope.bridge.call_soon(reject)
 

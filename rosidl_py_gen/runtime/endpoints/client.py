@@ -25,7 +25,7 @@ from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.service_port import Unanswered
-from rosidl_py_gen.waiting import settle, settle_threadsafe
+from rosidl_py_gen.waiting import complete, complete_threadsafe
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -143,10 +143,10 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         if not is_there:
             raise CallTimeoutError(f"{self._missing()} in {timeout_s} s")
         future: asyncio.Future[ResponseT] = loop.create_future()
-        on_error = partial(settle_threadsafe, future, None)
+        on_error = partial(complete_threadsafe, future, None)
         pending: PendingRequest[ResponseT]
         left_s = deadline.left_s()
-        pending = PendingRequest(encoded, lambda response, _: settle(future, response), on_error, left_s)
+        pending = PendingRequest(encoded, lambda response, _: complete(future, response), on_error, left_s)
         self._put(pending)
         if left_s is not None:
             self._limit(pending, loop, left_s)

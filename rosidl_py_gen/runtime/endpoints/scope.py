@@ -269,7 +269,7 @@ class Scope:
         *,
         poll_s: float = _GRAPH_POLL_S,
     ) -> Literal[True]:
-        """As `wait_until`, for users: `missing` says what did not come in time.
+        """Wait for a user until `condition` holds: `missing` says what did not come in time.
 
         Returns:
             True, so that what was written for an answer of true or false reads the same.

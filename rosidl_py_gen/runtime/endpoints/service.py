@@ -108,7 +108,7 @@ class ServiceEnd(Owned, Generic[RequestT, ResponseT]):
         return shown(self, *parts, peers=lambda: len(self._connected()), peer=peer)
 
     def _ends(self, *guids: bytes) -> bool:
-        """As `Owned._ends`; from then on no events are published, either."""
+        """Whether the endpoint ends now, as `Owned._ends`; from then on no events are published, either."""
         ends = super()._ends(*guids)
         if ends and self._events is not None:
             self._events.close()

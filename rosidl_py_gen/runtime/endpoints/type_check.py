@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 W = TypeVar("W")
 
-_MOST_KNOWN = 1000
-_MOST_LOOKS = 100
+_MAX_KNOWN = 1000
+_MAX_LOOKS = 100
 
 
 class WriterCheck(Generic[W]):
@@ -60,12 +60,12 @@ class WriterCheck(Generic[W]):
             endpoint = self._endpoint(self._guid_of(writer))
             if endpoint is None:
                 self._unknown += 1  # it is gone, or nobody tells of it; looked for again, but not for ever
-                if self._unknown < _MOST_LOOKS:
+                if self._unknown < _MAX_LOOKS:
                     return True
             elif not self.agrees(endpoint):
                 self.withheld += 1
                 return False
-        if len(self.agreeing) >= _MOST_KNOWN:
+        if len(self.agreeing) >= _MAX_KNOWN:
             self.agreeing.clear()
         self.agreeing.add(writer)
         return True

@@ -125,7 +125,7 @@ def has_buffer(known: MessageType[Any]) -> bool:
 
 
 def raw_type(known: MessageType[Any]) -> MessageType[bytes]:
-    """The same type, its messages left as bytes."""
+    """A type whose messages are left as bytes."""
     return MessageType(known.ros_name, known.type_hash, bytes, bytes)
 
 

@@ -174,7 +174,7 @@ class RequestWindow:
 
 
 class RequestWindows:
-    """Those of one context, by what the requests go to."""
+    """The windows of one context, by what the requests go to."""
 
     def __init__(self) -> None:
         self._windows: weakref.WeakValueDictionary[Channel, RequestWindow] = weakref.WeakValueDictionary()

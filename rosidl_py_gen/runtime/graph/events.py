@@ -106,7 +106,7 @@ class PublisherEventCallbacks:
     matched: Callable[[MatchedStatus], object] | None = None
 
 
-class Host(Owner, Protocol):
+class EventOwner(Owner, Protocol):
     """The scope of a node."""
 
     bridge: Bridge
@@ -114,7 +114,7 @@ class Host(Owner, Protocol):
 
 
 def watched(
-    scope: Host,
+    scope: EventOwner,
     end: Reader | Writer,
     matched: Callable[[], list[bytes]],
     callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks | None,
@@ -145,7 +145,7 @@ class EndpointEvents:
 
     def __init__(
         self,
-        scope: Host,
+        scope: EventOwner,
         end: Reader | Writer,
         matched: Callable[[], list[bytes]],
         callbacks: SubscriptionEventCallbacks | PublisherEventCallbacks,

@@ -202,7 +202,7 @@ class Graph:
         return f"node {fully_qualified_node_name(name, namespace)}"
 
     def on_wire(self, name: str, *, writers: bool) -> list[EndpointFound]:
-        """Those of the topic that the middleware calls so."""
+        """The writers or readers of the topic that the middleware calls so."""
         return [one for one in self.endpoints.values() if one.wire_name == name and one.is_writer is writers]
 
     def infos(self, endpoints: Iterable[EndpointFound]) -> list[TopicEndpointInfo]:

@@ -76,12 +76,12 @@ class LifecyclePublisher(Publisher[T]):
         super().__init__(scope, message_type, topic, qos)
 
     def publish(self, message: T) -> None:
-        """As `Publisher.publish`, while the node is active."""
+        """Publish while the node is active; else the message is dropped."""
         if self._may_publish():
             super().publish(message)
 
     def publish_raw(self, data: bytes) -> None:
-        """As `Publisher.publish_raw`, while the node is active."""
+        """Publish bytes while the node is active; else they are dropped."""
         if self._may_publish():
             super().publish_raw(data)
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-_MOST_EVENTS = 16
+_MAX_EVENTS = 16
 """At a time; the kernel hands out those that did not fit first the next time."""
 
 
@@ -83,7 +83,7 @@ class _Selector(selectors.DefaultSelector):
 
     def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
         events: list[tuple[selectors.SelectorKey, int]] = []
-        for descriptor, _ in self._epoll.poll(timeout, _MOST_EVENTS):
+        for descriptor, _ in self._epoll.poll(timeout, _MAX_EVENTS):
             function = self.functions.get(descriptor)
             if function is None:
                 events += super().select(0)

@@ -56,7 +56,7 @@ def require_on_error(value: object) -> OnError:
 
 
 class Failures:
-    """Those of one node's functions."""
+    """What the functions of one node raised."""
 
     def __init__(self, bridge: Bridge, on_error: OnError) -> None:
         self.bridge = bridge

@@ -4,6 +4,17 @@ Decides between two cases. Somebody else's loop runs (in another thread): the co
 stop, the call ends with an error. None runs: the private loop does, in a thread that ends with the last call. A real
 loop that starts meanwhile waits until the calls under way have ended; later ones wait for it and then go there. A real
 one that was only paused gets the context back.
+
+Who may call what, on which thread, under which lock; there is one, `_changed`, of this context:
+
+1. `run`: any thread in which no event loop runs. It takes the lock to choose a loop, and to count its call in and out,
+   but not while the call is under way. The last call waits, with the lock, for the thread of the private loop to end.
+2. `drained`: whoever attaches another loop, until that is attached, with the lock; it is free while calls under way are
+   waited for. Calls that begin meanwhile wait. `_leave` comes back to it when it gives a paused loop the context: the
+   lock may be taken twice by one thread.
+3. `close`: any thread. That of the private loop neither takes the lock nor waits: the last call ends the loop.
+4. `_serve`, and all that calls do: the thread of the private loop, which never takes the lock; others wait for it.
+5. What a `Portal` has is changed with the lock, but `_closed`, which is set once. `Bridge` compares `loop` without it.
 """
 
 from __future__ import annotations
@@ -30,7 +41,7 @@ _PAUSE_S = 0.3
 """A loop that does not run for so long has stopped; a program may run one loop several times."""
 
 
-class Host(Protocol):
+class LoopOwner(Protocol):
     """What is attached to one loop after the other: a `Bridge`."""
 
     @property
@@ -44,7 +55,7 @@ class Host(Protocol):
 class Portal:
     """The private loop of one context and its thread."""
 
-    def __init__(self, host: Host) -> None:
+    def __init__(self, host: LoopOwner) -> None:
         self._host = host
         self.loop: asyncio.AbstractEventLoop | None = None
         """The private loop; None before it is needed."""

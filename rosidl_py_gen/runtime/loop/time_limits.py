@@ -32,7 +32,7 @@ class TimeLimits:
             self._look_at(end_s)
 
     def remove(self, number: int) -> None:
-        """It is over; also without effect."""
+        """Forget what is over; one that is not known has no effect."""
         self._ends_s.pop(number, None)
 
     def _look_at(self, time_s: float) -> None:

@@ -105,5 +105,5 @@ class UserFunction:
             self._owner.report_failure(self.what)
 
     def close(self) -> None:
-        """Its endpoint is closed: a cancellation of what it awaits is an end, and no failure any more."""
+        """Note that the endpoint is closed: when what the function awaits is cancelled then, that is no failure."""
         self._closed = True

@@ -55,7 +55,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
         return self._now_s
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
-        """As `asyncio.run`, on this loop, which is closed then.
+        """Run a coroutine as `asyncio.run` does, on this loop, which is closed then.
 
         Raises:
             NothingHappensError: `main` waits for what cannot happen, or has not ended after `limit_s`.
@@ -75,7 +75,7 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
                 self.close()
 
     def run_in_executor(self, executor: Any, func: Callable[..., Any], *args: Any) -> asyncio.Future[Any]:  # type: ignore[override]
-        """As of every loop; time passes as on the wall until it is done."""
+        """Run a function in a thread; time passes as on the wall until it is done."""
         job = super().run_in_executor(executor, func, *args)
         self._jobs += 1
         job.add_done_callback(self._done)

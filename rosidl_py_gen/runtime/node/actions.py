@@ -28,7 +28,7 @@ RESULT_TIMEOUT_S = 900.0
 """rclpy's default."""
 
 
-class NodeActions:
+class ActionMethods:
     """Action methods of `Node`."""
 
     _scope: Scope

@@ -16,7 +16,7 @@ from rosidl_py_gen.runtime.logs.loggers import LogLevelError, parse_level
 from rosidl_py_gen.runtime.logs.outputs import LogSettings
 from rosidl_py_gen.runtime.names.remap import InvalidRemapRuleError, RemapRule, parse_remap_rule
 from rosidl_py_gen.runtime.names.validation import normalize_namespace
-from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError, overrides_for
+from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides, overrides_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -43,7 +43,7 @@ class RosArguments:
 
     program: tuple[str, ...] = ()
     remap_rules: tuple[RemapRule, ...] = ()
-    parameters: tuple[NodeParameters, ...] = ()
+    parameters: tuple[ParameterOverrides, ...] = ()
     logs: LogSettings = field(default_factory=LogSettings)
     enclave: str = "/"
     warnings: tuple[str, ...] = ()
@@ -60,7 +60,7 @@ class _Parser:
     read_text: Callable[[str], str]
     program: list[str] = field(default_factory=list)
     remap_rules: list[RemapRule] = field(default_factory=list)
-    parameters: list[NodeParameters] = field(default_factory=list)
+    parameters: list[ParameterOverrides] = field(default_factory=list)
     log_levels: list[tuple[str, int]] = field(default_factory=list)
     logs: dict[str, Any] = field(default_factory=dict)
     """The other fields of `LogSettings`."""
@@ -82,7 +82,7 @@ class _Parser:
         name = left[found.end() :] if found else left
         if not name or ":" in name or any(character.isspace() for character in name):
             raise RosArgumentError(f"{name!r} is not a parameter name; expected [NODE:]name:=value")
-        self.parameters.append(NodeParameters(pattern, {name: parse_parameter_value(text)}, f"-p {value}"))
+        self.parameters.append(ParameterOverrides(pattern, {name: parse_parameter_value(text)}, f"-p {value}"))
 
     def params_file(self, value: str) -> None:
         from rosidl_py_gen.runtime.parameters.files import parse_parameter_file

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.node.context import Context
 
 
-class NodeGraph:
+class GraphMethods:
     """Graph methods of `Node`. Each one raises `ClosedError` when the node is closed."""
 
     _scope: Scope

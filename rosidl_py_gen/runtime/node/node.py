@@ -20,15 +20,15 @@ from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
-from rosidl_py_gen.runtime.node.actions import NodeActions
+from rosidl_py_gen.runtime.node.actions import ActionMethods
 from rosidl_py_gen.runtime.node.arguments import NodeOptions
 from rosidl_py_gen.runtime.node.context import Context
-from rosidl_py_gen.runtime.node.graph import NodeGraph
-from rosidl_py_gen.runtime.node.parameters import NodeParameters
+from rosidl_py_gen.runtime.node.graph import GraphMethods
+from rosidl_py_gen.runtime.node.parameters import ParameterMethods
 from rosidl_py_gen.runtime.node.rosout import start_rosout
-from rosidl_py_gen.runtime.node.services import NodeServices
-from rosidl_py_gen.runtime.node.time import NodeTime
-from rosidl_py_gen.runtime.node.types import NodeTypes
+from rosidl_py_gen.runtime.node.services import ServiceMethods
+from rosidl_py_gen.runtime.node.time import TimeMethods
+from rosidl_py_gen.runtime.node.types import TypeMethods
 from rosidl_py_gen.runtime.transport.qos import as_profile
 from rosidl_py_gen.waiting import current_loop
 
@@ -49,7 +49,7 @@ _DEFAULT_DEPTH = 10
 
 
 @knows_rclpy
-class Node(NodeGraph, NodeServices, NodeTypes, NodeTime, NodeActions, NodeParameters):
+class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods, ParameterMethods):
     """A ROS 2 node.
 
     Callbacks run on the asyncio event loop. The loop is attached by the first use of the node inside it: ``async with

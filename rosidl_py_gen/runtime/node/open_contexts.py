@@ -29,7 +29,7 @@ class OpenContext(Protocol):
         """Close its nodes and leave the domain."""
 
     def close_forgotten(self) -> None:
-        """The same with a warning about the nodes."""
+        """Close, with a warning about the nodes that nobody closed."""
 
     def abandon(self, reason: str) -> None:
         """Look closed."""

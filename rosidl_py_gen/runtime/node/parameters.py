@@ -54,7 +54,7 @@ class ParameterChange(NamedTuple):
     value: PythonValue
 
 
-class NodeParameters:
+class ParameterMethods:
     """Parameter methods of `Node`, which has to call `_open_parameters` in its constructor."""
 
     _scope: Scope

@@ -27,7 +27,7 @@ ResponseT = TypeVar("ResponseT", bound=Message)
 _DEFAULT_DEPTH = 10
 
 
-class NodeServices:
+class ServiceMethods:
     """Service methods of `Node`."""
 
     _scope: Scope

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.rate import Rate
 
 
-class NodeTime:
+class TimeMethods:
     """Time methods of `Node`. Each one raises `ClosedError` when the node is closed."""
 
     _scope: Scope

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.names.remap import NodeNames
 
 
-class NodeTypes:
+class TypeMethods:
     """Type methods of `Node`. Each one raises `ClosedError` when the node is closed."""
 
     _scope: Scope

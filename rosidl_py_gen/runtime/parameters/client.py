@@ -298,7 +298,7 @@ class ParameterClient(Composite):
         return result_from_message((await self._set_atomically.call(request, deadline.left_s())).result)
 
     async def _as_double(self, parameter: Parameter, deadline: Deadline) -> Parameter:
-        """The same object, unless it is of whole numbers and the remote parameter of doubles."""
+        """The parameter itself, unless it is of whole numbers and the remote one of doubles."""
         name, value = parameter
         if value.type not in (ParameterType.INTEGER, ParameterType.INTEGER_ARRAY):
             return parameter

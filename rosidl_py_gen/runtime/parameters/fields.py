@@ -112,7 +112,7 @@ class FieldPlan:
     element_range: FloatRange | IntRange | None
 
     def with_prefix(self, prefix: str) -> FieldPlan:
-        """The same under another name: `prefix` is put in front, dot included."""
+        """A field with `prefix` before its name, dot included."""
         name = prefix + self.name
         return dataclasses.replace(self, name=name, descriptor=dataclasses.replace(self.descriptor, name=name))
 

@@ -17,7 +17,7 @@ import sys
 from typing import TYPE_CHECKING, NoReturn
 
 from rosidl_py_gen.resources import extra_missing
-from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError
+from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,
     INT64_MIN,
@@ -116,7 +116,7 @@ class _Loader(yaml.BaseLoader):
         return node
 
 
-def parse_parameter_file(text: str, name: str = "<text>") -> list[NodeParameters]:
+def parse_parameter_file(text: str, name: str = "<text>") -> list[ParameterOverrides]:
     """Parse a parameter file; `name` is shown in errors. Raises `ParameterFileError` with line and column."""
     root = _compose(text, name)
     if root is None:
@@ -158,14 +158,14 @@ def _items(name: str, node: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node]]
         yield key.value, value
 
 
-def _nodes(name: str, mapping: yaml.MappingNode, prefix: str) -> Iterator[NodeParameters]:
+def _nodes(name: str, mapping: yaml.MappingNode, prefix: str) -> Iterator[ParameterOverrides]:
     for key, node in _items(name, mapping):
         if key.startswith(PARAMETERS_KEY):
             if not prefix:
                 _fail(name, node, f"{PARAMETERS_KEY} must be below the name of a node")
             if not isinstance(node, yaml.MappingNode):
                 _fail(name, node, f"expected parameter names with values below {key}")
-            yield NodeParameters(prefix, dict(_parameters(name, node, "")), name)
+            yield ParameterOverrides(prefix, dict(_parameters(name, node, "")), name)
         elif isinstance(node, yaml.MappingNode):
             yield from _nodes(name, node, f"{prefix}/{key.strip('/')}")
         else:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.names import did_you_mean
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.parameters.overrides import NodeParameters
+from rosidl_py_gen.runtime.parameters.overrides import ParameterOverrides
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +33,7 @@ QUIET_S = 3.0
 class _Given:
     """One `-p`, the part of a file for one pattern, or what one node was constructed with."""
 
-    parameters: NodeParameters
+    parameters: ParameterOverrides
     only: ParameterStore | None = None
     left: dict[str, ParameterValue] = field(default_factory=dict)
     """What was neither taken nor warned about."""
@@ -59,9 +59,9 @@ class _Holder:
 
 
 class InitialValues:
-    """Those of one context."""
+    """The initial values that files and arguments give the nodes of one context."""
 
-    def __init__(self, parameters: Sequence[NodeParameters], bridge: Bridge) -> None:
+    def __init__(self, parameters: Sequence[ParameterOverrides], bridge: Bridge) -> None:
         self._bridge = bridge
         self._given = [_Given(one, left=dict(one.values)) for one in parameters]
         self._holders: list[_Holder] = []
@@ -83,7 +83,7 @@ class InitialValues:
             return
         holder = _Holder(scope, store, may_declare_more, self._closed)
         if own:
-            constructor = NodeParameters(scope.node_name, own, "overrides=")
+            constructor = ParameterOverrides(scope.node_name, own, "overrides=")
             self._given.append(_Given(constructor, store, dict(own)))
         self._holders.append(holder)
         self._seen.append(scope.node_name)
@@ -146,7 +146,7 @@ class InitialValues:
         given.left.clear()
 
     def _warn_of_strangers(self) -> None:
-        """Of files and arguments that are for nodes which never were here."""
+        """Warn of files and arguments that are for nodes which never were here."""
         by_source: dict[str, list[_Given]] = {}
         for given in self._given:
             given.is_for_somebody = given.is_for_somebody or any(given.concerns(one) for one in self._holders)

@@ -23,7 +23,7 @@ class ParameterFileError(RosidlError, ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class NodeParameters:
+class ParameterOverrides:
     """Values for the nodes whose fully qualified name `pattern` matches; `pattern` begins with ``/``."""
 
     pattern: str
@@ -38,7 +38,7 @@ class NodeParameters:
         return re.fullmatch(regex.replace(r"\*", "*"), fully_qualified_name) is not None
 
 
-def overrides_for(entries: Iterable[NodeParameters], fully_qualified_name: str) -> dict[str, ParameterValue]:
+def overrides_for(entries: Iterable[ParameterOverrides], fully_qualified_name: str) -> dict[str, ParameterValue]:
     """The values for one node: all entries that match, later ones override earlier ones."""
     found: dict[str, ParameterValue] = {}
     for entry in entries:

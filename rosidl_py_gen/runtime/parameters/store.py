@@ -232,7 +232,7 @@ class ParameterStore:
         return [self._value_in(values, name) for name in names]
 
     def get_all(self, names: Iterable[str]) -> list[ParameterValue]:
-        """As the get_parameters service answers: in order, or nothing at all when one name has no value."""
+        """Values, as the get_parameters service answers: in order, or nothing at all when one name has no value."""
         try:
             return self.get_values(names)
         except (ParameterNotDeclaredError, ParameterUninitializedError):
@@ -244,7 +244,7 @@ class ParameterStore:
         return self._values.get(name, NOT_SET)
 
     def types(self, names: Iterable[str]) -> list[ParameterType]:
-        """As the get_parameter_types service answers; empty when one name is not declared."""
+        """Types, as the get_parameter_types service answers; empty when one name is not declared."""
         asked = list(names)
         if self._missing(asked):
             return []
@@ -257,7 +257,7 @@ class ParameterStore:
         return self._descriptors.get(name) or ParameterDescriptor(name=name)
 
     def describe_all(self, names: Iterable[str]) -> list[ParameterDescriptor]:
-        """As the describe_parameters service answers; empty when one name is not declared."""
+        """Descriptors, as the describe_parameters service answers; empty when one name is not declared."""
         asked = list(names)
         return [] if self._missing(asked) else [self.describe(name) for name in asked]
 
@@ -299,7 +299,7 @@ class ParameterStore:
         return SetResult(False, str(refusal))
 
     def _report(self, refusal: RefusedError) -> None:
-        """Of what the function of the user raised, not of what became of it."""
+        """Report what the function of the user raised, not what became of it."""
         try:
             raise refusal.__cause__ or refusal
         except Exception:

@@ -69,7 +69,7 @@ def integer_range_reason(name: str, value: int, allowed: IntRange) -> str:
 
 
 def float_range_reason(name: str, value: float, allowed: FloatRange) -> str:
-    """As `integer_range_reason`, with a relative tolerance of 1e-6 at the ends and at the steps.
+    """Why a double is outside of its range, with a relative tolerance of 1e-6 at the ends and at the steps.
 
     Where steps cannot be counted (they are too small, or there is no lower end) any value is on one.
     """

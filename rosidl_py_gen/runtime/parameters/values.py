@@ -124,7 +124,7 @@ class ParameterEvent:
         return bool(self.new or self.changed or self.deleted)
 
     def without(self, names: Iterable[str]) -> ParameterEvent:
-        """The same without these parameters."""
+        """A copy without these parameters."""
         gone = frozenset(names)
         parts = (self.new, self.changed, self.deleted)
         return ParameterEvent(*(tuple(item for item in part if item.name not in gone) for part in parts))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from rosidl_py_gen.runtime.time.values import ClockType
 from rosidl_py_gen.stamps import NS_PER_S
-from rosidl_py_gen.waiting import current_loop, settle_threadsafe
+from rosidl_py_gen.waiting import complete_threadsafe, current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -149,7 +149,7 @@ class _DueWait(DueTimer):
 
     def _end(self, outcome: bool) -> None:
         self._has_ended = True
-        settle_threadsafe(self.outcome, outcome)  # the first one counts
+        complete_threadsafe(self.outcome, outcome)  # the first one counts
 
     def _after_jump(self, jump: TimeJump) -> None:
         if not jump.source_changed:

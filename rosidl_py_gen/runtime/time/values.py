@@ -168,7 +168,7 @@ class Duration:
         return cls(nanoseconds=(value // timedelta(microseconds=1)) * 1000)
 
     def to_msg(self) -> DurationMessage:
-        """As builtin_interfaces/Duration; raises `TimeRangeError` when sec exceeds an int32."""
+        """A builtin_interfaces/Duration; raises `TimeRangeError` when sec exceeds an int32."""
         from rosidl_py_gen.msgs.builtin_interfaces.msg import Duration as DurationMessage
 
         sec, nanosec = _fitting("duration", self.nanoseconds)
@@ -263,7 +263,7 @@ class Time:
         return cls(nanoseconds=((value - _EPOCH) // timedelta(microseconds=1)) * 1000, clock_type=clock_type)
 
     def to_msg(self) -> TimeMessage:
-        """As builtin_interfaces/Time; raises `TimeRangeError` when sec exceeds an int32."""
+        """A builtin_interfaces/Time; raises `TimeRangeError` when sec exceeds an int32."""
         from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
 
         sec, nanosec = _fitting("time", self.nanoseconds)

@@ -195,7 +195,7 @@ class MemoryParticipant:
                     peer.tell(NodesFound(self.guid, self.nodes))
 
     def mismatch(self, writer: EndpointFound, reader: EndpointFound) -> str:
-        """As DDS has it."""
+        """Why two endpoints do not match, by the rules of DDS; empty when they do."""
         result = check_compatible(writer.qos, reader.qos)
         return "" if result.matches else f"their quality of service is incompatible. {result.reason}"
 
@@ -382,7 +382,7 @@ def matches(writer: MemoryWriter, reader: MemoryReader) -> bool:
 
 
 def _halves(service: Service) -> tuple[tuple[Channel, tuple[str, str]], tuple[Channel, tuple[str, str]]]:
-    """Of the requests and of the responses: where they meet, type and hash."""
+    """Where requests meet, and responses, each with type and hash."""
     requests, replies = service.channels
     asks, answers = f"{service.type}_Request", f"{service.type}_Response"
     return (requests, (asks, service.request_hash)), (replies, (answers, service.response_hash))

@@ -68,7 +68,7 @@ class ServicePeers:
         return [one for one in self._by_channel.get(channel, {}).values() if one.is_writer is writers]
 
     def known(self, guids: Iterable[bytes]) -> list[EndpointFound]:
-        """Those of the endpoints that are known."""
+        """What is known of endpoints, without those that are not known."""
         return [self._known[guid] for guid in guids if guid in self._known]
 
 

@@ -143,7 +143,7 @@ class ServerPort(Protocol):
 
     @property
     def endpoints(self) -> tuple[bytes, bytes]:
-        """As those of a `ClientPort`."""
+        """The GUIDs of its two endpoints, as those of a `ClientPort`."""
 
     def take(self) -> Request | None:
         """The next request that arrived; None when there is none."""

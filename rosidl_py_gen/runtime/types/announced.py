@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 TYPE_HASH = re.compile(r"RIHS01_[0-9a-f]{64}\Z")
 _DESCRIBER = "/get_type_description"
 """What is behind the name of a node in that of its service."""
-_MOST_SHOWN = 5
+_MAX_SHOWN = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,12 +50,12 @@ class Subject:
 
 
 def topic_subject(name: str) -> Subject:
-    """Of a topic given by its fully qualified name."""
+    """What tells the type of a topic, which is given by its fully qualified name."""
     return Subject("topic", name, {Channel("topic", name): ""}, {}, {"": ("",)})
 
 
 def service_subject(name: str, kind: str = "service", behind: str = "") -> Subject:
-    """Of a service given by its fully qualified name."""
+    """What tells the type of a service, which is given by its fully qualified name."""
     needed = {Channel("request", name): f"{behind}_Request", Channel("reply", name): f"{behind}_Response"}
     # A ROS 2 node describes neither request nor response, but what it publishes for introspection.
     messages: dict[str, tuple[str, ...]] = {part: (behind, f"{behind}_Event", part) for part in needed.values()}
@@ -64,7 +64,7 @@ def service_subject(name: str, kind: str = "service", behind: str = "") -> Subje
 
 
 def action_subject(name: str, send_goal: str, get_result: str, feedback: str) -> Subject:
-    """Of an action given by its name and those of its services and topic, all fully qualified."""
+    """What tells the type of an action, given by its name and those of its services and topic, all fully qualified."""
     halves = (service_subject(send_goal, behind="_SendGoal"), service_subject(get_result, behind="_GetResult"))
     needed = {channel: part for half in halves for channel, part in half.needed.items()}
     messages: dict[str, tuple[str, ...]] = {
@@ -154,7 +154,7 @@ def is_complete(one: Announced, subject: Subject) -> bool:
 def some(texts: Iterable[str]) -> str:
     """Not all of them when they are many: a peer decides how many there are."""
     listed = list(texts)
-    return ", ".join(listed[:_MOST_SHOWN]) + (f" and {len(listed) - _MOST_SHOWN} more" if listed[_MOST_SHOWN:] else "")
+    return ", ".join(listed[:_MAX_SHOWN]) + (f" and {len(listed) - _MAX_SHOWN} more" if listed[_MAX_SHOWN:] else "")
 
 
 def _valid(type_hash: str) -> str:

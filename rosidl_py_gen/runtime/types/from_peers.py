@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.cdr import Action, Message, Service
-from rosidl_py_gen.description_cache import MOST_BYTES, keep_description, load_description
+from rosidl_py_gen.description_cache import MAX_BYTES, keep_description, load_description
 from rosidl_py_gen.descriptions import rihs01
 from rosidl_py_gen.errors import (
     ClosedError,
@@ -46,7 +46,7 @@ _NAMES_PATIENCE_S = 4.0
 """With Fast DDS the names of nodes may follow by 3 s (docs/internals/protocol.md 6)."""
 _LATE_S = 2.0
 """What a node announces last may follow by this much: Fast DDS repeats lost announcements after 1 s."""
-_MOST_ASKED = 8
+_MAX_ASKED = 8
 _KINDS = {Message: "a message", Service: "a service", Action: "an action"}
 _WHAT_TO_DO = "install its package, or add it to the search path (`path=`, `--path`, AMENT_PREFIX_PATH)"
 
@@ -330,7 +330,7 @@ class _Resolution:
     def _in_order(self, nodes: Collection[str]) -> list[str]:
         """Whom to ask, those first that are known to have the service; never this node, which waits for an answer."""
         others = sorted(set(nodes) - {self._scope.node_name})
-        return sorted(others, key=lambda node: not self._serves(node))[:_MOST_ASKED]
+        return sorted(others, key=lambda node: not self._serves(node))[:_MAX_ASKED]
 
     def _serves(self, node: str) -> bool:
         return bool(self._scope.graph.on(Channel("reply", f"{node}/get_type_description"), writers=True))
@@ -347,8 +347,8 @@ class _Resolution:
         """Use an answer; raises `TypeDescriptionError` for one that is about something else. Runs in a thread."""
         from rosidl_py_gen import to_dict
 
-        if len(answer) > MOST_BYTES:
-            raise TypeDescriptionError(f"{who} describes {name} in {len(answer)} bytes; expected at most {MOST_BYTES}")
+        if len(answer) > MAX_BYTES:
+            raise TypeDescriptionError(f"{who} describes {name} in {len(answer)} bytes; expected at most {MAX_BYTES}")
         response = described_by(who, answer)
         description = to_dict(response.type_description)
         told, found = description["type_description"]["type_name"], rihs01(description)

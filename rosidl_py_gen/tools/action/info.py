@@ -22,7 +22,7 @@ async def run(
         node = session.node
         name = await find_action(session, action)
         if not only_type:
-            await session.settle_names()
+            await session.wait_until_named()
         types = dict(actions(node.get_topic_names_and_types())).get(name, [])
         clients = _users(node, name, node.get_subscriber_names_and_types_by_node)
         servers = _users(node, name, node.get_publisher_names_and_types_by_node)

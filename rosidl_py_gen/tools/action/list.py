@@ -12,7 +12,7 @@ from rosidl_py_gen.tools.session import Network, Session
 async def run(network: Network, count: bool, as_json: bool, show_types: bool = False, of_type: str = "") -> int:
     """What the command does."""
     async with Session(network) as session:
-        await session.settle()
+        await session.wait_until_quiet()
         found: list[dict[str, Any]] = [
             {"name": name, "types": types}
             for name, types in actions(session.node.get_topic_names_and_types())

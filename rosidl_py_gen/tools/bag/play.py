@@ -34,7 +34,7 @@ _LISTENERS_S = 2.0
 """Until everybody who listens is known; those on Fast DDS are up to a second late (docs/internals/dds.md 6)."""
 _ACKNOWLEDGED_S = 1.0
 _PROGRESS_S = 0.5
-_LEAST_DEPTH = 10
+_MIN_DEPTH = 10
 
 
 def run(network: Network, options: PlayOptions) -> Job:
@@ -83,7 +83,7 @@ async def _play(network: Network, reader: BagReader, part: Part, options: PlayOp
     overrides = {"start_type_description_service": True}  # others may not have the types
     async with Session(network, overrides=overrides) as session:
         player = _Player(session, reader, part, options)
-        await session.settle()
+        await session.wait_until_quiet()
         if network.get("spin_time_s") is None:
             await player.heard(_LISTENERS_S)
         await asyncio.sleep(options.delay_s)
@@ -231,7 +231,7 @@ def _remapped(session: Session, topics: Sequence[str], remaps: Sequence[str]) ->
 def _offered(topic: BagTopic) -> QoSProfile:
     """Depths are often not known to recorders: at least ROS's default of ten."""
     offered = qos_profiles(topic.offered_qos)
-    profile = QoSProfile(depth=max(_LEAST_DEPTH, *(one.depth for one in offered)) if offered else _LEAST_DEPTH)
+    profile = QoSProfile(depth=max(_MIN_DEPTH, *(one.depth for one in offered)) if offered else _MIN_DEPTH)
     if offered and all(one.reliability is Reliability.BEST_EFFORT for one in offered):
         profile = profile.best_effort()
     if any(one.durability is Durability.TRANSIENT_LOCAL for one in offered):

@@ -124,7 +124,7 @@ class _Recorder:
     async def follow(self) -> None:
         """Record what is there, and what appears, for ever."""
         try:
-            await self._session.settle()
+            await self._session.wait_until_quiet()
             self._look()
             for name in self._named:
                 if name not in self.recorded:

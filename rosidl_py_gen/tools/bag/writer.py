@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.mcap import BagTopic, BagWriter
 
-_MOST_BYTES = 512 << 20
+_MAX_BYTES = 512 << 20
 _FLUSH_S = 1.0
 
 
@@ -49,7 +49,7 @@ class WriterThread:
 
     def put(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Write a message soon."""
-        if self.bytes - self._written_bytes > _MOST_BYTES:
+        if self.bytes - self._written_bytes > _MAX_BYTES:
             self.dropped += 1
             return
         self.bytes += len(data)

@@ -116,7 +116,7 @@ async def _found(session: Session) -> list[Finding]:
     try:
         test = doctor_peers.SelfTest(session)
         results = [await test.result()]
-        await session.settle_names()
+        await session.wait_until_named()
         node, other = session.node, test.guid
         results += careful("the peers", lambda: doctor_peers.peers(session, other))
         results += careful("names of nodes", lambda: doctor_peers.twins(node))

@@ -37,7 +37,7 @@ def on_zenoh(environ: Mapping[str, str]) -> bool:
 
 
 def python() -> Iterator[Finding]:
-    """This program and what runs it."""
+    """Which Python runs which version of this program, on which system."""
     system = f"{platform.system()} {platform.release()} {platform.machine()}"
     runs = f"{platform.python_implementation()} {platform.python_version()}"
     data = {"rosidl_py_gen": __version__, "python": runs, "system": system}

@@ -27,7 +27,7 @@ _GROUP = "239.255.0.1"
 _ECHO_S = 0.2
 _FIRST_PORT, _PORTS, _LAST_DOMAIN = 7400, 250, 101
 _UNICAST = range(10, 42, 2)
-_MOST_INTERFACES = 64
+_MAX_INTERFACES = 64
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Interface:
 def interfaces() -> list[Interface]:
     """What there is, at most 64; empty where the system does not tell."""
     try:
-        names = [name for _, name in socket.if_nameindex()][:_MOST_INTERFACES]
+        names = [name for _, name in socket.if_nameindex()][:_MAX_INTERFACES]
     except (OSError, AttributeError):
         return []
     return [_interface(name) for name in names]

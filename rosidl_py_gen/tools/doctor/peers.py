@@ -42,7 +42,7 @@ _VENDORS = {
 _ROS = {True: "ROS Iron or later", False: "ROS Humble or earlier (no type hashes)", None: "ROS"}
 _ON_ZENOH = "does `rosidl-py zenoh-router` run on each machine, and do the routers connect with each other?"
 _FOUND_S, _ANSWER_S, _END_S = 5.0, 2.0, 2.0
-_MOST_NAMES, _MOST_MISMATCHES = 20, 20
+_MAX_NAMES, _MAX_MISMATCHES = 20, 20
 
 
 # ----------------------------------------------------------------------------------------------------------- self-test
@@ -135,7 +135,7 @@ def make(one: ParticipantInfo, middleware: str = "DDS") -> str:
 
 def _group(name: str, members: list[ParticipantInfo]) -> Finding:
     nodes = sorted(node.fully_qualified_name for one in members for node in one.nodes)
-    shown = ", ".join(nodes[:_MOST_NAMES]) + (", ..." if len(nodes) > _MOST_NAMES else "")
+    shown = ", ".join(nodes[:_MAX_NAMES]) + (", ..." if len(nodes) > _MAX_NAMES else "")
     public = f"{name}: {_counted(len(members), 'participant')}, {_counted(len(nodes), 'node')}"
     most = max(len(one.nodes) for one in members)
     if most > 1:
@@ -189,7 +189,7 @@ def mismatches(node: Node) -> Iterator[Finding]:
         for one in node.topic_mismatches(topic)
         for finding in _mismatch(node, topic, one)
     )
-    yield from islice(chain(found, _service_mismatches(node)), _MOST_MISMATCHES)
+    yield from islice(chain(found, _service_mismatches(node)), _MAX_MISMATCHES)
 
 
 def _service_mismatches(node: Node) -> Iterator[Finding]:

@@ -34,7 +34,7 @@ _SUBPROTOCOLS: Any = ["foxglove.sdk.v1"]
 _PATIENCE_S = 10.0
 """For a viewer to say what it wants, and to say good-bye."""
 _CLOSE_S = 1.0
-_MOST_VIEWERS = 64
+_MAX_VIEWERS = 64
 _QUEUE = 4
 """Messages that wait here for a slow viewer; the SDK holds the others, and drops the oldest."""
 _BAD_PORTS = (6000, 6566, 6665, 6666, 6667, 6668, 6669, 6679, 6697, 10080, 4190, 4045, 3659, 2049, 1719, 1720, 1723)
@@ -115,8 +115,8 @@ class Front:
 
     def _look_at(self, connection: ServerConnection, request: Request) -> Response | None:
         refusal = self._access.refusal(request.headers.get_all("Origin"), request.path)
-        if refusal is None and self._viewers >= _MOST_VIEWERS:
-            refusal = 503, f"there are {_MOST_VIEWERS} viewers already"
+        if refusal is None and self._viewers >= _MAX_VIEWERS:
+            refusal = 503, f"there are {_MAX_VIEWERS} viewers already"
         if refusal is None:
             return None
         status: HTTPStatus | Any = refusal[0]
@@ -173,4 +173,4 @@ async def _copy(source: Connection, target: Connection, pace: Pace | None) -> No
 
 def _bind(host: str, port: int) -> socket.socket:
     family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    return socket.create_server(address[:2], family=family, backlog=_MOST_VIEWERS)
+    return socket.create_server(address[:2], family=family, backlog=_MAX_VIEWERS)

@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from rosidl_py_gen.tools.session import Session
 
 _ENCODINGS = ("cdr", "json")
-_MOST_WAITING = 10
-_MOST_WAITING_BYTES = 1 << 20
+_MAX_WAITING = 10
+_MAX_WAITING_BYTES = 1 << 20
 """Of messages that come before the type of their topic is known."""
-_MOST_SCHEMA_BYTES = 1 << 18
+_MAX_SCHEMA_BYTES = 1 << 18
 """Of the definition of one type; a class takes a second for each 64 KiB, in a thread that the loop competes with."""
-_MOST_SCHEMAS = 256
+_MAX_SCHEMAS = 256
 """Of viewers, that become classes: these stay for good."""
 
 
@@ -90,7 +90,7 @@ class Publishing:
             self._publish(offered, data)
         elif offered.opening is not None and not offered.opening.done():
             offered.waiting.append(data)
-            while len(offered.waiting) > _MOST_WAITING or sum(map(len, offered.waiting)) > _MOST_WAITING_BYTES:
+            while len(offered.waiting) > _MAX_WAITING or sum(map(len, offered.waiting)) > _MAX_WAITING_BYTES:
                 offered.waiting.popleft()
 
     async def _open(self, offered: _Offered) -> None:
@@ -124,11 +124,11 @@ class Publishing:
         return await self._compile(name, offer.schema)
 
     async def _compile(self, name: str, schema: bytes) -> type[Message]:
-        if len(schema) > _MOST_SCHEMA_BYTES:
-            raise ToolError(f"its definition has {len(schema)} bytes, at most {_MOST_SCHEMA_BYTES} are read")
+        if len(schema) > _MAX_SCHEMA_BYTES:
+            raise ToolError(f"its definition has {len(schema)} bytes, at most {_MAX_SCHEMA_BYTES} are read")
         known = hash((name, schema))
-        if known not in self._compiled and len(self._compiled) >= _MOST_SCHEMAS:
-            raise ToolError(f"viewers have defined {_MOST_SCHEMAS} types already, and there is no room for more")
+        if known not in self._compiled and len(self._compiled) >= _MAX_SCHEMAS:
+            raise ToolError(f"viewers have defined {_MAX_SCHEMAS} types already, and there is no room for more")
         self._compiled.add(known)
         try:
             cls: type[Message] = await asyncio.to_thread(compile_text, name, schema.decode(errors="replace"))

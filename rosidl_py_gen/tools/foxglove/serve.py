@@ -36,7 +36,7 @@ def run(network: Network, options: FoxgloveOptions) -> Job:
 
 async def _serve(network: Network, options: FoxgloveOptions) -> int:
     async with Session(network) as session:
-        await session.settle()
+        await session.wait_until_quiet()
         view = _View(session, options)
         try:
             await view.show()

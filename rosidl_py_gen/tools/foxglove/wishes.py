@@ -11,9 +11,9 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-_MOST_OFFERS = 64
+_MAX_OFFERS = 64
 """Topics a viewer may publish on at a time."""
-_MOST_BYTES = 64 << 20
+_MAX_BYTES = 64 << 20
 """Of messages that wait to be published; the SDK takes no larger ones."""
 _MESSAGE_COST = 1000
 """Bytes that a waiting message counts at least."""
@@ -57,14 +57,14 @@ class Wishes:
 
     def offer(self, key: OfferKey, offer: Offer) -> None:
         """A viewer wants to publish, unless it does on too many topics."""
-        if sum(viewer == key[0] for viewer, _ in self.offers) < _MOST_OFFERS:
+        if sum(viewer == key[0] for viewer, _ in self.offers) < _MAX_OFFERS:
             self.offers[key] = offer
 
     def put_message(self, key: OfferKey, data: bytes) -> None:
         """A viewer publishes; counted as lost when there is no room."""
         cost = len(data) + _MESSAGE_COST
         offer = self.offers.get(key)
-        if offer is None or (self._waiting_bytes and self._waiting_bytes + cost > _MOST_BYTES):
+        if offer is None or (self._waiting_bytes and self._waiting_bytes + cost > _MAX_BYTES):
             self._lost += 1
             return
         self._waiting_bytes += cost

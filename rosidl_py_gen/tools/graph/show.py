@@ -41,7 +41,7 @@ async def run(
     """What the command does."""
     kind = "json" if as_json else kind or _kind_of(output)
     async with Session(network) as session:
-        await session.settle_names()
+        await session.wait_until_named()
         picture = _filtered(_picture(session, everything), nodes, topics)
     if output is None and kind == "text":
         from rosidl_py_gen.tools.graph.text import print_text

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 _CHAR, _SMALL = 7.25, 6.05
 """Width of a character of 12 and of 10 pixels."""
 _ROW, _GAP, _PAD, _MARGIN, _BETWEEN, _HEAD = 40, 12, 10, 24, 110, 26
-_MOST_CHARS = 60
+_MAX_CHARS = 60
 _SWEEPS = 6
 _STYLE = (
     "text{font:12px monospace;fill:#1b2733}.type{font-size:10px;fill:#5b6b7a}.head{font-size:11px;fill:#7a8794}"
@@ -140,7 +140,7 @@ class _Part:
 
 
 def _width(box: _Box) -> float:
-    name, types = min(len(box.name), _MOST_CHARS), min(len(box.types), _MOST_CHARS)
+    name, types = min(len(box.name), _MAX_CHARS), min(len(box.types), _MAX_CHARS)
     return max(name * _CHAR, types * _SMALL) + 2 * _PAD
 
 
@@ -165,5 +165,5 @@ def _draw(box: _Box) -> Iterator[str]:
     yield "</g>"
 
 
-def _shown(text: str, most: int = _MOST_CHARS) -> str:
+def _shown(text: str, most: int = _MAX_CHARS) -> str:
     return escape(printable(text if len(text) <= most else f"{text[: most - 3]}..."))

@@ -36,7 +36,7 @@ async def _of_one(network: Network, node: str, timeout_s: float, as_json: bool) 
 
 async def _of_all(network: Network, hidden: bool, timeout_s: float, as_json: bool) -> int:
     async with Session(network) as session:
-        await session.settle()
+        await session.wait_until_quiet()
         names = lifecycle_nodes(session.node, hidden=hidden)
         asked = (RemoteLifecycle(session.node, name, timeout_s).state() for name in names)
         answers = await asyncio.gather(*asked, return_exceptions=True)

@@ -10,7 +10,7 @@ from rosidl_py_gen.tools.session import Network, Session
 async def run(network: Network, hidden: bool, count: bool, as_json: bool) -> int:
     """What the command does."""
     async with Session(network) as session:
-        await session.settle()
+        await session.wait_until_quiet()
         found = lifecycle_nodes(session.node, hidden=hidden)
     if as_json:
         printing.document(found)

@@ -43,7 +43,7 @@ class RemoteLifecycle:
         return state
 
     async def transitions(self, *, every: bool = False) -> list[TransitionDescription]:
-        """Those that are possible now; `every`: those that exist."""
+        """The transitions that are possible now; `every`: those that exist."""
         service = "get_transition_graph" if every else "get_available_transitions"
         found: list[TransitionDescription] = (await self._ask(GetAvailableTransitions, service)).available_transitions
         return found

@@ -25,7 +25,7 @@ async def run(network: Network, node: str, hidden: bool, as_json: bool) -> int:
     """What the command does."""
     async with Session(network) as session:
         full_name = await find_node(session, node)
-        await session.settle()
+        await session.wait_until_quiet()
         count = session.node.get_node_names().count(full_name)
         found = _of_node(session.node, full_name)
     if not hidden:

@@ -10,7 +10,7 @@ from rosidl_py_gen.tools.session import Network, Session
 async def run(network: Network, hidden: bool, count: bool, as_json: bool) -> int:
     """What the command does."""
     async with Session(network) as session:
-        await session.settle_names()
+        await session.wait_until_named()
         nodes = session.node.get_nodes()
     found = [
         {"name": node.fully_qualified_name, "enclave": node.enclave}

@@ -67,7 +67,7 @@ async def _of_one(network: Network, node: str, wish: _Wish, as_json: bool) -> in
 
 async def _of_all(network: Network, hidden: bool, wish: _Wish, as_json: bool) -> int:
     async with Session(network) as session:
-        await session.settle()
+        await session.wait_until_quiet()
         nodes = nodes_that_serve(session.node, *LIST_PARAMETERS, hidden=hidden)
         clients = [session.node.create_parameter_client(name) for name in nodes]
         answers = await asyncio.gather(*(wish.of(client) for client in clients), return_exceptions=True)

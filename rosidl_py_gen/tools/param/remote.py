@@ -62,5 +62,5 @@ async def _missing(client: ParameterClient, wanted: tuple[str, ...], timeout_s: 
 
 
 def type_in_words(kind: ParameterType) -> str:
-    """As ``ros2 param`` says it: ``boolean array``."""
+    """A type in the words of ``ros2 param``: ``boolean array``."""
     return _WORDS.get(kind.name, kind.name.lower().replace("_", " "))

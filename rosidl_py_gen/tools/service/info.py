@@ -19,7 +19,7 @@ async def run(network: Network, service: str, as_json: bool, only_type: bool = F
         node = session.node
         name = await find_service(session, service)
         if not only_type:
-            await (session.settle_names() if verbose else session.settle())
+            await (session.wait_until_named() if verbose else session.wait_until_quiet())
             # A service is known by one of its two topics; both ends are counted by the other.
             await session.wait_for(lambda: node.count_services(name) or node.count_clients(name), _PATIENCE_S)
         types = dict(node.get_service_names_and_types()).get(name, [])

@@ -14,7 +14,7 @@ async def run(
 ) -> int:
     """What the command does."""
     async with Session(network) as session:
-        await session.settle()
+        await session.wait_until_quiet()
         node = session.node
         found: list[dict[str, Any]] = [
             {"name": name, "types": types, "servers": node.count_services(name), "clients": node.count_clients(name)}

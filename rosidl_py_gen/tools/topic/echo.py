@@ -37,7 +37,7 @@ async def _topic_name(session: Session, options: EchoOptions) -> str:
     if options.type_name is None:
         return await find_topic(session, options.topic, options.timeout_s)
     topic = full_topic_name(session, options.topic)
-    await session.settle()
+    await session.wait_until_quiet()
     return topic
 
 

@@ -53,7 +53,7 @@ class Figures(ABC):
 
     @abstractmethod
     def text(self, report: dict[str, Any]) -> str:
-        """As ros2 prints the figures of one topic."""
+        """The figures of one topic in the form of ros2."""
 
     @abstractmethod
     def row(self, report: dict[str, Any]) -> list[str]:

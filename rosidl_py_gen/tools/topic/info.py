@@ -21,7 +21,7 @@ async def run(
     """What the command does."""
     async with Session(network) as session:
         name = await find_topic(session, topic, timeout_s)
-        await (session.settle_names() if verbose else session.settle())
+        await (session.wait_until_named() if verbose else session.wait_until_quiet())
         node = session.node
         types = dict(node.get_topic_names_and_types()).get(name, [])
         publishers = node.get_publishers_info_by_topic(name)
@@ -58,7 +58,7 @@ def _show(
 
 
 def _described(info: TopicEndpointInfo) -> str:
-    """As rclpy describes an endpoint."""
+    """An endpoint in the words of rclpy."""
     qos = info.qos_profile
     depth = f" ({qos.depth})" if qos.history is History.KEEP_LAST else ""
     return "\n".join(

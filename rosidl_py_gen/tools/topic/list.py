@@ -22,7 +22,7 @@ async def run(
     """What the command does."""
     wanted = type_name and str(split_ros_name(type_name, "msg"))
     async with Session(network) as session:
-        await session.settle()
+        await session.wait_until_quiet()
         node = session.node
         found: list[dict[str, Any]] = [
             {"name": name, "types": types, "publishers": node.count_publishers(name), "subscribers": subscribers}

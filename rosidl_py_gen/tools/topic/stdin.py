@@ -14,7 +14,7 @@ from collections.abc import AsyncGenerator
 from concurrent.futures import CancelledError
 
 from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.messages import MOST_TEXT
+from rosidl_py_gen.tools.messages import MAX_TEXT
 
 _AT_ONCE, _AHEAD = 1 << 16, 16
 
@@ -37,8 +37,8 @@ async def documents() -> AsyncGenerator[str, None]:
         elif line.strip() or lines:
             lines.append(line)
             length += len(line) + 1
-            if length > MOST_TEXT:
-                raise ToolError(f"standard input: a document of more than {MOST_TEXT} characters")
+            if length > MAX_TEXT:
+                raise ToolError(f"standard input: a document of more than {MAX_TEXT} characters")
     if lines:
         yield "\n".join(lines) + "\n"
 
@@ -49,8 +49,8 @@ async def _lines() -> AsyncGenerator[str, None]:
         *whole, left = (left + data).split(b"\n")
         for line in whole:
             yield _text(line)
-        if len(left) > MOST_TEXT:
-            raise ToolError(f"standard input: a line of more than {MOST_TEXT} bytes")
+        if len(left) > MAX_TEXT:
+            raise ToolError(f"standard input: a line of more than {MAX_TEXT} bytes")
     if left:
         yield _text(left)
 

@@ -49,7 +49,7 @@ def serve_slowly(peer, name, type, threads, seconds):
     """A node of its own whose handlers sleep in so many threads, and echo."""
 
     def handler(request, response):
-        time.sleep(seconds)
+        time.sleep(seconds)  # what the test is about: handlers that take long
         return _echo(request, response)
 
     node = rclpy.create_node(name.strip("/"))

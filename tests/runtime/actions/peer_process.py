@@ -38,7 +38,7 @@ async def execute(goal: Any) -> Any:
             return goal.canceled(Fibonacci.Result(sequence=done))
         done.append(number)
         goal.publish_feedback(Fibonacci.Feedback(sequence=done))
-        await asyncio.sleep(0.02 if goal.request.order > 20 else 0)
+        await asyncio.sleep(0.02 if goal.request.order > 20 else 0)  # so that a cancel finds it under way
     return Fibonacci.Result(sequence=done)
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import on_wire
+import pytest
 from action_worlds import Fibonacci
 from worlds import World, until
 
 from rosidl_py_gen.runtime.endpoints.types import service_type
-from rosidl_py_gen.runtime.node.actions import NodeActions
+from rosidl_py_gen.runtime.node.actions import ActionMethods
 from rosidl_py_gen.runtime.time.values import ClockType, Time
 from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name
 from rosidl_py_gen.runtime.transport.discovered import Channel
@@ -25,7 +26,7 @@ DEEP = QoSProfile().keep_all()
 class Tap:
     """Readers beside the real ones, which keep every sample of a service or topic."""
 
-    def __init__(self, node: NodeActions, topic: str, dds_type: str) -> None:
+    def __init__(self, node: ActionMethods, topic: str, dds_type: str) -> None:
         self.reader = on_wire.reader(node, topic, dds_type)
 
     def take(self, *, service: bool = True) -> list[str]:
@@ -41,7 +42,7 @@ def wire(*parts: str) -> str:
     return text + "0" * (-len(text) % 8)
 
 
-def tap_service(node: NodeActions, name: str, dds_type: str) -> tuple[Tap, Tap]:
+def tap_service(node: ActionMethods, name: str, dds_type: str) -> tuple[Tap, Tap]:
     request = Tap(node, request_name(name), f"{dds_type}Request_")
     return request, Tap(node, reply_name(name), f"{dds_type}Response_")
 
@@ -100,6 +101,7 @@ async def test_an_unknown_goal_is_answered_unknown_with_a_default_result(dds: Wo
     assert result[1].take() == [wire("00 00 00 00", "00 00 00 00")]
 
 
+@pytest.mark.every_transport
 def test_names_types_and_qos_are_those_of_ros(world: World) -> None:
     node = world.node("server")
     node.create_action_server(Fibonacci, "fib", until_canceled)

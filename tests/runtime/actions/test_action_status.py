@@ -7,7 +7,7 @@ import threading
 from typing import Any
 
 import pytest
-from action_worlds import Fibonacci, goal, pair, result
+from action_worlds import Fibonacci, goal, pair, result, statuses_of
 from hypothesis import given
 from hypothesis import strategies as st
 from worlds import World, take, until
@@ -41,21 +41,17 @@ async def at_once(handle: Any) -> Any:
     return result(1)
 
 
+@pytest.mark.every_transport
 async def test_every_transition_of_immediate_goals_is_published_in_order(world: World) -> None:
-    seen: list[list[int]] = []
-
-    _, client = await pair(world, at_once)
-    watcher = world.node("watcher").create_subscription(
-        GoalStatusArray, "fib/_action/status", lambda m: seen.append([row.status for row in m.status_list]), 100
-    )
-    assert await watcher.wait_for_publishers(timeout_s=5)
-    await asyncio.sleep(0.05)
+    server, client = await pair(world, at_once)
+    seen = await statuses_of(world, server)
     for _ in range(3):
         await (await client.send_goal(goal(), timeout_s=5)).result(timeout_s=5)
     await until(lambda: len(seen) >= 6)
     assert seen == [[2], [4], [4, 2], [4, 4], [4, 4, 2], [4, 4, 4]]
 
 
+@pytest.mark.every_transport
 @pytest.mark.parametrize("accept", [None, lambda request: True])
 async def test_the_response_is_sent_before_the_status(
     world: World, monkeypatch: pytest.MonkeyPatch, accept: Any
@@ -98,6 +94,7 @@ async def test_other_threads_return_when_the_status_is_published(world: World, m
     assert "status 4" in at_return
 
 
+@pytest.mark.every_transport
 async def test_closing_publishes_what_is_on_its_way(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     server, client = await pair(world, None)
     asked = asyncio.ensure_future(client.send_goal(goal(), timeout_s=5))

@@ -36,6 +36,7 @@ from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
 S = GoalStatus
 
 
+@pytest.mark.every_transport
 async def test_goal_feedback_result(world: World) -> None:
     _, client = await pair(world)
     handle = await client.send_goal(goal(3), timeout_s=5)
@@ -76,6 +77,7 @@ async def test_feedback_before_the_acceptance_is_kept(world: World) -> None:
     assert [list(item.sequence) async for item in handle.feedback()] == [[9]]
 
 
+@pytest.mark.every_transport
 async def test_a_rejected_goal_raises_and_leaves_nothing(world: World) -> None:
     server, client = await pair(world, accept=lambda request: request.order < 5)
     with pytest.raises(GoalRejectedError, match="rejected the goal"):
@@ -156,6 +158,7 @@ async def test_ending_twice_is_an_error_in_the_handler(world: World) -> None:
     assert "a goal that is SUCCEEDED cannot abort" in str(errors[0])
 
 
+@pytest.mark.every_transport
 async def test_cancel_reaches_canceled_and_status_shows_every_step(world: World) -> None:
     """In r2r the status stays CANCELING for ever."""
 
@@ -226,6 +229,7 @@ async def test_a_server_may_refuse_every_cancel(world: World) -> None:
         server.cancel_requests()
 
 
+@pytest.mark.every_transport
 async def test_cancel_all_lists_every_goal(world: World) -> None:
     """r2r answers REJECTED with an empty list as soon as there are two goals."""
 
@@ -250,6 +254,7 @@ async def test_cancel_before_a_stamp(world: World) -> None:
     assert handles[2].status in (S.ACCEPTED, S.EXECUTING)
 
 
+@pytest.mark.every_transport
 async def test_one_refusal_among_many_leaves_the_others(world: World) -> None:
     _, client = await pair(world, until_canceled, on_cancel=lambda handle: handle.request.order != 13)
     await client.send_goal(goal(13))
@@ -283,6 +288,7 @@ async def test_duplicate_goal_ids_are_refused(world: World) -> None:
         await other.send_goal(goal(), goal_id=bytes(range(16)), timeout_s=5)
 
 
+@pytest.mark.every_transport
 async def test_results_are_kept_for_their_time_and_unknown_goals_are_unknown(world: World) -> None:
     server, client = await pair(world, result_timeout_s=60)
     clock = world.nodes[0].clock
@@ -330,6 +336,7 @@ async def test_results_expire_in_real_time_too(world: World) -> None:
     assert clock.now() - begin > Duration(seconds=0.3)
 
 
+@pytest.mark.every_transport
 async def test_deferred_goals_stay_accepted_until_they_are_executed(world: World) -> None:
     server, client = await pair(world, accept=lambda request: GoalDecision.DEFER)
     seen = await statuses_of(world, server)
@@ -388,6 +395,7 @@ async def test_policy_queue_runs_one_after_the_other(world: World) -> None:
     assert order == [0, 1, 3]
 
 
+@pytest.mark.every_transport
 async def test_policy_preempt_cancels_the_running_goal_for_the_newest(world: World) -> None:
     started: list[int] = []
     release = asyncio.Event()
@@ -487,6 +495,7 @@ async def test_results_are_kept_for_fifteen_minutes_unless_said_otherwise(world:
     assert server._goals.book.result_timeout_ns == 900 * 10**9
 
 
+@pytest.mark.every_transport
 async def test_cancel_requests_as_a_stream(world: World) -> None:
     """In r2r `is_cancelling` and `succeed` fail after an accepted cancel."""
 
@@ -530,6 +539,7 @@ async def test_a_cancel_nobody_answers_ends_with_its_goal(world: World) -> None:
     task.cancel()
 
 
+@pytest.mark.every_transport
 async def test_untyped_client_and_server(world: World) -> None:
     name = "example_interfaces/action/Fibonacci"
 
@@ -558,6 +568,7 @@ async def test_a_goal_of_another_type_is_refused_before_sending(world: World) ->
     assert client._goals == {}
 
 
+@pytest.mark.every_transport
 async def test_no_server_is_a_timeout(world: World) -> None:
     client = world.node().create_action_client(Fibonacci, "fib")
     with pytest.raises(WaitTimeoutError, match=r"no server of action /fib \(.*Fibonacci\) appeared at .* in 0.05 s"):
@@ -578,6 +589,7 @@ async def test_waiting_for_a_result_may_time_out_and_go_on(world: World) -> None
     assert (await handle.result(timeout_s=5))[0] is S.CANCELED
 
 
+@pytest.mark.every_transport
 async def test_a_server_that_goes_away_is_noticed(world: World) -> None:
     server, client = await pair(world, until_canceled)
     handle = await client.send_goal(goal())
@@ -590,6 +602,7 @@ async def test_a_server_that_goes_away_is_noticed(world: World) -> None:
     assert client._goals == {} and client._result.pending_count == 0
 
 
+@pytest.mark.every_transport
 async def test_a_server_that_comes_back_does_not_know_the_goal(world: World) -> None:
     server, client = await pair(world, until_canceled, lost_after_s=30)
     handle = await client.send_goal(goal())
@@ -600,12 +613,13 @@ async def test_a_server_that_comes_back_does_not_know_the_goal(world: World) -> 
     assert (await (await client.send_goal(goal(1))).result(timeout_s=5))[0] is S.SUCCEEDED
 
 
+@pytest.mark.every_transport
 async def test_closing_the_client_wakes_whoever_waits(world: World) -> None:
     _, client = await pair(world, until_canceled)
     handle = await client.send_goal(goal())
     waiting = asyncio.ensure_future(handle.result())
     feedback = asyncio.ensure_future(take(handle.feedback()))
-    await asyncio.sleep(0.01)
+    await asyncio.sleep(0)  # both have begun to wait
     client.close()
     client.close()
     for task in (waiting, feedback):
@@ -615,13 +629,14 @@ async def test_closing_the_client_wakes_whoever_waits(world: World) -> None:
         await client.send_goal(goal())
 
 
+@pytest.mark.every_transport
 async def test_closing_the_server_cancels_its_handlers(world: World) -> None:
     entered, cancelled = asyncio.Event(), asyncio.Event()
 
     async def execute(handle: Any) -> Any:
         entered.set()
         try:
-            await asyncio.sleep(30)
+            await asyncio.Event().wait()
         except asyncio.CancelledError:
             cancelled.set()
             raise
@@ -634,6 +649,7 @@ async def test_closing_the_server_cancels_its_handlers(world: World) -> None:
     await asyncio.wait_for(cancelled.wait(), 5)
 
 
+@pytest.mark.every_transport
 def test_plain_code(world: World) -> None:
     async def execute(handle: Any) -> Any:
         return result(handle.request.order)
@@ -678,6 +694,7 @@ def test_names_are_remapped_one_by_one(world: World) -> None:
     assert "/elsewhere" in names and "/fib/_action/status" in names and "/fib/_action/feedback" not in names
 
 
+@pytest.mark.every_transport
 def test_two_hundred_goals_with_random_cancels_each_end_once(world: World) -> None:
     dice = random.Random(5)
 

@@ -34,12 +34,13 @@ def lose(monkeypatch: pytest.MonkeyPatch, count: int, *, deny: bool = False) -> 
         if len(lost) == count:
             return original(self, request)
         lost.append(bytes(request.goal_id.uuid))
-        return self._unknown if deny else asyncio.sleep(3600)
+        return self._unknown if deny else asyncio.Event().wait()
 
     monkeypatch.setattr(ActionServer, "_on_get_result", on_get_result)
     return lost
 
 
+@pytest.mark.every_transport
 async def test_a_lost_result_is_asked_for_again_once_its_goal_has_ended(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -161,7 +162,7 @@ async def test_a_second_node_of_the_name_ends_no_goal_of_the_first(dds: World, m
     _, client = await pair(dds, until_canceled)
     handle = await client.send_goal(goal(), timeout_s=5)
     dds.node("server").create_action_server(Fibonacci, "fib", fibonacci)
-    (wanted,) = client._result._wanted
+    (wanted,) = client._result._pending
     await until(lambda: wanted.answer is not None)
     seen = client._result._seen_s
     await until(lambda: client._result._seen_s > seen + 0.5)

@@ -29,6 +29,7 @@ String: Any = get_message("std_msgs/msg/String")
 Bool: Any = get_message("std_msgs/msg/Bool")
 
 
+@pytest.mark.every_transport
 async def test_matches_come_and_go(world: World) -> None:
     alice, bob = world.pair()
     heard: list[MatchedStatus] = []
@@ -43,6 +44,7 @@ async def test_matches_come_and_go(world: World) -> None:
     assert len(published) == 1
 
 
+@pytest.mark.every_transport
 async def test_async_callbacks_hear_of_other_types_and_qualities(world: World) -> None:
     alice, bob = world.pair()
     types: list[IncompatibleStatus] = []

@@ -35,6 +35,7 @@ async def exchange(world: World, client_state: IntrospectionState, server_state:
     return events, client, server, node, caller
 
 
+@pytest.mark.every_transport
 async def test_contents_show_all_four_steps(world: World) -> None:
     events, *_ = await exchange(world, STATE.CONTENTS, STATE.CONTENTS)
     await until(lambda: len(events) == 4)
@@ -106,6 +107,7 @@ async def test_something_else_than_a_clock_is_refused(world: World, clock: Any) 
     assert (await client.call(AddTwoInts.Request(a=1), timeout_s=5)).sum == 1
 
 
+@pytest.mark.every_transport
 async def test_the_publisher_of_events_goes_with_its_client_or_server(world: World) -> None:
     _, client, server, node, caller = await exchange(world, STATE.CONTENTS, STATE.METADATA)
     topic = "/add/_service_event"

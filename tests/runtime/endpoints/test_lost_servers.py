@@ -66,6 +66,7 @@ async def asked(world: World, count: int = 1, timeout_s: float | None = None) ->
     return server, client, calls
 
 
+@pytest.mark.every_transport
 @pytest.mark.parametrize("timeout_s", [None, 60], ids=["without limit", "with limit"])
 async def test_calls_end_at_once_when_their_server_closes(world: World, timeout_s: float | None) -> None:
     server, client, calls = await asked(world, 3, timeout_s)
@@ -76,6 +77,7 @@ async def test_calls_end_at_once_when_their_server_closes(world: World, timeout_
     assert client.pending_count == 0
 
 
+@pytest.mark.every_transport
 async def test_a_server_in_place_of_the_lost_one_never_got_the_request(world: World) -> None:
     server, client, (call,) = await asked(world)
     world.node("next").create_service(AddTwoInts, "add", add)
@@ -87,6 +89,7 @@ async def test_a_server_in_place_of_the_lost_one_never_got_the_request(world: Wo
     assert (await client.call(Request(a=1, b=2), timeout_s=5)).sum == 3
 
 
+@pytest.mark.every_transport
 async def test_a_call_goes_on_while_one_of_its_servers_is_left(world: World) -> None:
     first, second = (world.node(name).create_service(AddTwoInts, "add") for name in ("first", "second"))
     client = world.node("caller").create_client(AddTwoInts, "add")
@@ -100,6 +103,7 @@ async def test_a_call_goes_on_while_one_of_its_servers_is_left(world: World) -> 
     assert (await asyncio.wait_for(call, 5)).sum == 3
 
 
+@pytest.mark.every_transport
 async def test_what_a_server_answered_before_it_closed_counts(world: World) -> None:
     server = world.node("server").create_service(AddTwoInts, "add")
     client = world.node("caller").create_client(AddTwoInts, "add")
@@ -112,6 +116,7 @@ async def test_what_a_server_answered_before_it_closed_counts(world: World) -> N
         assert (await call).sum == number
 
 
+@pytest.mark.every_transport
 async def test_a_call_that_was_made_before_any_server_waits_for_one(world: World) -> None:
     passer_by, client = world.node("passer_by"), world.node("caller").create_client(AddTwoInts, "add")
     call = asyncio.ensure_future(client.call(Request(a=1, b=2)))
@@ -153,10 +158,11 @@ async def test_a_killed_server_is_missed_after_its_lease(network: World, mortal:
         await client.call(Request(), timeout_s=0.1)
 
 
+@pytest.mark.every_transport
 async def test_a_goal_whose_server_leaves_before_it_accepts_ends_at_once(world: World) -> None:
     async def on_goal(goal: Any) -> bool:
         entered.set()
-        await asyncio.sleep(60)
+        await asyncio.Event().wait()
         return True
 
     async def execute(goal: Any) -> Any:

@@ -29,6 +29,7 @@ def two_messages() -> tuple[Any, Any]:
     return two("msg", "int32 x\nint32 y", "int32 y\nint32 x")
 
 
+@pytest.mark.every_transport
 async def test_values_do_not_come_out_swapped(world: World, caplog: pytest.LogCaptureFixture) -> None:
     old, new = two_messages()
     alice, bob = world.pair()
@@ -79,6 +80,7 @@ async def test_who_wants_them_gets_them(world: World, mode: Any, caplog: pytest.
     assert caplog.text.count("by different definitions") == (mode == "warn")
 
 
+@pytest.mark.every_transport
 async def test_a_writer_that_tells_no_hash_is_believed(world: World) -> None:
     old, _ = two_messages()
     alice, bob = world.pair()
@@ -93,6 +95,7 @@ async def test_a_writer_that_tells_no_hash_is_believed(world: World) -> None:
     assert (await subscription.receive(5)).x == 1
 
 
+@pytest.mark.every_transport
 async def test_calls_to_a_server_of_another_definition_end_with_the_reason(world: World) -> None:
     old, new = two("srv", "int32 a\n---\nint32 b", "int32 b\nint32 a\n---\nint32 b")
     alice, bob = world.pair()

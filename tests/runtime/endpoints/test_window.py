@@ -159,6 +159,7 @@ def test_what_waited_on_a_loop_that_ended_stands_in_nobodys_way() -> None:
     assert sent == [0, 1]
 
 
+@pytest.mark.every_transport
 async def test_what_a_server_keeps_is_shared_by_all_who_have_clients(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +200,7 @@ async def test_room_grows_with_answers_once_others_are_known(monkeypatch: pytest
     assert len(sent) == 31
 
 
+@pytest.mark.every_transport
 async def test_a_server_whose_handlers_take_long_loses_none_of_many_calls_at_once(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -216,7 +218,7 @@ def slow_server(world: World, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
     ready, stop = threading.Event(), threading.Event()
 
     def handler(request: AddTwoInts.Request) -> AddTwoInts.Response:
-        time.sleep(0.03)
+        time.sleep(0.03)  # what the test is about: the loop is held up
         return AddTwoInts.Response(sum=request.a)
 
     async def serve() -> None:

@@ -68,6 +68,7 @@ def managed(world: World, cls: type[Managed] = Managed) -> Managed:
     return node
 
 
+@pytest.mark.every_transport
 async def test_the_round_trip_with_its_events(world: World) -> None:
     seen: list[tuple[int, int]] = []
     stamps: list[int] = []
@@ -132,6 +133,7 @@ async def test_impossible_transitions_name_the_possible_ones(world: World) -> No
         await node.activate()
 
 
+@pytest.mark.every_transport
 async def test_the_services(world: World) -> None:
     node = managed(world)
     other = world.node("other")

@@ -49,6 +49,7 @@ def test_every_awaitable_method_has_a_blocking_form_or_a_reason() -> None:
     assert {owner for owner, _ in found} >= WITHOUT.keys() - {"SimTimePublisher", "ServiceRequest"}
 
 
+@pytest.mark.every_transport
 def test_a_script_without_event_loop_receives_and_waits(world: World) -> None:
     if world.kind == "zenoh":
         pytest.skip("the same code runs there")
@@ -66,6 +67,7 @@ def test_a_script_without_event_loop_receives_and_waits(world: World) -> None:
         subscription.receive_sync(0.01)
 
 
+@pytest.mark.every_transport
 def test_services_and_parameters_of_others_are_used_without_await(world: World) -> None:
     if world.kind == "zenoh":
         pytest.skip("the same code runs there")

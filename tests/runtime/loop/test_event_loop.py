@@ -62,7 +62,7 @@ class Pipe:
 @pytest.fixture
 def pipes() -> Iterator[list[Pipe]]:
     """More than are looked at in one go."""
-    made = [Pipe() for _ in range(3 * event_loop._MOST_EVENTS)]
+    made = [Pipe() for _ in range(3 * event_loop._MAX_EVENTS)]
     yield made
     for each in made:
         each.close()
@@ -110,20 +110,22 @@ def test_a_sample_wakes_a_task_without_one_more_round(dds: World, rounds: list[f
 
     async def main() -> None:
         await publisher.wait_for_subscribers(timeout_s=5)
-        await asyncio.sleep(0.2)  # both sides have heard all there is to hear of each other
-        for number in range(10):
+        await subscription.wait_for_publishers(timeout_s=5)
+        for number in range(100):
             before = len(rounds)
             sending = asyncio.get_running_loop().run_in_executor(None, late, number)
             assert (await subscription.receive(timeout_s=5)).data == number
             needed.append(len(rounds) - before)
             await sending
+            if needed[-1] == 1:  # in the first ones they still hear of each other
+                break
 
     def late(number: int) -> None:
-        time.sleep(0.02)
+        time.sleep(0.02)  # the loop sleeps by now, most of the times
         publisher.publish(Int32(data=number))
 
     run(main)
-    assert min(needed) == 1
+    assert needed[-1] == 1
 
 
 def test_what_is_left_to_do_is_an_ordinary_callback_of_the_same_round(
@@ -145,7 +147,8 @@ def test_what_is_left_to_do_is_an_ordinary_callback_of_the_same_round(
 
         loop.watch(pipe.read_end, early, callback)
         await asyncio.wait_for(done.wait(), 10)
-        await asyncio.sleep(0.01)
+        for _ in range(3):  # in which it would be called again
+            await asyncio.sleep(0)
 
     loop.run_until_complete(main())
     assert seen == [("early", seen[0][1]), ("callback", seen[0][1])]
@@ -187,7 +190,7 @@ def test_those_that_stay_ready_keep_neither_each_other_nor_timers_nor_sockets_wa
                 theirs.send(b"x")
                 await asyncio.wait_for(loop.sock_recv(ours, 1), 10)
                 start = time.monotonic()
-                await asyncio.sleep(0.002)
+                await asyncio.sleep(0.002)  # a timer, which this is about
                 assert time.monotonic() - start < 10
 
     loop.run_until_complete(main())
@@ -207,14 +210,20 @@ def test_a_function_may_end_the_watching_of_its_own_and_of_another_descriptor(
             return True
 
         loop.watch(pipes[number].read_end, call, pipes[number].on_read)
-    loop.run_until_complete(asyncio.sleep(0.01))
+
+    async def rounds() -> None:
+        await until(lambda: calls)
+        for _ in range(3):
+            await asyncio.sleep(0)
+
+    loop.run_until_complete(rounds())
     assert len(calls) == 1
 
 
 def test_waiting_takes_the_time_of_the_next_timer_and_no_cpu(loop: EventLoop) -> None:
     start = time.monotonic()
-    loop.run_until_complete(asyncio.sleep(0.2))
-    assert 0.19 < time.monotonic() - start < 5
+    loop.run_until_complete(asyncio.sleep(0.2))  # a timer, which this is about
+    assert time.monotonic() - start > 0.19
     assert loop.run_until_complete(rests(0.2, cpu_s=0.05))
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from rosidl_py_gen.runtime.loop.outbox import Outbox
+from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 from rosidl_py_gen.runtime.transport.port import TransportError
 
 
@@ -58,7 +59,7 @@ def test_what_waits_is_sent_in_order_by_the_loop() -> None:
         await asyncio.sleep(0.02)
         assert line.sent == [1, 2, 3, 4] and reports == ["sending what had to wait"] and outbox.dropped == 1
 
-    asyncio.run(main())
+    VirtualTimeLoop().run(main())
 
 
 def test_a_full_one_drops_the_oldest_and_a_closed_one_all() -> None:
@@ -85,6 +86,6 @@ def test_what_one_loop_left_behind_another_one_sends_with_the_next() -> None:
         outbox.send(line.write(number))
         await asyncio.sleep(0.01)
 
-    asyncio.run(send(1, is_full=True))
-    asyncio.run(send(2, is_full=False))
+    VirtualTimeLoop().run(send(1, is_full=True))
+    VirtualTimeLoop().run(send(2, is_full=False))
     assert line.sent == [1, 2]

@@ -73,7 +73,7 @@ def test_a_cancellation_from_elsewhere_is_a_failure_and_an_own_one_an_end() -> N
         foreign.cancel()
         await task
         assert owner.reports == ["the callback: CancelledError"]
-        task = UserFunction(owner, lambda: asyncio.sleep(5), "the callback").call()
+        task = UserFunction(owner, lambda: asyncio.Event().wait(), "the callback").call()
         assert task is not None
         task.cancel()  # before it has begun
         with pytest.raises(asyncio.CancelledError):

@@ -7,6 +7,7 @@ import threading
 import time
 
 import pytest
+from worlds import until
 
 from rosidl_py_gen.waiting import Waiters
 
@@ -24,7 +25,7 @@ def test_a_wake_lets_all_look_and_those_go_on_for_whom_it_is_so() -> None:
         assert waiters and done == []
         reached = 1
         waiters.wake()
-        await asyncio.sleep(0.01)
+        await until(lambda: len(done) == 2)
         assert done == [1, 1] and waiters
         reached = 2
         waiters.wake()
@@ -76,17 +77,18 @@ def test_loops_of_other_threads_are_woken_and_closed_ones_forgotten() -> None:
     forgotten.close()
     outcomes: list[bool] = []
     threads = [
-        threading.Thread(target=lambda: outcomes.append(asyncio.run(waiters.wait(happened.is_set, 5))))
+        threading.Thread(target=lambda: outcomes.append(asyncio.run(waiters.wait(happened.is_set, 60))))
         for _ in range(3)
     ]
     for thread in threads:
         thread.start()
-    time.sleep(0.05)
+    while len(waiters._futures) < 4:
+        time.sleep(0.001)
     happened.set()
     waiters.wake()
     waiters.wake()
     for thread in threads:
-        thread.join(5)
+        thread.join(20)
     assert outcomes == [True] * 3
     with pytest.raises(RuntimeError, match="closed"):
         task.cancel()

@@ -136,6 +136,7 @@ async def enter(node: Node) -> None:
         pass
 
 
+@pytest.mark.every_transport
 @needs_fork
 def test_inherited_things_say_that_they_do_not_work_after_a_fork(world: World) -> None:
     node = world.node("parent")

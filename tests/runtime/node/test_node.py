@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from worlds import World
 
 
+@pytest.mark.every_transport
 async def test_names_are_expanded_and_remapped(world: World) -> None:
     context = world.context("--ros-args", "-r", "__ns:=/robot", "-r", "chatter:=/loud", "-r", "~/in:=other")
     node = world.node("arm", "ignored", context=context)
@@ -59,6 +60,7 @@ def test_invalid_names_are_refused(memory: World, name: str, namespace: str) -> 
         Node(name, namespace, context=memory.context())
 
 
+@pytest.mark.every_transport
 async def test_every_node_sees_every_other_one(world: World) -> None:
     alice, bob = world.pair()
     carol = world.node("carol", "/ns", context=alice.context)
@@ -82,6 +84,7 @@ async def test_every_node_sees_every_other_one(world: World) -> None:
         await bob.wait_for_node("alce", timeout_s=0.01)
 
 
+@pytest.mark.every_transport
 async def test_endpoints_are_described_with_node_type_hash_and_qos(world: World) -> None:
     alice, bob = world.pair()
     qos = QoSProfile().keep_last(7).transient_local().deadline(1.5)
@@ -105,6 +108,7 @@ async def test_endpoints_are_described_with_node_type_hash_and_qos(world: World)
     assert other.qos_profile.reliability is Reliability.BEST_EFFORT
 
 
+@pytest.mark.every_transport
 async def test_topics_and_services_are_listed_in_all_and_by_node(world: World) -> None:
     alice, bob = world.pair()
     alice.create_publisher(String, "/out")
@@ -131,6 +135,7 @@ async def test_topics_and_services_are_listed_in_all_and_by_node(world: World) -
     assert bob.get_client_names_and_types_by_node("alice") == []
 
 
+@pytest.mark.every_transport
 async def test_servers_and_clients_of_a_service_are_counted(world: World) -> None:
     alice, bob = world.pair()
     server = alice.create_service(AddTwoInts, "/add")
@@ -265,6 +270,7 @@ async def test_options_of_a_node(memory: World) -> None:
     node.close()
 
 
+@pytest.mark.every_transport
 @pytest.mark.without_zenoh("everything is compatible")
 async def test_incompatible_qos_is_explained_once_with_both_nodes(
     world: World, caplog: pytest.LogCaptureFixture
@@ -278,13 +284,14 @@ async def test_incompatible_qos_is_explained_once_with_both_nodes(
         bob.create_subscription(String, "s", qos=QoSProfile().reliable())
         await until(lambda: len(told()) == 2)  # each side tells its own user
         bob.create_publisher(String, "unrelated")
-        await asyncio.sleep(0.1)
+        await until(lambda: alice.count_publishers("unrelated") == bob.count_publishers("unrelated") == 1)
     assert len(told()) == 2
     for line in told():
         assert "on /s from node /alice to node /bob" in line
         assert "Best effort publisher and reliable subscription" in line
 
 
+@pytest.mark.every_transport
 async def test_what_a_node_logs_is_published_on_rosout(world: World) -> None:
     alice, bob = world.pair()
     logs = bob.create_subscription(Log, "/rosout", qos=ROSOUT)
@@ -297,6 +304,7 @@ async def test_what_a_node_logs_is_published_on_rosout(world: World) -> None:
     assert message.file.endswith("test_node.py") and message.function and message.line > 0
 
 
+@pytest.mark.every_transport
 async def test_best_available_follows_the_peers_at_creation(world: World) -> None:
     from rosidl_py_gen.runtime.transport.qos import BEST_AVAILABLE
 
@@ -308,6 +316,7 @@ async def test_best_available_follows_the_peers_at_creation(world: World) -> Non
     assert subscription.qos.durability is Durability.VOLATILE
 
 
+@pytest.mark.every_transport
 def test_closing_a_context_closes_its_nodes(world: World) -> None:
     context = world.context()
     node = world.node("n", context=context)
@@ -395,6 +404,7 @@ async def test_two_contexts_of_different_domains_of_a_network_do_not_meet() -> N
         assert far.count_publishers("s") == 0
 
 
+@pytest.mark.every_transport
 async def test_who_does_not_understand_whom_is_listed_with_the_reason(world: World) -> None:
     alice, bob, asker = world.node("alice"), world.node("bob"), world.node("asker")
     alice.create_publisher(String, "t")
@@ -410,6 +420,7 @@ async def test_who_does_not_understand_whom_is_listed_with_the_reason(world: Wor
     assert asker.topic_mismatches("/rosout") == asker.service_mismatches("nobody") == []
 
 
+@pytest.mark.every_transport
 async def test_the_ends_of_a_service_and_the_participants_are_told(world: World) -> None:
     alice, bob = world.pair()
     alice.create_service(AddTwoInts, "add")
@@ -427,6 +438,7 @@ async def test_the_ends_of_a_service_and_the_participants_are_told(world: World)
     assert bob.context.middleware.lower() == world.kind
 
 
+@pytest.mark.every_transport
 async def test_names_that_ros_refuses_are_found_where_there_are_some(world: World) -> None:
     other, asker = world.node("other"), world.node("asker")
     on_wire.announce(other, "rt/2d_scan", "std_msgs::msg::dds_::String_", "")

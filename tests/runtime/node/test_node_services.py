@@ -13,6 +13,7 @@ from rosidl_py_gen.runtime.types.ask import TypeDescriptionError
 from rosidl_py_gen.runtime.types.describe import type_source
 
 
+@pytest.mark.every_transport
 async def test_a_type_in_use_is_described_with_sources(world: World) -> None:
     pose = get_message("geometry_msgs/msg/PoseStamped")
     node = world.node("n")
@@ -45,6 +46,7 @@ async def test_failures_say_why(world: World, wanted: str, reason: str) -> None:
         await world.node("other").get_type_description("/n", "std_msgs/msg/String", wanted, timeout_s=5)
 
 
+@pytest.mark.every_transport
 async def test_the_nodes_own_services_count_as_in_use(world: World) -> None:
     world.node("n")
     other = world.node("other")

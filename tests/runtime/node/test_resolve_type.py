@@ -30,6 +30,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.every_transport
 async def test_a_type_that_only_another_node_has_becomes_a_class(world: World) -> None:
     told = fresh()
     told_by(world, told)
@@ -39,6 +40,7 @@ async def test_a_type_that_only_another_node_has_becomes_a_class(world: World) -
     assert compile_text(told.name, told.text) is cls
 
 
+@pytest.mark.every_transport
 async def test_messages_arrive_with_the_class(world: World) -> None:
     told = fresh()
     told_by(world, told)
@@ -99,6 +101,7 @@ async def test_nested_types_are_local_ones_where_the_hash_is_the_same(world: Wor
     ]
 
 
+@pytest.mark.every_transport
 async def test_a_liar_is_refused_and_named_with_both_hashes(world: World) -> None:
     told, lie = fresh(), fresh("int32 y")
     answer = lie.answer()
@@ -196,6 +199,7 @@ async def test_without_a_hash_the_local_definition_is_taken_and_said_so(
         await asker.resolve_type("unknown", timeout_s=5)
 
 
+@pytest.mark.every_transport
 async def test_several_types_or_hashes_are_listed_with_their_nodes(world: World) -> None:
     one, two = fresh(), fresh("int32 y")
     told_by(world, one)
@@ -245,6 +249,7 @@ async def test_nobody_is_waited_for_in_vain(world: World) -> None:
     assert type_hash(await asking) == told.hash
 
 
+@pytest.mark.every_transport
 async def test_a_service_of_a_node_of_this_package(world: World) -> None:
     told = fresh("int32 a 3\nstring MORE=x\n---\nstring b", "srv")
     robot = teller(world, "robot", told)
@@ -254,6 +259,7 @@ async def test_a_service_of_a_node_of_this_package(world: World) -> None:
     assert type_hash(cls) == told.hash and cls.Request().a == 3 and cls.Request.MORE == "x"
 
 
+@pytest.mark.every_transport
 async def test_events_of_a_service_that_are_announced_last_are_waited_for(world: World) -> None:
     told = fresh("int32 a 3\n---\nstring b", "srv")
     refused: list[str] = []
@@ -274,6 +280,7 @@ async def test_events_of_a_service_that_are_announced_last_are_waited_for(world:
     assert type_hash(cls) == told.hash and refused[0].endswith("_Request")
 
 
+@pytest.mark.every_transport
 async def test_an_action_of_a_node_of_this_package(world: World) -> None:
     told = fresh("int32 order\n---\nint32[] result\n---\nfloat32 left", "action")
     robot = teller(world, "robot", told)

@@ -31,6 +31,7 @@ async def settle() -> None:
         await asyncio.sleep(0)
 
 
+@pytest.mark.every_transport
 async def test_use_sim_time_is_live(world: World) -> None:
     """r2r reads it once and never again."""
     node, source = world.node("n"), world.node("source").create_sim_time_publisher()
@@ -77,6 +78,7 @@ def test_it_can_be_given_at_the_start(world: World) -> None:
     assert node.clock.ros_time_is_active and node.clock.now_ns() == 0
 
 
+@pytest.mark.every_transport
 async def test_timers_follow_simulated_time(world: World) -> None:
     node = world.node("n", args="--ros-args -p use_sim_time:=true")
     source = world.node("source").create_sim_time_publisher()

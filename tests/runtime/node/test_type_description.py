@@ -36,6 +36,7 @@ async def names_and_encodings(asker: Any, cls: Any) -> list[tuple[str, str, str]
     return [(source.type_name, source.encoding, source.raw_file_contents) for source in got.type_sources]
 
 
+@pytest.mark.every_transport
 async def test_a_type_compiled_from_text_is_described_and_hides_no_other(world: World) -> None:
     node, asker = world.node("n"), world.node("asker")
     node.create_publisher(Foo, "foo")
@@ -85,6 +86,7 @@ def fields_of(got: Any) -> list[tuple[str, int]]:
     return [(field.name, field.type.type_id) for field in got.type_description.type_description.fields]
 
 
+@pytest.mark.every_transport
 @pytest.mark.without_zenoh("there services announce their own hash, not those of their messages")
 async def test_the_hash_is_taken_from_what_the_node_announces(world: World) -> None:
     node, asker, string = world.node("n", "/ns"), world.node("asker", "/ns"), get_message("std_msgs/msg/String")
@@ -122,17 +124,19 @@ async def test_a_node_name_is_not_remapped_like_a_topic(world: World) -> None:
         await asker.get_type_description("~/n", "my_pkg/msg/Foo", timeout_s=5)
 
 
+@pytest.mark.every_transport
 async def test_a_node_that_comes_later_is_waited_for(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ask, "_ENDPOINTS_PATIENCE_S", 10.0)  # its endpoint comes later still
     asker = world.node("asker")
     asking = asyncio.ensure_future(asker.get_type_description("/n", "my_pkg/msg/Foo", timeout_s=10))
-    await asyncio.sleep(0.1)
+    await asyncio.sleep(0)  # it waits by now
     world.node("n").create_publisher(Foo, "foo")
     assert fields_of(await asking) == [("x", 6)]
     with pytest.raises(CallTimeoutError, match=r"no node /nobody appeared in 0\.1 s"):
         await asker.get_type_description("/nobody", "my_pkg/msg/Foo", timeout_s=0.1)
 
 
+@pytest.mark.every_transport
 async def test_several_announced_hashes_are_an_error_that_lists_them(world: World) -> None:
     node, string = world.node("n"), get_message("std_msgs/msg/String")
     node.create_publisher(string, "plain")

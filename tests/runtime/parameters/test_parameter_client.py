@@ -49,6 +49,7 @@ class Lists:
 EMPTY = {"flags": [], "numbers": [], "reals": [], "tags": [], "unset": [], "blob": b""}
 
 
+@pytest.mark.every_transport
 async def test_empty_lists_get_the_type_of_the_remote_parameter(world: World) -> None:
     node = world.node("n")
     lists = node.declare_parameters(Lists)

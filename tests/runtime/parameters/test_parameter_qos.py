@@ -28,6 +28,7 @@ def test_the_profiles_are_those_of_ros() -> None:
     assert policies(PARAMETERS) == policies(PARAMETER_EVENTS) == expected
 
 
+@pytest.mark.every_transport
 async def test_parameter_events_are_announced_with_depth_1000(world: World) -> None:
     node, other = world.node("n"), world.node("other")
     stream = other.parameter_events()
@@ -43,6 +44,7 @@ async def test_parameter_events_are_announced_with_depth_1000(world: World) -> N
     stream.close()
 
 
+@pytest.mark.every_transport
 @pytest.mark.parametrize("service", SERVICES)
 def test_the_services_are_reliable_volatile_and_drop_nothing(world: World, service: str) -> None:
     """History takes no part in matching; ours keeps all where rclpy keeps 1000, so that no call is overwritten."""

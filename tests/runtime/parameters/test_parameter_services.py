@@ -70,6 +70,7 @@ def test_descriptors_survive_the_message(descriptor: ParameterDescriptor) -> Non
     assert descriptor_from_message(descriptor_to_message(descriptor)) == descriptor
 
 
+@pytest.mark.every_transport
 def test_every_node_has_what_rclpy_nodes_have(world: World) -> None:
     node = world.node("n", "/ns", logger_services=True)
     services = dict(node.get_service_names_and_types())
@@ -91,6 +92,7 @@ def test_the_type_description_service_can_be_switched_off(world: World) -> None:
     assert "/n/get_type_description" not in dict(node.get_service_names_and_types())
 
 
+@pytest.mark.every_transport
 async def test_raw_services_answer_as_rclpy_does(world: World) -> None:
     node = world.node("n")
     node.declare_parameter("a", 1)
@@ -121,6 +123,7 @@ async def test_raw_services_answer_as_rclpy_does(world: World) -> None:
     ]
 
 
+@pytest.mark.every_transport
 async def test_the_answer_comes_before_the_events_it_caused(world: World) -> None:
     node, other = world.node("n"), world.node("other")
     node.declare_parameter("a", 1)
@@ -158,6 +161,7 @@ def _note(of: Any, function: str, name: str, written: list[str]) -> None:
     setattr(of, function, noted)
 
 
+@pytest.mark.every_transport
 @pytest.mark.without_zenoh("sessions find each other after the node has published the first of these events")
 async def test_events_say_who_when_and_what(world: World) -> None:
     listener = world.node("listener")
@@ -235,6 +239,7 @@ async def test_yaml_out_and_in(world: World, tmp_path_factory: pytest.TempPathFa
     assert results["start_type_description_service"] == SetResult(True, "it is read-only and has this value")
 
 
+@pytest.mark.every_transport
 async def test_a_stream_of_another_nodes_events(world: World) -> None:
     node, noise, other = world.node("n"), world.node("noise"), world.node("other")
     remote = other.create_parameter_client("/n")
@@ -252,6 +257,7 @@ async def test_a_stream_of_another_nodes_events(world: World) -> None:
         await take(events)
 
 
+@pytest.mark.every_transport
 async def test_own_changes_as_a_stream(world: World) -> None:
     node = world.node("n")
     changes = node.parameter_changes()
@@ -264,6 +270,7 @@ async def test_own_changes_as_a_stream(world: World) -> None:
         await take(changes)
 
 
+@pytest.mark.every_transport
 def test_plain_api(world: World) -> None:
     node = world.node("n", overrides={"given": 5})
     assert node.declare_parameter("given", 1) == 5
@@ -291,6 +298,7 @@ def test_command_line_and_constructor_overrides(world: World) -> None:
     assert not node.has_parameter("c")
 
 
+@pytest.mark.every_transport
 async def test_a_remote_node_that_is_not_there_is_a_timeout(world: World) -> None:
     remote = world.node("other").create_parameter_client("/gone")
     with pytest.raises(WaitTimeoutError, match=r"does not serve its parameters: no server of .* appeared in 0.05 s"):
@@ -299,6 +307,7 @@ async def test_a_remote_node_that_is_not_there_is_a_timeout(world: World) -> Non
         await remote.get("a", timeout_s=0.05)
 
 
+@pytest.mark.every_transport
 async def test_closing_the_node_takes_everything_along(world: World) -> None:
     node = world.node("n")
     other = world.node("other")

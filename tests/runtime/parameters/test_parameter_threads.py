@@ -6,6 +6,7 @@ import asyncio
 import threading
 from dataclasses import dataclass
 
+import pytest
 from worlds import World, take, until
 
 from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterEvent as EventMessage
@@ -74,6 +75,7 @@ async def test_changes_of_several_threads_keep_the_order_of_the_sets(world: Worl
     await listener
 
 
+@pytest.mark.every_transport
 async def test_events_and_services_go_on_while_a_thread_sets(world: World) -> None:
     node = world.node("n")
     pair = node.declare_parameters(Pair)
@@ -112,6 +114,7 @@ async def collect(subscription: object, into: list[EventMessage]) -> None:
         into.append(message)
 
 
+@pytest.mark.every_transport
 async def test_remote_sets_and_a_thread_do_not_block_each_other(world: World) -> None:
     node = world.node("n")
     pair = node.declare_parameters(Pair)

@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.parameters.files import (
     parse_parameter_value,
     plain_scalar,
 )
-from rosidl_py_gen.runtime.parameters.overrides import NodeParameters, ParameterFileError, overrides_for
+from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides, overrides_for
 from rosidl_py_gen.runtime.parameters.values import ParameterType, ParameterValue, parameter_value
 
 T = ParameterType
@@ -236,7 +236,7 @@ def test_the_last_matching_entry_wins_not_the_most_specific() -> None:
     ],
 )
 def test_patterns(pattern: str, matching: list[str], others: list[str]) -> None:
-    entry = NodeParameters(pattern, {})
+    entry = ParameterOverrides(pattern, {})
     assert [name for name in matching + others if entry.matches(name)] == matching
 
 

@@ -108,6 +108,7 @@ async def test_two_types_on_one_topic_name_stay_apart(dds: World) -> None:
     assert texts.undecodable == numbers.undecodable == 0
 
 
+@pytest.mark.every_transport
 async def test_the_end_of_a_sample_is_zeros_not_memory(world: World) -> None:
     participant, odd = world.context()._core.participant, EndpointSpec("/odd", "pkg/msg/Odd", DEFAULT)
     reader = participant.create_reader(odd)

@@ -3,8 +3,14 @@
 Decides that only the first of a batch wakes the loop: by a byte in a pipe that the loop watches, or, where it cannot
 (Windows), by a call. What comes before the loop has looked adds itself to the list and costs nothing more.
 
-There are no locks, which the loop would have to wait for as soon as it is woken: operations of a deque are single ones,
-and a file that is closed writes into no other one that has got its number. A signal handler may publish in the middle.
+Who may call what, on which thread; there are no locks, which the loop would have to wait for as soon as it is woken:
+
+1. `put`: any thread, those of Zenoh and a signal handler in the middle of anything included. It never waits. Several at
+   once may each wake the loop, which does no harm.
+2. `take`: the thread of the loop. It lowers the flag, and looks at the list then; `put` adds to the list, and looks at
+   the flag then. So whatever is added is taken, or wakes the loop once more. Operations of a deque are single ones.
+3. `fileno` and `set_notify`: whoever attaches or detaches a loop, which only one thread does at a time (`loop/bridge`).
+4. `close`: any thread. What comes later goes nowhere: a closed file writes into no other one that has got its number.
 """
 
 from __future__ import annotations
@@ -21,7 +27,7 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime.transport.samples import Sink
 
-_MOST_BYTES = 64
+_MAX_BYTES = 64
 
 
 class Arrivals:
@@ -58,7 +64,7 @@ class Arrivals:
         """All that were put since the last time, each once."""
         ends = self._ends
         if ends is not None:
-            ends[0].read(_MOST_BYTES)
+            ends[0].read(_MAX_BYTES)
         self._is_told = False
         ready = self._ready
         return list(dict.fromkeys([ready.popleft() for _ in range(len(ready))]))

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
 ROUTER_PORT = 7447
-_MOST_SHOWN = 200
-_DEEPEST = 100
+_MAX_SHOWN = 200
+_MAX_DEPTH = 100
 """Levels of brackets that Zenoh's parser gets to see: some thousands end the process."""
 _BRACKET = re.compile(r"[\[{}\]]")
 _PLACE = re.compile(r" at \S+\.rs:\d+\.?")
@@ -167,12 +167,12 @@ def _require_shallow(text: str, where: str) -> None:
     depth = 0
     for bracket in _BRACKET.findall(text):
         depth += 1 if bracket in "[{" else -1
-        if depth > _DEEPEST:
-            raise ZenohConfigError(f"{where}: expected at most {_DEEPEST} brackets within each other, found more")
+        if depth > _MAX_DEPTH:
+            raise ZenohConfigError(f"{where}: expected at most {_MAX_DEPTH} brackets within each other, found more")
 
 
 def _shown(text: str) -> str:
-    return printable(repr(text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + "..."))
+    return printable(repr(text if len(text) <= _MAX_SHOWN else text[:_MAX_SHOWN] + "..."))
 
 
 def reason(error: Exception) -> str:

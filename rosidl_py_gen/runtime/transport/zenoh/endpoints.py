@@ -9,8 +9,18 @@ subscriber that does not say it listens there. So ours do, and say so, always: e
 no further than they know it, never send on that key, and have no use for the GID of a subscriber, which is all that
 changes for them. Waiting until somebody of Lyrical is there would mean another token, and samples lost meanwhile.
 
-Samples arrive on a thread of Zenoh, or on that of whoever publishes in this process. They go into the queue there, and
-nothing else happens: whoever blocks that thread stops everything that arrives.
+Who may call what, on which thread; there are no locks here, and Zenoh holds its own while it calls us:
+
+1. `write`: any thread, several at once; a counter gives each message its number in one step. A reliable keep-all writer
+   waits for slow peers, without the GIL; no other does.
+2. `_take`, `receive` and `read_attachment`: a thread of Zenoh, or that of whoever publishes in this process. They put
+   the sample into the queue and say so to `Arrivals`, nothing else: no log, no call of Zenoh, no function of a user.
+   Whoever blocks that thread stops everything that arrives.
+3. Sinks and `_complain`: the thread of the loop, which gets them from `Arrivals`. Only there the queue is emptied.
+4. `set_sink`: the thread of the loop, or of whoever closes. A sample under way may come later: `receive` reads the sink
+   once, and a sink finds that its endpoint is closed.
+5. `close`: any thread but those of 2; the second one does nothing.
+6. `abandon`: the one thread of a forked child, where those of Zenoh are not.
 """
 
 from __future__ import annotations
@@ -47,7 +57,7 @@ _HEARTBEAT_S = 0.5
 _time_ns = time.time_ns
 
 
-class Host(Protocol):
+class EndpointOwner(Protocol):
     """What endpoints need of their participant."""
 
     arrivals: Arrivals
@@ -132,7 +142,7 @@ def declare_subscriber(
 class ZenohWriter:
     """See `port.Writer`."""
 
-    def __init__(self, owner: Host, info: EndpointFound, key: str) -> None:
+    def __init__(self, owner: EndpointOwner, info: EndpointFound, key: str) -> None:
         self._owner = owner
         self.info = info
         self.guid = info.guid
@@ -185,7 +195,7 @@ class ZenohWriter:
 class ZenohReader:
     """See `port.Reader`; the queue is filled by `_take`."""
 
-    def __init__(self, owner: Host, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+    def __init__(self, owner: EndpointOwner, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
         self._owner = owner
         self.info = info
         self.guid = info.guid
@@ -267,7 +277,7 @@ class ZenohReader:
 class BufferReader(ZenohReader):
     """A reader that listens on the key for buffers, too; each sample comes on one of the two."""
 
-    def __init__(self, owner: Host, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
+    def __init__(self, owner: EndpointOwner, info: EndpointFound, key: str, *, ignore_local: bool = False) -> None:
         super().__init__(owner, info, key, ignore_local=ignore_local)
         try:
             self._channel = self._declare(cpu_channel(key))

@@ -144,7 +144,7 @@ class TokenGraph:
                 if zid != self._own_zid and (self._add if is_there else self._remove)(text, token, zid):
                     changed[zid] = None
             for zid in changed:
-                self._settle(zid)
+                self._report_nodes(zid)
 
     def _add(self, text: str, token: NodeToken | EndpointToken, zid: str) -> bool:
         if text in self._tokens:
@@ -186,7 +186,7 @@ class TokenGraph:
             self._events.append(Lost(endpoint.guid))
         return True
 
-    def _settle(self, zid: str) -> None:
+    def _report_nodes(self, zid: str) -> None:
         """Tell which nodes a session has, or that it is gone."""
         session = self._sessions[zid]
         nodes = session.nodes = {
@@ -224,11 +224,11 @@ class TokenGraph:
         return self.changes
 
     def connected(self, endpoint: EndpointFound) -> dict[bytes, EndpointFound]:
-        """Those at the other side of an endpoint, by their GUIDs."""
+        """The endpoints at the other side of one, by their GUIDs."""
         return self._of(_key(endpoint, not endpoint.is_writer))
 
     def beside(self, endpoint: EndpointFound) -> dict[bytes, EndpointFound]:
-        """Those at the same side of an endpoint, itself included, by their GUIDs."""
+        """The endpoints at the same side as one, itself included, by their GUIDs."""
         return self._of(_key(endpoint, endpoint.is_writer))
 
     def _of(self, key: Key) -> dict[bytes, EndpointFound]:

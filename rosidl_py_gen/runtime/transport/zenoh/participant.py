@@ -140,7 +140,7 @@ class ZenohParticipant:
         return _Description(key, text if owner else "", endpoints_of(token, gid_of(text)))
 
     def _describe_service(self, kind: EntityKind, service: Service, qos: QoSProfile, node: int) -> _Description:
-        """As `_describe`; our own graph knows the hashes of the messages, which no token tells."""
+        """`_describe` for a service; our own graph knows the hashes of the messages, which no token tells."""
         told = self._describe(kind, service.name, service.type, service.type_hash, qos, node)
         halves = [service.request_hash, service.response_hash]
         if kind is EntityKind.CLIENT:
@@ -166,7 +166,7 @@ class ZenohParticipant:
         return endpoint
 
     def withdraw(self, guid: bytes) -> None:
-        """That endpoint of ours will be undeclared."""
+        """Tell others no more of an endpoint of ours, which will be undeclared."""
         owned = self._owned.pop(guid, None)
         if owned is not None:
             if owned.token is not None:

@@ -28,7 +28,7 @@ from rosidl_py_gen.runtime.transport.zenoh.graph import participant_guid, twin
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.discovered import EndpointFound
     from rosidl_py_gen.runtime.transport.service_port import RequestId
-    from rosidl_py_gen.runtime.transport.zenoh.endpoints import Host
+    from rosidl_py_gen.runtime.transport.zenoh.endpoints import EndpointOwner
 
 _ENDLESS_S = 1e9
 """Zenoh refuses infinity."""
@@ -37,12 +37,12 @@ _GET_RESULT = "/_action/get_result/"
 _LATER_S = 1.0
 """So much longer than a call Zenoh waits: the call says it better."""
 _TIMEOUT = b"Timeout"
-_MOST_QUERIES = 10_000
-_MOST_BYTES = 64 * 2**20
+_MAX_QUERIES = 10_000
+_MAX_BYTES = 64 * 2**20
 """Of requests that nobody answered yet, together."""
-_MOST_ANSWERED = 16
+_MAX_ANSWERED = 16
 _HEADER_BYTES = 4
-_MOST_CHARACTERS = 300
+_MAX_CHARACTERS = 300
 _time_ns = time.time_ns
 
 
@@ -54,7 +54,7 @@ class _End(ZenohReader):
         writes: that by which it knows it as a writer.
     """
 
-    def __init__(self, owner: Host, reads: EndpointFound, writes: EndpointFound, key: str) -> None:
+    def __init__(self, owner: EndpointOwner, reads: EndpointFound, writes: EndpointFound, key: str) -> None:
         self.gid = reads.guid
         self.endpoints = reads.guid, writes.guid
         self._key = key
@@ -80,7 +80,7 @@ class _End(ZenohReader):
 class ZenohClient(_End):
     """See `port.ClientPort`."""
 
-    def __init__(self, owner: Host, replies: EndpointFound, requests: EndpointFound, key: str) -> None:
+    def __init__(self, owner: EndpointOwner, replies: EndpointFound, requests: EndpointFound, key: str) -> None:
         self._requests = requests
         self._sent = 0
         self._asked: dict[int, _Asked] = {}
@@ -147,7 +147,7 @@ class ZenohClient(_End):
             return
         if asked.is_over:
             self._answered.append(number)
-            if len(self._answered) <= _MOST_ANSWERED:
+            if len(self._answered) <= _MAX_ANSWERED:
                 return
             number = self._answered.popleft()
         self._cancel(number)
@@ -246,7 +246,7 @@ class _Asked:
 
 def _printable(text: bytes) -> str:
     """What a peer says, for people."""
-    shown = text[: 4 * _MOST_CHARACTERS].decode(errors="replace")[:_MOST_CHARACTERS]
+    shown = text[: 4 * _MAX_CHARACTERS].decode(errors="replace")[:_MAX_CHARACTERS]
     return "".join(char if char.isprintable() else " " for char in shown)
 
 
@@ -267,7 +267,7 @@ class _Query(NamedTuple):
 class ZenohServer(_End):
     """See `port.ServerPort`; keeps the queries that are not answered yet."""
 
-    def __init__(self, owner: Host, requests: EndpointFound, replies: EndpointFound, key: str) -> None:
+    def __init__(self, owner: EndpointOwner, requests: EndpointFound, replies: EndpointFound, key: str) -> None:
         self._queries: dict[_Asker, _Query] = {}
         self._queries_bytes = 0
         self._queries_lock = threading.RLock()
@@ -297,7 +297,7 @@ class ZenohServer(_End):
                 return False
             self._queries[identity] = query
             self._queries_bytes += query.size_bytes
-            while len(self._queries) > 1 and (len(self._queries) > _MOST_QUERIES or self._queries_bytes > _MOST_BYTES):
+            while len(self._queries) > 1 and (len(self._queries) > _MAX_QUERIES or self._queries_bytes > _MAX_BYTES):
                 given_up.append(self.claim(next(iter(self._queries))))
         for old in filter(None, given_up):
             old.drop()
@@ -343,7 +343,7 @@ class ZenohServer(_End):
         return asker
 
     def forget(self, client: bytes) -> None:
-        """That client is gone."""
+        """Drop the requests of a client that is gone."""
         with self._queries_lock:
             of_client = [identity for identity in self._queries if identity[0] == client]
         self._drop(of_client)

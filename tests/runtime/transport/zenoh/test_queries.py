@@ -59,7 +59,7 @@ async def test_calls_that_are_given_up_leave_nothing_in_zenoh(pair: Pair) -> Non
     assert not pair.replies._asked
     for number in range(200):
         calling = pair.call()
-        await asyncio.sleep(0.0001 * (number % 10))
+        await asyncio.sleep(0.0001 * (number % 10))  # at every stage of a call, wherever that is
         calling.cancel()
     await until(lambda: not pair.replies._asked)
     assert pair.client.pending_count == 0
@@ -79,7 +79,7 @@ async def test_calls_that_one_of_two_servers_answers_do_not_pile_up_in_zenoh(pai
     await until(lambda: len(pair.replies.connected()) == 2)
     for _ in range(30):
         assert (await pair.call()).sum == 3
-    assert len(pair.replies._asked) == services._MOST_ANSWERED
+    assert len(pair.replies._asked) == services._MAX_ANSWERED
 
 
 async def test_closing_a_client_with_calls_under_way_cancels_them(pair: Pair) -> None:
@@ -115,7 +115,7 @@ async def test_only_calls_without_a_limit_have_that_of_zenoh_and_results_of_acti
     assert (await limited).sum == 3
 
     async def execute(goal: Any) -> Any:
-        await asyncio.sleep(0.5)
+        await asyncio.sleep(0.5)  # longer than Zenoh's limit, which nothing tells us of
         return Fibonacci.Result(sequence=[1])
 
     pair.node.create_action_server(Fibonacci, "fibonacci", execute)
@@ -166,7 +166,7 @@ async def test_a_request_without_header_is_not_kept(pair: Pair) -> None:
 async def test_of_large_requests_that_nobody_answers_the_oldest_are_given_up(
     pair: Pair, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(services, "_MOST_BYTES", 45)  # a request has 20
+    monkeypatch.setattr(services, "_MAX_BYTES", 45)  # a request has 20
     assert await pair.client.wait_for_service(5)
     calls = [pair.call() for _ in range(4)]
     requests = [await anext(pair.server) for _ in range(4)]
@@ -188,7 +188,7 @@ async def test_a_forked_child_touches_no_query(pair: Pair) -> None:
     pair.reader.close()
     pair.replies.cancel(1)
     assert not pair.reader._queries and not pair.replies._asked
-    await asyncio.sleep(0.1)
+    await asyncio.sleep(0.1)  # in which an answer would come, of which we cannot know that it does not
     assert not calling.done()
     calling.cancel()
 

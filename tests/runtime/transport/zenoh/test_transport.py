@@ -180,7 +180,7 @@ async def test_requests_that_nobody_answers_go_with_their_client(zenoh: World) -
 async def test_of_many_requests_that_nobody_answers_the_oldest_are_given_up(
     zenoh: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(services, "_MOST_QUERIES", 3)
+    monkeypatch.setattr(services, "_MAX_QUERIES", 3)
     server = zenoh.node("server").create_service(AddTwoInts, "add")
     client = zenoh.node("caller").create_client(AddTwoInts, "add")
     assert await client.wait_for_service(5)
@@ -245,9 +245,9 @@ ENDS = {
         "try: Context()\nexcept Exception as error: sys.exit(5 if 'forked' in str(error) else 6)",
         5,
     ),
-    "SIGTERM": ("os.kill(os.getpid(), signal.SIGTERM)\nimport time; time.sleep(20)", -signal.SIGTERM),
+    "SIGTERM": ("os.kill(os.getpid(), signal.SIGTERM)\nsignal.pause()", -signal.SIGTERM),
     "SIGTERM of run": (
-        "async def main():\n    os.kill(os.getpid(), signal.SIGTERM)\n    await asyncio.sleep(20)\nrun(main)",
+        "async def main():\n    os.kill(os.getpid(), signal.SIGTERM)\n    await asyncio.Event().wait()\nrun(main)",
         None,
     ),
 }
@@ -268,7 +268,7 @@ def test_processes_end_at_once_however_they_end(name: str) -> None:
 
 
 async def test_a_node_that_died_is_gone_from_the_graph(zenoh: World) -> None:
-    process = program(f"{NODE}\nimport time\nprint('ready', flush=True)\ntime.sleep(30)")
+    process = program(f"{NODE}\nprint('ready', flush=True)\nsignal.pause()")
     try:
         node = zenoh.node("watcher")
         assert await node.wait_for_node("/left", 20)
