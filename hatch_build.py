@@ -21,8 +21,8 @@ class MadeForWheels(BuildHookInterface):
         if version == "editable":
             return
         sys.path.insert(0, self.root)
-        from rosidl_py_gen.codegen.render import environment_of_texts
-        from rosidl_py_gen.generate import generate_ready_made
+        from rosidl_py_gen.compiler.codegen.render import environment_of_texts
+        from rosidl_py_gen.compiler.generate import generate_ready_made
 
         self._folder = TemporaryDirectory()
         top = Path(self._folder.name)

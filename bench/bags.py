@@ -24,7 +24,7 @@ import numpy as np
 from mcap.decoder import DecoderFactory as McapDecoderFactory
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.mcap import BagReader, BagWriter, DecoderFactory
+from rosidl_py_gen.bags import BagReader, BagWriter, DecoderFactory
 
 DOMAIN, HZ, SECONDS = "218", 33, 10
 IMAGE_BYTES = 6_220_800

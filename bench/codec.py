@@ -29,8 +29,8 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from peers import Peer, available_peers
 
-from rosidl_py_gen.generate import generate
-from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.compiler.generate import generate
+from rosidl_py_gen.compiler.spec.find import search_path
 
 PACKAGES = ["sensor_msgs", "nav_msgs", "tf2_msgs", "visualization_msgs"]
 BULK = ("Image 1080p", "PointCloud2 1 MB")

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from rosidl_py_gen import Message, to_dict, type_name
-from rosidl_py_gen.fieldtype import Arity
-from rosidl_py_gen.generate import load
-from rosidl_py_gen.names import RosName, split_ros_name
-from rosidl_py_gen.spec.definition import full_text
-from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.names import RosName, split_ros_name
+from rosidl_py_gen.compiler.generate import load
+from rosidl_py_gen.compiler.spec.definition import full_text
+from rosidl_py_gen.compiler.spec.find import search_path
 
 Pair = tuple[Callable[[], Any], Callable[[], Any]]
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rosidl_py_gen import RosidlError
-from rosidl_py_gen.mcap import BagReader
+from rosidl_py_gen.bags import BagReader
 
 
 def plotted(table: NDArray[np.void], topic: str) -> Figure:

@@ -11,9 +11,9 @@ from typing import Any
 from reference_cdr import Reference
 
 from rosidl_py_gen import Message, get_message
-from rosidl_py_gen.spec.find import search_path
-from rosidl_py_gen.spec.model import messages_of
-from rosidl_py_gen.spec.resolve import Library, check, raise_findings, select
+from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.spec.model import messages_of
+from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings, select
 
 TESTS = Path(__file__).resolve().parent
 INTERFACES = TESTS / "interfaces"

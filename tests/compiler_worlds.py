@@ -14,15 +14,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 
-from rosidl_py_gen.codegen.sources import Layouts, Target, module_source
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.compiler.codegen.sources import Layouts, Target, module_source
+from rosidl_py_gen.compiler.generate import Run, generate
+from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
+from rosidl_py_gen.compiler.spec.interface import parse_interface
+from rosidl_py_gen.compiler.spec.model import Findings, Interface, MessageDef, Source
+from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
 from rosidl_py_gen.errors import DefinitionError
-from rosidl_py_gen.generate import Run, generate
-from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.resources import interfaces_dir
-from rosidl_py_gen.spec.find import SearchPath, search_path
-from rosidl_py_gen.spec.interface import parse_interface
-from rosidl_py_gen.spec.model import Findings, Interface, MessageDef, Source
-from rosidl_py_gen.spec.resolve import Library, check, raise_findings
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 TEST_INTERFACES = REPOSITORY / "tests" / "interfaces"

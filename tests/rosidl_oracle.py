@@ -1,8 +1,8 @@
 """The reference compiler of today as an oracle: two releases of the rosidl tool chain, and the comparison with ours.
 
 They come from PyPI (tests/environments.py), each into an environment of its own, and answer as processes that stay
-(tests/spec/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases differ, or we
-differ from them on purpose, a table in the tests says so.
+(tests/compiler/spec/rosidl_server.py). All are asked at once, and a test holds for all of them: where releases
+differ, or we differ from them on purpose, a table in the tests says so.
 """
 
 from __future__ import annotations
@@ -18,16 +18,24 @@ from typing import Any
 
 from environments import environment
 
-from rosidl_py_gen.descriptions import individual
+from rosidl_py_gen.base.descriptions import individual
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
+from rosidl_py_gen.compiler.spec.interface import may_be_file
+from rosidl_py_gen.compiler.spec.model import (
+    ActionDef,
+    ConstantDef,
+    FieldDef,
+    Interface,
+    MessageDef,
+    ServiceDef,
+    Source,
+)
+from rosidl_py_gen.compiler.spec.resolve import Library, check
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.resources import interfaces_dir
-from rosidl_py_gen.spec.find import SearchPath, search_path
-from rosidl_py_gen.spec.interface import may_be_file
-from rosidl_py_gen.spec.model import ActionDef, ConstantDef, FieldDef, Interface, MessageDef, ServiceDef, Source
-from rosidl_py_gen.spec.resolve import Library, check
 
-_SERVER = Path(__file__).parent / "spec" / "rosidl_server.py"
+_SERVER = Path(__file__).parent / "compiler" / "spec" / "rosidl_server.py"
 RELEASES = {"jazzy": ("4.6.6", "1.8.1"), "kilted": ("4.9.5", "1.11.0")}  # rosidl, ament_index_python
 
 # name, text, format

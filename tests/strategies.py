@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from reference_cdr import NUMBERS, Reference
 
 from rosidl_py_gen import compile_text
-from rosidl_py_gen.fieldtype import INTEGER_RANGES, Arity, FieldType
-from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.spec.find import SearchPath
-from rosidl_py_gen.spec.model import Source
-from rosidl_py_gen.spec.resolve import Library, check, raise_findings
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.compiler.spec.find import SearchPath
+from rosidl_py_gen.compiler.spec.model import Source
+from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
 
 INTEGERS = tuple(kind for kind in NUMBERS if kind[0] in "ui" or kind in ("byte", "char"))
 FLOATS = ("float32", "float64")

@@ -42,4 +42,4 @@ def test_without_cyclonedds_files_that_import_it_are_left_out_and_few_others(lac
 def test_a_folder_whose_conftest_needs_unix_is_left_out_elsewhere(lacks: set[str]) -> None:
     assert not left_out("interop_rclpy")
     lacks.update(("fcntl", "resource"))
-    assert left_out("interop_rclpy") and left_out("mcap/test_damaged.py") and not left_out("mcap")
+    assert left_out("interop_rclpy") and left_out("bags/test_damaged.py") and not left_out("bags")

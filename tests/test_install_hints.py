@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from rosidl_py_gen.resources import extra_missing, install_command
+from rosidl_py_gen.base.resources import extra_missing, install_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -97,8 +97,8 @@ def test_a_checkout_names_itself(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("missing", "program", "extra"),
     [
-        ("mcap", "import rosidl_py_gen.mcap", "mcap"),
-        ("zstandard", "from rosidl_py_gen.mcap import BagReader", "mcap"),
+        ("mcap", "import rosidl_py_gen.bags", "mcap"),
+        ("zstandard", "from rosidl_py_gen.bags import BagReader", "mcap"),
         ("yaml", "import rosidl_py_gen.runtime.parameters.files", "node"),
         ("cyclonedds", "import rosidl_py_gen.runtime as r; r.Context(transport='dds')", "node"),
         ("zenoh", "import rosidl_py_gen.runtime as r; r.Context(transport='zenoh')", "zenoh"),

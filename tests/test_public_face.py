@@ -52,7 +52,7 @@ def test_nothing_private_is_recorded(found: str) -> None:
         "class runtime.Subscription\n    (async for)\n    def close() -> None\n",
         "    def get_parameter(name: str) -> PythonValue\n    def get_parameter(name: str, type: type[T], ",
         "    async def receive(timeout_s: float | None = None) -> T\n    receive_sync\n",  # one docstring for both
-        "class mcap.BagMessage(NamedTuple)\n    topic: str\n    message: Any\n",  # the order of fields counts
+        "class bags.BagMessage(NamedTuple)\n    topic: str\n    message: Any\n",  # the order of fields counts
         "class runtime.Outcome(Enum)\n    ERROR\n    FAILURE\n    SUCCESS\n",
         "class runtime.LifecycleNode(Node)\n    __init__(name: str, namespace: str = '', ",  # inherited
         "\nruntime.qos.DEFAULT = QoSProfile()\n",

@@ -85,7 +85,7 @@ def test_every_bundled_definition_gives_the_ready_made_class_and_no_compiler_is_
     program = """
 import sys
 from rosidl_py_gen import get_action, get_message, get_service
-from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.base.resources import interfaces_dir
 get = {"msg": get_message, "srv": get_service, "action": get_action}
 for file in interfaces_dir().glob("*/*/*.*"):
     if file.parent.name in get:
@@ -93,7 +93,7 @@ for file in interfaces_dir().glob("*/*/*.*"):
         cls = get[file.parent.name](name)
         assert cls._TYPE.name == name, name
         print(cls.__module__.rpartition(".")[0])
-assert "jinja2" not in sys.modules and "rosidl_py_gen.spec" not in sys.modules
+assert "jinja2" not in sys.modules and "rosidl_py_gen.compiler.spec" not in sys.modules
 """
     modules = found(package, program)
     assert len(modules) > 200

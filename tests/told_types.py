@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING, Any
 import on_wire
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.descriptions import describe
+from rosidl_py_gen.base.descriptions import describe
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.spec.model import Source
+from rosidl_py_gen.compiler.spec.resolve import Library
 from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription, TypeSource
 from rosidl_py_gen.msgs.type_description_interfaces.srv import (
     GetTypeDescription,
     GetTypeDescription_Request,
     GetTypeDescription_Response,
 )
-from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.transport.dds.names import topic_name
 from rosidl_py_gen.runtime.transport.type_names import wire_type
-from rosidl_py_gen.spec.find import search_path
-from rosidl_py_gen.spec.model import Source
-from rosidl_py_gen.spec.resolve import Library
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -27,12 +27,12 @@ import pytest
 import zenoh
 from locks import lock
 
-from rosidl_py_gen.generate import generate
-from rosidl_py_gen.resources import interfaces_dir
+from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.compiler.generate import generate
+from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS, Clocks
-from rosidl_py_gen.spec.find import search_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator

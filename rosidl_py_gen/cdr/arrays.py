@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.fieldtype import INTEGER_RANGES
 
 if TYPE_CHECKING:
     from collections.abc import Callable

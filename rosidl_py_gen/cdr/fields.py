@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.fieldtype import FieldType
+    from rosidl_py_gen.base.fieldtype import FieldType
 
 
 class FieldLike(Protocol):

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeAlias,
 
 import numpy as np
 
+from rosidl_py_gen.base.fieldtype import Arity, FieldType, parse_field_type
+from rosidl_py_gen.base.names import py_name
 from rosidl_py_gen.cdr.arrays import UnfitValueError
 from rosidl_py_gen.cdr.records import known_record_type
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.fieldtype import Arity, FieldType, parse_field_type
-from rosidl_py_gen.names import py_name
 
 if TYPE_CHECKING:
     from typing_extensions import Self

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar, cast
 
 import numpy as np
 
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.arrays import DTYPES, UnfitValueError
-from rosidl_py_gen.fieldtype import Arity, FieldType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

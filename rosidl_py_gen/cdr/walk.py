@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.arrays import DTYPES, EMPTY, UnfitValueError, coerce, scalar_problem, shorten, view_of_bools
 from rosidl_py_gen.cdr.message import Field, Message, require_message
 from rosidl_py_gen.cdr.record_layout import varying_field
 from rosidl_py_gen.cdr.records import record_type
 from rosidl_py_gen.cdr.support import readable
 from rosidl_py_gen.errors import DecodeError, EncodeError
-from rosidl_py_gen.fieldtype import Arity, FieldType
 
 if TYPE_CHECKING:
     from rosidl_py_gen.cdr.support import Readable

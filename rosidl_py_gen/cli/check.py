@@ -5,8 +5,8 @@ from __future__ import annotations
 import click
 
 from rosidl_py_gen.cli import reports
-from rosidl_py_gen.generate import load, notes_of
-from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.compiler.generate import load, notes_of
+from rosidl_py_gen.compiler.spec.find import search_path
 
 
 def run(names: tuple[str, ...], paths: tuple[str, ...], as_json: bool) -> int:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen.cli import reports
-from rosidl_py_gen.generate import generate
-from rosidl_py_gen.spec.find import search_path
-from rosidl_py_gen.spec.resolve import split_filter
+from rosidl_py_gen.compiler.generate import generate
+from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.spec.resolve import split_filter
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.generate import Run
-    from rosidl_py_gen.names import RosName
-    from rosidl_py_gen.spec.find import SearchPath
+    from rosidl_py_gen.base.names import RosName
+    from rosidl_py_gen.compiler.generate import Run
+    from rosidl_py_gen.compiler.spec.find import SearchPath
 
 _SILENT_S = 1.0  # a progress bar appears when a run takes longer than this
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import click
 
 from rosidl_py_gen.cli import reports
+from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.spec.resolve import split_filter
 from rosidl_py_gen.distribution.environment import install, uninstall
-from rosidl_py_gen.spec.find import search_path
-from rosidl_py_gen.spec.resolve import split_filter
 
 
 def run(action: str, paths: tuple[str, ...], selection: str, force: bool, as_json: bool) -> int:

@@ -6,11 +6,11 @@ import json
 
 import click
 
-from rosidl_py_gen.descriptions import describe
-from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.spec.definition import full_text, read_checked, source_text
-from rosidl_py_gen.spec.find import search_path
-from rosidl_py_gen.spec.resolve import Library
+from rosidl_py_gen.base.descriptions import describe
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.compiler.spec.definition import full_text, read_checked, source_text
+from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.spec.resolve import Library
 
 
 def run(name: str, paths: tuple[str, ...], full: bool, as_json: bool) -> int:

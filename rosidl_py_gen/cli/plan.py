@@ -7,8 +7,9 @@ from collections.abc import Iterable, Iterator
 
 import click
 
-from rosidl_py_gen.codegen.layout import Layouts
-from rosidl_py_gen.codegen.plan import (
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.compiler.codegen.layout import Layouts
+from rosidl_py_gen.compiler.codegen.plan import (
     Block,
     Call,
     Count,
@@ -27,12 +28,11 @@ from rosidl_py_gen.codegen.plan import (
     Text,
     assert_never,
 )
+from rosidl_py_gen.compiler.generate import load
+from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.spec.model import messages_of
+from rosidl_py_gen.compiler.spec.resolve import Library
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.generate import load
-from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.spec.find import search_path
-from rosidl_py_gen.spec.model import messages_of
-from rosidl_py_gen.spec.resolve import Library
 
 Row = tuple[int, str, str, str, str]  # depth, offset, size in bytes, what, contents
 

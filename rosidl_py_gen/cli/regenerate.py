@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import rosidl_py_gen
-from rosidl_py_gen.generate import regenerate_msgs
+from rosidl_py_gen.compiler.generate import regenerate_msgs
 
 
 def main() -> None:

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from rosidl_py_gen.cli import reports
+from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.distribution.build import build, packages_asked_for
-from rosidl_py_gen.spec.find import search_path
 
 
 def run(names: tuple[str, ...], paths: tuple[str, ...], out: str, no_dependencies: bool, as_json: bool) -> int:

@@ -15,15 +15,15 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
+from rosidl_py_gen.base.resources import ENTRY_POINTS
+from rosidl_py_gen.compiler.generate import generate
+from rosidl_py_gen.compiler.spec.find import INSTALLED
 from rosidl_py_gen.distribution.manifest import Manifest, read_manifest
 from rosidl_py_gen.distribution.wheel import Wheel
 from rosidl_py_gen.errors import DefinitionError, Problem
-from rosidl_py_gen.generate import generate
-from rosidl_py_gen.resources import ENTRY_POINTS
-from rosidl_py_gen.spec.find import INSTALLED
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.spec.find import Package, SearchPath
+    from rosidl_py_gen.compiler.spec.find import Package, SearchPath
 
 _IMPORT = re.compile(r"^\s*(?:from|import) +([A-Za-z_][A-Za-z0-9_]*)[. ]", re.MULTILINE)
 _BUNDLED = "bundled"

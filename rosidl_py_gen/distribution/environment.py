@@ -14,16 +14,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.ownership import owns
+from rosidl_py_gen.base.resources import ENTRY_POINTS
 from rosidl_py_gen.distribution.build import build
 from rosidl_py_gen.distribution.wheel import file_hash, normalized
 from rosidl_py_gen.errors import OutputError
-from rosidl_py_gen.ownership import owns
-from rosidl_py_gen.resources import ENTRY_POINTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from rosidl_py_gen.spec.find import SearchPath
+    from rosidl_py_gen.compiler.spec.find import SearchPath
 
 _MAX_SHOWN = 10
 

@@ -1,21 +1,21 @@
-"""Bags: recorded messages as MCAP files and rosbag2 folders, read and written without ROS.
+"""Deprecated: the old name of `rosidl_py_gen.bags`, which has the same names. Version 1.0 removes it."""
 
-Needs the extra ``mcap``; without it the import raises `ExtraMissingError`, an `ImportError` that has the command.
-"""
+import warnings as _warnings
 
-from rosidl_py_gen.resources import extra_missing as _extra_missing
+from rosidl_py_gen.bags import BagError as BagError
+from rosidl_py_gen.bags import BagMessage as BagMessage
+from rosidl_py_gen.bags import BagReader as BagReader
+from rosidl_py_gen.bags import BagTopic as BagTopic
+from rosidl_py_gen.bags import BagWarning as BagWarning
+from rosidl_py_gen.bags import BagWriter as BagWriter
+from rosidl_py_gen.bags import DecoderFactory as DecoderFactory
+from rosidl_py_gen.bags import LeftOut as LeftOut
+from rosidl_py_gen.bags import RawMessage as RawMessage
+from rosidl_py_gen.bags import SqliteWriter as SqliteWriter
+from rosidl_py_gen.bags import TopicDefinition as TopicDefinition
 
-try:
-    from rosidl_py_gen.mcap.common import BagError as BagError
-    from rosidl_py_gen.mcap.common import BagMessage as BagMessage
-    from rosidl_py_gen.mcap.common import BagTopic as BagTopic
-    from rosidl_py_gen.mcap.common import BagWarning as BagWarning
-    from rosidl_py_gen.mcap.common import LeftOut as LeftOut
-    from rosidl_py_gen.mcap.common import RawMessage as RawMessage
-    from rosidl_py_gen.mcap.decoder import DecoderFactory as DecoderFactory
-    from rosidl_py_gen.mcap.definitions import TopicDefinition as TopicDefinition
-    from rosidl_py_gen.mcap.reader import BagReader as BagReader
-    from rosidl_py_gen.mcap.sqlite import SqliteWriter as SqliteWriter
-    from rosidl_py_gen.mcap.writer import BagWriter as BagWriter
-except ModuleNotFoundError as missing:
-    raise _extra_missing(missing) or missing from None
+_warnings.warn(
+    "rosidl_py_gen.mcap is deprecated: import rosidl_py_gen.bags, which has the same names; version 1.0 removes this",
+    DeprecationWarning,
+    stacklevel=2,
+)

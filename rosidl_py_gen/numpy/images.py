@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 
-from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from __future__ import annotations
 from datetime import datetime, timedelta, timezone
 from typing import Any, overload
 
+from rosidl_py_gen.base.stamps import sec_nanosec, stamp_ns
 from rosidl_py_gen.numpy.common import ConversionError, M, message_class
-from rosidl_py_gen.stamps import sec_nanosec, stamp_ns
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 _MICROSECOND = timedelta(microseconds=1)

@@ -14,7 +14,7 @@ if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
         if name not in __all__ and not name.startswith("_"):
-            from rosidl_py_gen.rclpy_names import refuse_module_name
+            from rosidl_py_gen.base.rclpy_names import refuse_module_name
 
             refuse_module_name(__name__, name)
         return _find(name)

@@ -1,10 +1,11 @@
+from rosidl_py_gen.base.registration import Registration as Registration
+from rosidl_py_gen.base.signatures import CallbackSignatureError as CallbackSignatureError
 from rosidl_py_gen.errors import ClosedError as ClosedError
 from rosidl_py_gen.errors import DecodeError as DecodeError
 from rosidl_py_gen.errors import EncodeError as EncodeError
 from rosidl_py_gen.errors import InvalidNameError as InvalidNameError
 from rosidl_py_gen.errors import RosidlError as RosidlError
 from rosidl_py_gen.errors import TypeNotFoundError as TypeNotFoundError
-from rosidl_py_gen.registration import Registration as Registration
 from rosidl_py_gen.runtime.actions.checks import ActionArgumentError as ActionArgumentError
 from rosidl_py_gen.runtime.actions.client import ActionClient as ActionClient
 from rosidl_py_gen.runtime.actions.client_goal import ActionServerLostError as ActionServerLostError
@@ -141,4 +142,3 @@ from rosidl_py_gen.runtime.transport.qos import QoSProfile as QoSProfile
 from rosidl_py_gen.runtime.transport.qos import Reliability as Reliability
 from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter as ZenohRouter
 from rosidl_py_gen.runtime.types.ask import TypeDescriptionError as TypeDescriptionError
-from rosidl_py_gen.signatures import CallbackSignatureError as CallbackSignatureError

@@ -16,6 +16,7 @@ import sys
 import threading
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
+from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 from rosidl_py_gen.runtime.loop.event_loop import new_event_loop
@@ -23,7 +24,6 @@ from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.node import open_contexts
 from rosidl_py_gen.runtime.node.context import Context
-from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

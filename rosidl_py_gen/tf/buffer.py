@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
+from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
-from rosidl_py_gen.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
 from rosidl_py_gen.tf.transform import Transform
 from rosidl_py_gen.tf.tree import FrameInfo, FrameTree, Link
-from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, TimeJump

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.numpy import ConversionError, quaternion_to_matrix
-from rosidl_py_gen.stamps import set_stamp
 from rosidl_py_gen.tf.algebra import product
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from rosidl_py_gen.names import did_you_mean
-from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.tf.algebra import (
     IDENTITY,
     ORIGIN,

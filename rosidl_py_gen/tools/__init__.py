@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rosidl_py_gen import __version__
+from rosidl_py_gen.base.resources import extra_missing
 from rosidl_py_gen.errors import RosidlError, printable
-from rosidl_py_gen.resources import extra_missing
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine, Iterator
@@ -83,7 +83,7 @@ class _Groups(click.Group):
 
     def resolve_command(self, ctx: click.Context, args: list[str]) -> tuple[Any, Any, list[str]]:
         if args and args[0] not in _GROUPS:
-            from rosidl_py_gen.names import did_you_mean
+            from rosidl_py_gen.base.names import did_you_mean
 
             ctx.fail(f'no command "{args[0]}"{did_you_mean(args[0], _GROUPS)}')
         return super().resolve_command(ctx, args)

@@ -17,10 +17,10 @@ from typing import Any, NoReturn, TypeAlias, cast
 
 import numpy as np
 
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.names import did_you_mean, py_name
 from rosidl_py_gen.cdr import Field, Message
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.fieldtype import Arity
-from rosidl_py_gen.names import did_you_mean, py_name
 
 _MAX_TEXT, _MAX_DEPTH, _MAX_BITS, _MAX_CONSTANT, _MAX_S = 1000, 40, 256, 64, 1.0
 _IN_PATHS = (ast.Attribute, ast.Subscript, ast.Name, ast.Constant, ast.Slice, ast.UnaryOp, ast.USub)

@@ -9,21 +9,21 @@ import shlex
 import sys
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.descriptions import describe
+from rosidl_py_gen.base.descriptions import describe
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.compiler.spec.definition import expanded_lines, full_name, read_checked
+from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.spec.model import ActionDef, ServiceDef
+from rosidl_py_gen.compiler.spec.resolve import Library
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.names import did_you_mean
-from rosidl_py_gen.spec.definition import expanded_lines, full_name, read_checked
-from rosidl_py_gen.spec.find import search_path
-from rosidl_py_gen.spec.model import ActionDef, ServiceDef
-from rosidl_py_gen.spec.resolve import Library
 from rosidl_py_gen.tools import ToolError, printing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rosidl_py_gen.base.names import RosName
     from rosidl_py_gen.cdr import Message
-    from rosidl_py_gen.names import RosName
-    from rosidl_py_gen.spec.find import SearchPath
+    from rosidl_py_gen.compiler.spec.find import SearchPath
 
 _KINDS = {"msg": "Messages", "srv": "Services", "action": "Actions"}
 
@@ -192,8 +192,8 @@ def _example(search: SearchPath, text: str, paths: tuple[str, ...]) -> Message:
         half = _half(name)
         return get_message(f"{name}_{half}" if half else str(name), path=paths)()
     except TypeNotFoundError:
-        from rosidl_py_gen.dynamic import class_of_library
         from rosidl_py_gen.tools.kept import kept_library
+        from rosidl_py_gen.types.by_name import class_of_library
 
         kept = kept_library(text)
         if kept is None:

@@ -10,18 +10,18 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.description_cache import kept_descriptions
-from rosidl_py_gen.descriptions import rihs01
+from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.names import KINDS, RosName, split_ros_name
+from rosidl_py_gen.compiler.spec.described import described_library, leaves
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
-from rosidl_py_gen.names import KINDS, RosName, split_ros_name
-from rosidl_py_gen.spec.described import described_library, leaves
 from rosidl_py_gen.tools import ToolError, printing
+from rosidl_py_gen.types.cache import kept_descriptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.descriptions import Description
-    from rosidl_py_gen.spec.resolve import Library
+    from rosidl_py_gen.base.descriptions import Description
+    from rosidl_py_gen.compiler.spec.resolve import Library
 
 
 class _Kept(NamedTuple):

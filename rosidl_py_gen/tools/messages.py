@@ -15,10 +15,10 @@ import numpy as np
 import yaml
 
 from rosidl_py_gen import from_dict
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import EncodeError, InvalidNameError, TypeNotFoundError
-from rosidl_py_gen.fieldtype import Arity
-from rosidl_py_gen.stamps import set_stamp
 from rosidl_py_gen.tools import ToolError
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.tools import printing
 
 if TYPE_CHECKING:

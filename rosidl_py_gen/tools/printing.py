@@ -68,7 +68,7 @@ def json_line(data: Any) -> None:
 
 
 def _json(data: Any, indent: int | None = None) -> str:
-    from rosidl_py_gen.convert import json_value  # with numpy, which most answers do without
+    from rosidl_py_gen.cdr.convert import json_value  # with numpy, which most answers do without
 
     return json.dumps(json_value(data), ensure_ascii=False, indent=indent)
 

@@ -204,7 +204,7 @@ class Session:
             ToolError: it did not appear; says which similar name exists.
             InvalidNameError: this is no name.
         """
-        from rosidl_py_gen.names import did_you_mean
+        from rosidl_py_gen.base.names import did_you_mean
 
         resolve = self.node.resolve_topic_name if kind == "topic" else self.node.resolve_service_name
         full = resolve(name if name.startswith("/") else f"/{name}")

@@ -11,11 +11,11 @@ import asyncio
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen import get_action, get_message, get_service
+from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message, TypeInfo
-from rosidl_py_gen.dynamic import load_compiler
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.types.by_name import load_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Sequence
@@ -128,7 +128,7 @@ def interface_names(kind: str = "msg", paths: Sequence[str] = ()) -> list[str]:
     Raises:
         DefinitionError: a folder cannot be used.
     """
-    from rosidl_py_gen.spec.find import search_path
+    from rosidl_py_gen.compiler.spec.find import search_path
 
     packages = search_path(paths).packages.values()
     return sorted(str(name) for package in packages for name in package.files if name.kind == kind)

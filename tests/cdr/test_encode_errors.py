@@ -16,7 +16,7 @@ from scale import examples
 from strategies import values, worlds
 
 from rosidl_py_gen import EncodeError, compile_text, decode, encode, get_message, to_dict, validate
-from rosidl_py_gen.names import py_name
+from rosidl_py_gen.base.names import py_name
 
 Everything = compile_text(
     "wrong/msg/Everything",

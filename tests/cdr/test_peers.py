@@ -15,7 +15,7 @@ from scale import examples
 from strategies import World, values, worlds
 
 from rosidl_py_gen import decode, encode
-from rosidl_py_gen.fieldtype import Arity, FieldType
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
 
 # --- rosbags: no wstrings; bounds and defaults are read and ignored --------------------------------------------------
 

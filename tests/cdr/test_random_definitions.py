@@ -26,8 +26,8 @@ from rosidl_py_gen import (
     type_name,
     validate,
 )
-from rosidl_py_gen.fieldtype import Arity, FieldType
-from rosidl_py_gen.names import py_name
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
+from rosidl_py_gen.base.names import py_name
 
 
 @st.composite

@@ -120,7 +120,7 @@ def test_a_message_that_varies_in_size_has_no_dtype_and_the_field_is_named() -> 
 def test_a_message_too_large_for_numpy_has_no_dtype_and_its_sequences_are_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("rosidl_py_gen.spec.limits.MAX_BYTES", 1 << 40)  # as when its module was generated
+    monkeypatch.setattr("rosidl_py_gen.compiler.spec.limits.MAX_BYTES", 1 << 40)  # as when its module was generated
     huge = compiled("Huge", "float64[400000000] big")
     with pytest.raises(TypeError, match="Huge is too large for a numpy dtype"):
         dtype(huge)

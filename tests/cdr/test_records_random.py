@@ -30,7 +30,7 @@ from rosidl_py_gen import (
     to_json,
     validate,
 )
-from rosidl_py_gen.fieldtype import Arity
+from rosidl_py_gen.base.fieldtype import Arity
 
 NAMES = ("x", "from", "data", "arrays", "view", "values", "pos", "ndarray", "append", "self", "y:z")
 KINDS = tuple(NUMBERS)

@@ -12,7 +12,7 @@ import pytest
 from compiler_worlds import write
 
 from rosidl_py_gen import DefinitionError
-from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.compiler.spec.find import search_path
 
 FILES = {"a_msgs/msg/A.msg": "int32 x\n", "b_msgs/msg/B.msg": "int99 y\n"}
 

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from rosidl_py_gen.cli import main
+from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.distribution.build import build, packages_asked_for
 from rosidl_py_gen.distribution.manifest import read_manifest
 from rosidl_py_gen.errors import DefinitionError
-from rosidl_py_gen.spec.find import search_path
 
 MANIFEST = """<package format="3">
   <name>{name}</name><version>{version}</version><description>Messages

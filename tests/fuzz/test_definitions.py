@@ -18,10 +18,10 @@ from hypothesis.stateful import RuleBasedStateMachine, precondition, rule
 from scale import examples
 
 from rosidl_py_gen import compile_text, decode, encode, from_dict, to_dict
-from rosidl_py_gen.described import compile_described, definition_text
+from rosidl_py_gen.bags.decoder import DecoderFactory
+from rosidl_py_gen.cdr.typesupport import type_description
 from rosidl_py_gen.errors import DefinitionError, RosidlError
-from rosidl_py_gen.mcap.decoder import DecoderFactory
-from rosidl_py_gen.typesupport import type_description
+from rosidl_py_gen.types.from_description import compile_described, definition_text
 
 LINE = "=" * 80
 MAX_S = 10.0

@@ -11,8 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from rosidl_py_gen.generate import generate
-from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.compiler.generate import generate
+from rosidl_py_gen.compiler.spec.find import search_path
 
 HERE = Path(__file__).resolve().parent
 PACKAGES = ("odd_msgs", "other_msgs")

@@ -23,11 +23,11 @@ from scale import examples
 from strategies import values
 
 from rosidl_py_gen import compile_text, decode, encode
-from rosidl_py_gen.fieldtype import Arity, FieldType
-from rosidl_py_gen.names import split_ros_name
-from rosidl_py_gen.spec.find import SearchPath
-from rosidl_py_gen.spec.model import Source
-from rosidl_py_gen.spec.resolve import Library, check, raise_findings
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.compiler.spec.find import SearchPath
+from rosidl_py_gen.compiler.spec.model import Source
+from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
 
 SOURCE = Path(__file__).with_name("fastcdr_peer.cpp")
 REQUIRED = os.environ.get("ROSIDL_TEST_REQUIRE_PEERS") == "1"

@@ -13,10 +13,10 @@ from typing import Any
 
 from reference_cdr import NUMBERS
 
-from rosidl_py_gen.fieldtype import INTEGER_RANGES, Arity, FieldType
-from rosidl_py_gen.spec.find import search_path
-from rosidl_py_gen.spec.model import MessageDef
-from rosidl_py_gen.spec.resolve import Library
+from rosidl_py_gen.base.fieldtype import INTEGER_RANGES, Arity, FieldType
+from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.compiler.spec.model import MessageDef
+from rosidl_py_gen.compiler.spec.resolve import Library
 
 FLOATS: tuple[float | str, ...] = (0.0, -0.0, 1.5, 1e-40, "NaN", "Infinity", "-Infinity")
 LETTERS = "aZ09 '\"\\/{}%\n\t\x01é€ハ😀\u200d\uffff"

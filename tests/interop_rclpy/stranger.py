@@ -11,9 +11,9 @@ import sys
 from typing import Any
 
 from rosidl_py_gen import RosidlError, from_dict, to_json
+from rosidl_py_gen.cdr.typesupport import constants, referenced_classes
 from rosidl_py_gen.errors import TypeNotFoundError
 from rosidl_py_gen.runtime import Node
-from rosidl_py_gen.typesupport import constants, referenced_classes
 
 WAIT_S = 15
 

@@ -16,7 +16,7 @@ from rclpy_peer import Peer
 from rclpy_worlds import fresh
 from worlds import ROOT, start_process, until
 
-from rosidl_py_gen.mcap import BagReader
+from rosidl_py_gen.bags import BagReader
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -25,7 +25,7 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 from worlds import ROOT
 
-from rosidl_py_gen.mcap import BagWriter
+from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.numpy import array_to_pointcloud, image_to_array, pointcloud_to_array
 from rosidl_py_gen.runtime import Node, QoSProfile, SetResult
 from rosidl_py_gen.runtime.qos import SENSOR_DATA

@@ -16,7 +16,8 @@ from std_msgs.msg import String
 from std_srvs.srv import SetBool
 from worlds import GENERATED, ROOT, World, until
 
-from rosidl_py_gen import rclpy_names, runtime
+from rosidl_py_gen import runtime
+from rosidl_py_gen.base import rclpy_names
 from rosidl_py_gen.runtime import Context, LifecycleNode, MemoryTransport, Node, ServerGoal, qos
 
 if TYPE_CHECKING:

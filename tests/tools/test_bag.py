@@ -24,8 +24,8 @@ from rosbags.typesys import Stores, get_typestore
 from worlds import start_process, until
 
 from rosidl_py_gen import compile_text, get_message
-from rosidl_py_gen.mcap import BagReader, BagWriter
-from rosidl_py_gen.mcap.metadata import qos_profiles
+from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.runtime import BackendMissingError, Durability, QoSProfile, Reliability
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ async def test_a_type_nobody_installed_is_recorded_with_the_definition_of_its_no
     ended = await tool.end(process)
     assert ended.code == 0 and "recorded 1 messages of 1 topics" in ended.err
     script = (
-        "import sys\nfrom rosidl_py_gen.mcap import BagReader\n"
+        "import sys\nfrom rosidl_py_gen.bags import BagReader\n"
         "for item in BagReader(sys.argv[1]): print(item.topic, item.message.name, item.message.inner.numbers.dtype)\n"
     )
     process = await start_process(

@@ -11,7 +11,7 @@ import pytest
 from mcap.writer import Writer
 
 from rosidl_py_gen import compile_text, get_message, type_hash
-from rosidl_py_gen.mcap import BagReader, BagTopic, BagWriter, RawMessage
+from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
 
 if TYPE_CHECKING:
     from worlds import World

@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from worlds import until
 
 from rosidl_py_gen import compile_text, get_message, get_service
-from rosidl_py_gen.resources import install_command
+from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime import QoSProfile
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from rosidl_py_gen import from_dict, get_action, get_message, get_service, tools, type_hash
-from rosidl_py_gen.resources import install_command, interfaces_dir
-from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.base.resources import install_command, interfaces_dir
+from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.tools.messages import message_from
 
 if TYPE_CHECKING:

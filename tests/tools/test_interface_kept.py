@@ -11,8 +11,8 @@ from told_types import Told, fresh, told_by
 from worlds import World
 
 from rosidl_py_gen import tools
-from rosidl_py_gen.codec import encode
-from rosidl_py_gen.description_cache import VARIABLE, keep_description
+from rosidl_py_gen.cdr.codec import encode
+from rosidl_py_gen.types.cache import VARIABLE, keep_description
 
 if TYPE_CHECKING:
     from collections.abc import Callable

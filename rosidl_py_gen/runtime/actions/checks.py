@@ -9,10 +9,10 @@ from __future__ import annotations
 from numbers import Integral
 from typing import Any, Literal, get_args
 
+from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
 from rosidl_py_gen.runtime.time.values import Time
-from rosidl_py_gen.signatures import require_signature
 
 Policy = Literal["parallel", "reject", "preempt", "queue"]
 """Of an action server, about goals that come while another one runs."""

@@ -14,6 +14,7 @@ import uuid
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
+from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request
 from rosidl_py_gen.runtime.actions.checks import (
@@ -46,16 +47,15 @@ from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS, DEFAULT, SERVICES_DEFAULT
-from rosidl_py_gen.stamps import set_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine
 
+    from rosidl_py_gen.base.stamps import SecNanosec
     from rosidl_py_gen.cdr import Action
     from rosidl_py_gen.runtime.actions.types import ActionNames, ActionType, GoalT
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.graph.definitions import TypeCheck
-    from rosidl_py_gen.stamps import SecNanosec
 
 T = TypeVar("T")
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic
 
-from rosidl_py_gen.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.runtime.actions.states import ActionError, GoalStatus
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.time.deadline import Deadline
-from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from rosidl_py_gen.base.waiting import complete
 from rosidl_py_gen.runtime.actions.states import GoalDecision
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError
-from rosidl_py_gen.waiting import complete
 
 if TYPE_CHECKING:
     import asyncio

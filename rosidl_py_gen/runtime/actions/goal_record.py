@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.waiting import Waiters, complete_threadsafe
+from rosidl_py_gen.base.waiting import Waiters, complete_threadsafe
 
 if TYPE_CHECKING:
     import asyncio

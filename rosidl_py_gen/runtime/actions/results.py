@@ -23,13 +23,13 @@ import math
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.actions.client_goal import ActionServerLostError
 from rosidl_py_gen.runtime.actions.states import GoalStatus
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.service_parts import ServerLostError
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
-from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     import asyncio

@@ -12,6 +12,8 @@ import asyncio
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Generic
 
+from rosidl_py_gen.base.stamps import set_stamp, stamp_ns
+from rosidl_py_gen.base.waiting import complete_threadsafe
 from rosidl_py_gen.msgs.action_msgs.msg import GoalInfo as GoalInfoMessage
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal_Request, CancelGoal_Response
 from rosidl_py_gen.runtime.actions.checks import require_server_options
@@ -26,8 +28,6 @@ from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
-from rosidl_py_gen.stamps import set_stamp, stamp_ns
-from rosidl_py_gen.waiting import complete_threadsafe
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -15,7 +15,9 @@ import threading
 from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from rosidl_py_gen.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.base.waiting import complete, current_loop
 from rosidl_py_gen.runtime.actions.goal_record import GoalRecord
 from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, GoalEvent, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.status import StatusTopic
@@ -23,8 +25,6 @@ from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.stamps import NS_PER_S
-from rosidl_py_gen.waiting import complete, current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection

@@ -14,11 +14,11 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.stamps import sec_nanosec
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.types import raw_type
 from rosidl_py_gen.runtime.loop.after_answer import AfterAnswer
 from rosidl_py_gen.runtime.transport.qos import ACTION_STATUS
-from rosidl_py_gen.stamps import sec_nanosec
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope

@@ -12,6 +12,7 @@ import sys
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeVar
 
+from rosidl_py_gen.base.waiting import complete, complete_threadsafe
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError, printable
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.endpoints.service_parts import (
@@ -25,7 +26,6 @@ from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.loop.time_limits import TimeLimits
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.service_port import Unanswered
-from rosidl_py_gen.waiting import complete, complete_threadsafe
 
 if TYPE_CHECKING:
     from collections.abc import Callable

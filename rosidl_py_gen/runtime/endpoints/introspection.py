@@ -9,13 +9,13 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.service_parts import IntrospectionState
 from rosidl_py_gen.runtime.endpoints.types import class_of, message_type
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.transport.qos import as_profile
-from rosidl_py_gen.stamps import set_stamp
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope

@@ -12,8 +12,10 @@ import contextlib
 import copy
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
+from rosidl_py_gen.base.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import start_task
@@ -21,8 +23,6 @@ from rosidl_py_gen.runtime.loop.failures import Failures
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.time.values import ClockType
-from rosidl_py_gen.stamps import NS_PER_S
-from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

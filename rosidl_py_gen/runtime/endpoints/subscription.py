@@ -13,6 +13,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar
 
+from rosidl_py_gen.base.signatures import require_signature
+from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
 from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
@@ -26,8 +28,6 @@ from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
 from rosidl_py_gen.runtime.transport.matching import resolve_best_available
 from rosidl_py_gen.runtime.transport.port import EndpointSpec
-from rosidl_py_gen.signatures import require_signature
-from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable

@@ -10,6 +10,9 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.signatures import require_signature
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
@@ -17,9 +20,6 @@ from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.due import DueTimer
 from rosidl_py_gen.runtime.time.schedule import Schedule, TimerCall, period_to_ns
 from rosidl_py_gen.runtime.time.values import ClockType, Duration
-from rosidl_py_gen.signatures import require_signature
-from rosidl_py_gen.stamps import NS_PER_S
-from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
     import asyncio

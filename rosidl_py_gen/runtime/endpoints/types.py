@@ -10,9 +10,9 @@ import weakref
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
+from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr import Message, Service
-from rosidl_py_gen.fieldtype import Arity
-from rosidl_py_gen.typesupport import referenced_classes
+from rosidl_py_gen.cdr.typesupport import referenced_classes
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,9 +18,9 @@ import weakref
 from collections import deque
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
-from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,13 +11,13 @@ import itertools
 import threading
 from typing import TYPE_CHECKING, Literal
 
-from rosidl_py_gen.registration import Registrations
+from rosidl_py_gen.base.registration import Registrations
+from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.runtime.graph.definitions import definitions_differ
 from rosidl_py_gen.runtime.graph.state import Graph, Mismatch
 from rosidl_py_gen.runtime.logs.loggers import get_logger, logger_name
 from rosidl_py_gen.runtime.names.validation import fully_qualified_node_name
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound, Lost, NodeEntities
-from rosidl_py_gen.waiting import Waiters
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -10,14 +10,14 @@ import asyncio
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, Protocol
 
+from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.user_function import Owner, UserFunction
-from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.registration import Registration
+    from rosidl_py_gen.base.registration import Registration
     from rosidl_py_gen.runtime.graph.discovery import Discovery
     from rosidl_py_gen.runtime.loop.bridge import Bridge
     from rosidl_py_gen.runtime.transport.port import Reader, Writer

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.msgs.lifecycle_msgs import msg
 from rosidl_py_gen.msgs.lifecycle_msgs.srv import (
     ChangeState,
@@ -38,7 +39,6 @@ from rosidl_py_gen.runtime.lifecycle.states import (
 )
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
-from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

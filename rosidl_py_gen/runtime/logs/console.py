@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, TextIO
 
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.runtime.logs.loggers import DEBUG, ERROR, FATAL, LEVEL_NAMES, WARN, get_root_logger, ros_level
 from rosidl_py_gen.runtime.logs.rosout import message_text
-from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

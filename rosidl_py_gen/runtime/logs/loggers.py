@@ -18,9 +18,9 @@ import time
 import traceback
 from typing import TYPE_CHECKING, TypedDict
 
+from rosidl_py_gen.base.rclpy_names import knows_rclpy, refuse_keywords
+from rosidl_py_gen.base.registration import Registrations
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.rclpy_names import knows_rclpy, refuse_keywords
-from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.names.validation import validate_node_name
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ import traceback
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.registration import Registration
+from rosidl_py_gen.base.registration import Registration
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger, ros_level
-from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -19,17 +19,17 @@ import threading
 from collections import deque
 from typing import TYPE_CHECKING, TypeVar
 
+from rosidl_py_gen.base.registration import Registrations
+from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.registration import Registrations
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.portal import Portal
-from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.registration import Registration
+    from rosidl_py_gen.base.registration import Registration
     from rosidl_py_gen.runtime.transport.port import Participant
     from rosidl_py_gen.runtime.transport.samples import Sink
 

@@ -10,7 +10,7 @@ import contextlib
 from collections import deque
 from typing import Generic, TypeVar
 
-from rosidl_py_gen.waiting import Waiters
+from rosidl_py_gen.base.waiting import Waiters
 
 T = TypeVar("T")
 

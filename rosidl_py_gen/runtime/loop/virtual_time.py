@@ -15,10 +15,10 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.transport.clocks import Clocks
-from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -10,7 +10,7 @@ import os
 import threading
 from typing import TYPE_CHECKING, ClassVar
 
-from rosidl_py_gen.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.node.core import ContextCore
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
+from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import InvalidNameError
-from rosidl_py_gen.names import did_you_mean
 from rosidl_py_gen.runtime.loop.blocking import blocking
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, resolve_node_name
 from rosidl_py_gen.runtime.transport.discovered import Channel

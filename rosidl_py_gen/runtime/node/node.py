@@ -9,9 +9,10 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, overload
 
+from rosidl_py_gen.base.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.rclpy_names import knows_rclpy
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.scope import counted
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription
@@ -30,7 +31,6 @@ from rosidl_py_gen.runtime.node.services import ServiceMethods
 from rosidl_py_gen.runtime.node.time import TimeMethods
 from rosidl_py_gen.runtime.node.types import TypeMethods
 from rosidl_py_gen.runtime.transport.qos import as_profile
-from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -33,7 +33,7 @@ from rosidl_py_gen.runtime.types.describe import start_type_descriptions
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from rosidl_py_gen.registration import Registration
+    from rosidl_py_gen.base.registration import Registration
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.arguments import NodeOptions

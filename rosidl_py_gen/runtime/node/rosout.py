@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.stamps import sec_nanosec
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.types import message_type
 from rosidl_py_gen.runtime.logs.rosout import shared_router
 from rosidl_py_gen.runtime.transport.qos import ROSOUT
-from rosidl_py_gen.stamps import sec_nanosec
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope

@@ -15,10 +15,10 @@ from rosidl_py_gen.runtime.types.ask import announced_hash, ask_type_description
 from rosidl_py_gen.runtime.types.from_peers import Request, resolve
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.dynamic import Folders
     from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
+    from rosidl_py_gen.types.by_name import Folders
 
 
 class TypeMethods:

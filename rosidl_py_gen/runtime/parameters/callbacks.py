@@ -12,7 +12,8 @@ import inspect
 from contextvars import copy_context
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from rosidl_py_gen.registration import Registrations
+from rosidl_py_gen.base.registration import Registrations
+from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.runtime.loop.callbacks import is_async
 from rosidl_py_gen.runtime.parameters.validation import EMPTY_LIST_REASON
 from rosidl_py_gen.runtime.parameters.values import (
@@ -22,12 +23,11 @@ from rosidl_py_gen.runtime.parameters.values import (
     SetResult,
     checked_parameter,
 )
-from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from rosidl_py_gen.registration import Registration
+    from rosidl_py_gen.base.registration import Registration
 
     Commit: TypeAlias = Callable[[], None]
 

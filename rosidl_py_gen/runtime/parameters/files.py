@@ -16,7 +16,7 @@ import re
 import sys
 from typing import TYPE_CHECKING, NoReturn
 
-from rosidl_py_gen.resources import extra_missing
+from rosidl_py_gen.base.resources import extra_missing
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError, ParameterOverrides
 from rosidl_py_gen.runtime.parameters.values import (
     INT64_MAX,

@@ -13,7 +13,7 @@ import asyncio
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.parameters.overrides import ParameterOverrides
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rosidl_py_gen.base.stamps import sec_nanosec
 from rosidl_py_gen.msgs.builtin_interfaces.msg import Time
 from rosidl_py_gen.msgs.rcl_interfaces import msg
 from rosidl_py_gen.runtime.parameters.store import ParameterEvent, SetResult
@@ -22,7 +23,6 @@ from rosidl_py_gen.runtime.parameters.values import (
     ParameterType,
     ParameterValue,
 )
-from rosidl_py_gen.stamps import sec_nanosec
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -15,8 +15,9 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.rclpy_names import knows_rclpy
-from rosidl_py_gen.registration import Registrations
+from rosidl_py_gen.base.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.registration import Registrations
+from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.time.due import wait_until_due
 from rosidl_py_gen.runtime.time.schedule import Schedule
@@ -30,12 +31,11 @@ from rosidl_py_gen.runtime.time.values import (
     TimeRangeError,
     seconds_to_ns,
 )
-from rosidl_py_gen.signatures import require_signature
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.registration import Registration
+    from rosidl_py_gen.base.registration import Registration
 
 
 @dataclass(frozen=True, slots=True, eq=False)

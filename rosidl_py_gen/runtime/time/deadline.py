@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import asyncio
 
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.time.values import limit_to_ns
-from rosidl_py_gen.stamps import NS_PER_S
 
 
 class WaitTimeoutError(RosidlError, TimeoutError):

@@ -12,14 +12,14 @@ import asyncio
 import contextlib
 from typing import TYPE_CHECKING, Protocol
 
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.base.waiting import complete_threadsafe, current_loop
 from rosidl_py_gen.runtime.time.values import ClockType
-from rosidl_py_gen.stamps import NS_PER_S
-from rosidl_py_gen.waiting import complete_threadsafe, current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.registration import Registration
+    from rosidl_py_gen.base.registration import Registration
     from rosidl_py_gen.runtime.time.schedule import Schedule
     from rosidl_py_gen.runtime.time.values import TimeJump
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.rclpy_names import knows_rclpy
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.runtime.time.due import wait_until_due
 from rosidl_py_gen.runtime.time.values import TimeRangeError, finite_number, seconds_to_ns
-from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.time.clock import Clock

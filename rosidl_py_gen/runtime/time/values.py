@@ -13,13 +13,13 @@ from enum import IntEnum
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, overload
 
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec, stamp_ns
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec, stamp_ns
 
 if TYPE_CHECKING:
+    from rosidl_py_gen.base.stamps import SecNanosec
     from rosidl_py_gen.msgs.builtin_interfaces.msg import Duration as DurationMessage
     from rosidl_py_gen.msgs.builtin_interfaces.msg import Time as TimeMessage
-    from rosidl_py_gen.stamps import SecNanosec
 
 _INT32_MIN, _INT32_MAX = -(2**31), 2**31 - 1
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.stamps import NS_PER_S
 
 UNSPECIFIED_NS = 0
 INFINITE_NS = 9223372036_854775807

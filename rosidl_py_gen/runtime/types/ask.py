@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import RosidlError, printable
 from rosidl_py_gen.msgs.type_description_interfaces import srv
-from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.late_types import late_service_type
 from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError

@@ -13,13 +13,14 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.codec import encode
-from rosidl_py_gen.descriptions import rihs01
+from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.importable import READY_MADE
+from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.cdr.codec import encode
+from rosidl_py_gen.cdr.typesupport import referenced_classes, type_description, type_hash, type_name
 from rosidl_py_gen.errors import TypeNotFoundError
-from rosidl_py_gen.importable import READY_MADE
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.type_description_interfaces import msg, srv
-from rosidl_py_gen.resources import interfaces_dir
 from rosidl_py_gen.runtime.endpoints.late_types import late_service_type
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import class_of
@@ -27,7 +28,6 @@ from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor, Paramet
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 from rosidl_py_gen.runtime.types.announced import TYPE_HASH
 from rosidl_py_gen.runtime.types.ask import SERVICE
-from rosidl_py_gen.typesupport import referenced_classes, type_description, type_hash, type_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -10,9 +10,10 @@ import asyncio
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.base.descriptions import rihs01
+from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Action, Message, Service
-from rosidl_py_gen.description_cache import MAX_BYTES, keep_description, load_description
-from rosidl_py_gen.descriptions import rihs01
+from rosidl_py_gen.cdr.typesupport import hashes_of, type_hash
 from rosidl_py_gen.errors import (
     ClosedError,
     DefinitionError,
@@ -21,22 +22,21 @@ from rosidl_py_gen.errors import (
     TypeNotFoundError,
     printable,
 )
-from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError
 from rosidl_py_gen.runtime.time.deadline import Deadline
 from rosidl_py_gen.runtime.transport.discovered import Channel
 from rosidl_py_gen.runtime.types.announced import TYPE_HASH, announced, givers, is_complete, some
 from rosidl_py_gen.runtime.types.ask import TypeDescriptionError, ask_type_description, described_by
-from rosidl_py_gen.typesupport import hashes_of, type_hash
+from rosidl_py_gen.types.cache import MAX_BYTES, keep_description, load_description
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from rosidl_py_gen.descriptions import Description
-    from rosidl_py_gen.dynamic import Fits, Folders
+    from rosidl_py_gen.base.descriptions import Description
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.types.announced import Announced, Subject
+    from rosidl_py_gen.types.by_name import Fits, Folders
 
 _PATIENCE_S = 3.0
 """How long a node may take to answer, where others could be asked."""
@@ -174,7 +174,7 @@ class _Resolution:
     # -------------------------------------------------------------------------------------------------- local ones
 
     async def _local(self, one: Announced, fits: Fits) -> type[Any] | None:
-        from rosidl_py_gen.dynamic import find_class
+        from rosidl_py_gen.types.by_name import find_class
 
         return await asyncio.to_thread(find_class, one.type_name, fits, path=self._request.path)
 
@@ -212,7 +212,7 @@ class _Resolution:
         return any(one.type_name + part not in one.hashes for part in self._subject.extra.values())
 
     async def _fetched(self, one: Announced) -> type[Any]:
-        from rosidl_py_gen.described import compile_described, described_hashes
+        from rosidl_py_gen.types.from_description import compile_described, described_hashes
 
         name, is_service = one.type_name, self._subject.kind == "service"
         whole = self._request.type_hash

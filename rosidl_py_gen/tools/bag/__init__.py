@@ -1,1 +1,1 @@
-"""What ``rosidl-py bag`` does: recordings, with `rosidl_py_gen.mcap`."""
+"""What ``rosidl-py bag`` does: recordings, with `rosidl_py_gen.bags`."""

@@ -11,13 +11,13 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.mcap import BagReader, BagWriter, RawMessage, SqliteWriter
+from rosidl_py_gen.bags import BagReader, BagWriter, RawMessage, SqliteWriter
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.bag.described import described_channels
 from rosidl_py_gen.tools.bag.part import part_of, progress
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.mcap import BagTopic
+    from rosidl_py_gen.bags import BagTopic
     from rosidl_py_gen.tools.bag.part import Part
 
 _PROGRESS_S = 0.25

@@ -9,12 +9,12 @@ from collections.abc import Sequence
 from itertools import islice
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.bags.definitions import described, has_definition, misfit
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.mcap.definitions import described, has_definition, misfit
 from rosidl_py_gen.tools import ToolError, printing
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.mcap import BagReader, BagTopic
+    from rosidl_py_gen.bags import BagReader, BagTopic
 
 _SAMPLES = 20
 """Of each channel whose definition is a guess, read before."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from rosidl_py_gen.bags import BagReader
+from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.mcap import BagReader
-from rosidl_py_gen.mcap.metadata import qos_profiles
 from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.bag.part import duration_text, size_text, time_text
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.mcap import BagTopic
+    from rosidl_py_gen.bags import BagTopic
     from rosidl_py_gen.runtime import QoSProfile
 
 

@@ -7,12 +7,12 @@ from contextlib import contextmanager
 from datetime import datetime
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.names import did_you_mean
-from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.tools import ToolError, printing
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.mcap import BagReader
+    from rosidl_py_gen.bags import BagReader
 
 
 class Part(NamedTuple):

@@ -11,14 +11,14 @@ from collections.abc import Awaitable, Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagReader
+from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.bags.pacing import paced
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.base.stamps import NS_PER_S, set_stamp
 from rosidl_py_gen.cdr import Message, TypeInfo
 from rosidl_py_gen.errors import DecodeError, EncodeError, RosidlError
-from rosidl_py_gen.mcap import BagReader
-from rosidl_py_gen.mcap.metadata import qos_profiles
-from rosidl_py_gen.mcap.pacing import paced
-from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime import Durability, QoSProfile, Reliability, WaitTimeoutError, validate_full_name
-from rosidl_py_gen.stamps import NS_PER_S, set_stamp
 from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.bag.described import wrong
 from rosidl_py_gen.tools.bag.part import Part, duration_text, part_of, progress
@@ -27,7 +27,7 @@ from rosidl_py_gen.tools.names import full_topic_name
 from rosidl_py_gen.tools.session import Network, Session, now_s
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.mcap import BagTopic
+    from rosidl_py_gen.bags import BagTopic
     from rosidl_py_gen.runtime import Publisher
 
 _LISTENERS_S = 2.0

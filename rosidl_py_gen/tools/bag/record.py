@@ -14,10 +14,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagTopic, BagWriter
+from rosidl_py_gen.bags.metadata import qos_text
+from rosidl_py_gen.bags.writer import topic_of
 from rosidl_py_gen.errors import ClosedError, RosidlError
-from rosidl_py_gen.mcap import BagTopic, BagWriter
-from rosidl_py_gen.mcap.metadata import qos_text
-from rosidl_py_gen.mcap.writer import topic_of
 from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.bag.part import progress, size_text
 from rosidl_py_gen.tools.bag.writer import WriterThread

@@ -16,7 +16,7 @@ from rosidl_py_gen.tools import ToolError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.mcap import BagTopic, BagWriter
+    from rosidl_py_gen.bags import BagTopic, BagWriter
 
 _MAX_BYTES = 512 << 20
 _FLUSH_S = 1.0

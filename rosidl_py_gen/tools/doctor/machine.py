@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen import __version__
+from rosidl_py_gen.base.resources import install_command
+from rosidl_py_gen.compiler.spec.find import search_path
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.resources import install_command
 from rosidl_py_gen.runtime import ENOUGH_SOCKET_BYTES, middleware, read_environment
-from rosidl_py_gen.spec.find import search_path
 from rosidl_py_gen.tools.doctor.findings import BROKEN, NOTE, OK, PRIVATE_VARIABLES, WARNING, Finding
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.base.stamps import stamp_ns
 from rosidl_py_gen.runtime.qos import CLOCK
-from rosidl_py_gen.stamps import stamp_ns
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node

@@ -13,8 +13,8 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import Message, compile_text, decode, from_json, get_message
+from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import RosidlError, TypeNotFoundError, printable
-from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.runtime import WaitTimeoutError
 from rosidl_py_gen.runtime.qos import BEST_AVAILABLE
 from rosidl_py_gen.tools import ToolError, types

@@ -10,12 +10,12 @@ import asyncio
 import re
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.described import definition_text
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.cdr.typesupport import referenced_classes
 from rosidl_py_gen.errors import InvalidNameError, RosidlError
-from rosidl_py_gen.names import split_ros_name
 from rosidl_py_gen.tools import ToolError, printing, types
 from rosidl_py_gen.tools.names import is_hidden, is_served
-from rosidl_py_gen.typesupport import referenced_classes
+from rosidl_py_gen.types.from_description import definition_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -10,12 +10,12 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, NamedTuple
 
-from rosidl_py_gen.described import definition_text
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime import Durability
 from rosidl_py_gen.tools import printing, types
 from rosidl_py_gen.tools.follow import Follow
 from rosidl_py_gen.tools.names import is_hidden
+from rosidl_py_gen.types.from_description import definition_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

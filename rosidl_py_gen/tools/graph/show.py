@@ -13,7 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.graph.picture import Edge, Picture
 from rosidl_py_gen.tools.session import Network, Session

@@ -8,7 +8,7 @@ from __future__ import annotations
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.names import did_you_mean
+from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.runtime import (
     CallTimeoutError,
     ParameterNotDeclaredError,

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rosidl_py_gen.stamps import NS_PER_S
+from rosidl_py_gen.base.stamps import NS_PER_S
 
 
 class Figures(ABC):

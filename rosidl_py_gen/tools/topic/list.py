@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rosidl_py_gen.names import split_ros_name
+from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.names import is_hidden
 from rosidl_py_gen.tools.session import Network, Session

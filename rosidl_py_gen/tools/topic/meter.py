@@ -14,10 +14,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.runtime import Subscription
 from rosidl_py_gen.runtime import qos as presets
-from rosidl_py_gen.stamps import NS_PER_S, stamp_ns
 from rosidl_py_gen.tools import Job, ToolError, printing, types
 from rosidl_py_gen.tools.commands.topic import MeterOptions
 from rosidl_py_gen.tools.filters import FilterError, compile_filter

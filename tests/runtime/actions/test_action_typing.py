@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from worlds import ROOT
 
-from rosidl_py_gen.generate import generate
-from rosidl_py_gen.resources import interfaces_dir
-from rosidl_py_gen.spec.find import search_path
+from rosidl_py_gen.base.resources import interfaces_dir
+from rosidl_py_gen.compiler.generate import generate
+from rosidl_py_gen.compiler.spec.find import search_path
 
 HEAD = """
 from collections.abc import Callable

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from worlds import until, while_the_loop_sleeps
 
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import Clock, ClockType, Duration, Time
-from rosidl_py_gen.stamps import NS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine

@@ -21,7 +21,7 @@ from std_msgs.msg import Int32
 from std_srvs.srv import SetBool
 from worlds import ROOT, rests, until
 
-from rosidl_py_gen.resources import install_command
+from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime import CallTimeoutError
 from rosidl_py_gen.runtime.loop.event_loop import EventLoop
 from rosidl_py_gen.runtime.loop.portal import end_tasks

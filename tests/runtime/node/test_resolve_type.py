@@ -12,7 +12,7 @@ from told_types import SERVICE_OFF, Told, fresh, teller, told_by
 from worlds import World, until
 
 from rosidl_py_gen import compile_text, get_message, get_service, type_description, type_hash
-from rosidl_py_gen.descriptions import describe
+from rosidl_py_gen.base.descriptions import describe
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import CallTimeoutError, TypeDescriptionError, TypeNotFoundError
 from rosidl_py_gen.runtime.transport.dds.names import reply_name, request_name, topic_name

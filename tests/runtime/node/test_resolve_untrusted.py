@@ -10,7 +10,7 @@ import pytest
 from told_types import fresh, teller, told_by
 
 from rosidl_py_gen import from_dict
-from rosidl_py_gen.descriptions import describe, rihs01
+from rosidl_py_gen.base.descriptions import describe, rihs01
 from rosidl_py_gen.msgs.type_description_interfaces.msg import TypeDescription
 from rosidl_py_gen.msgs.type_description_interfaces.srv import GetTypeDescription_Response
 from rosidl_py_gen.runtime import TypeDescriptionError

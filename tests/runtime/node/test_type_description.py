@@ -217,7 +217,7 @@ async def test_a_description_that_fits_no_message_is_answered_too(world: World) 
 async def test_the_first_question_does_not_import_the_compiler(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
     world.node("n").create_publisher(Foo, "foo")
     asker = world.node("asker")
-    monkeypatch.setitem(sys.modules, "rosidl_py_gen.dynamic", None)  # importing it fails from here on
+    monkeypatch.setitem(sys.modules, "rosidl_py_gen.types.by_name", None)  # importing it fails from here on
     for cls in (Foo, Log, GetParameters):
         await asker.get_type_description("/n", "", type_hash(cls), timeout_s=5)
 

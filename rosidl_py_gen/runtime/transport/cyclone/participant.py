@@ -27,8 +27,9 @@ from importlib import import_module
 from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING
 
+from rosidl_py_gen.base.resources import install_command
+from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.resources import install_command
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.cyclone import abi
 from rosidl_py_gen.runtime.transport.cyclone.catchup import EarlySamples
@@ -46,7 +47,6 @@ from rosidl_py_gen.runtime.transport.discovered import EndpointFound
 from rosidl_py_gen.runtime.transport.port import BackendMissingError, DiscoveryRange
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
-from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable

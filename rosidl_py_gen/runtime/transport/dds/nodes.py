@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Protocol
 
+from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.runtime.logs.loggers import internal_logger
@@ -15,7 +16,6 @@ from rosidl_py_gen.runtime.transport.dds import nodes_message
 from rosidl_py_gen.runtime.transport.discovered import Channel, EndpointFound, Lost, NodesFound
 from rosidl_py_gen.runtime.transport.port import EndpointSpec
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
-from rosidl_py_gen.waiting import current_loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

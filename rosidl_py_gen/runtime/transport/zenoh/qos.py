@@ -12,6 +12,7 @@ from __future__ import annotations
 import itertools
 import re
 
+from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.runtime.transport.qos import (
     INFINITE_NS,
     MAX_DEPTH,
@@ -22,7 +23,6 @@ from rosidl_py_gen.runtime.transport.qos import (
     QoSProfile,
     Reliability,
 )
-from rosidl_py_gen.stamps import NS_PER_S, sec_nanosec
 
 DEFAULT_DEPTH = 42
 """What a depth of 0 means to rmw_zenoh_cpp, with KEEP_ALL too."""

@@ -10,7 +10,7 @@ import os
 import time
 from typing import TYPE_CHECKING, ClassVar
 
-from rosidl_py_gen.resources import install_command
+from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
 from rosidl_py_gen.runtime.transport.port import BackendMissingError, TransportError

@@ -80,7 +80,7 @@ def test_an_unknown_middleware_is_a_warning_and_an_unknown_transport_an_error(
 @pytest.mark.parametrize(
     ("text", "unwanted"),
     [
-        ("import rosidl_py_gen.generate, rosidl_py_gen.cli", ("zenoh", "xxhash", "cyclonedds._clayer")),
+        ("import rosidl_py_gen.compiler.generate, rosidl_py_gen.cli", ("zenoh", "xxhash", "cyclonedds._clayer")),
         ("from rosidl_py_gen.runtime import Context; Context(transport='dds')", ("zenoh", "xxhash")),
         ("from rosidl_py_gen.runtime import Context; Context(transport='zenoh')", ("cyclonedds._clayer",)),
     ],

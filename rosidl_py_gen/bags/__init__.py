@@ -1,0 +1,21 @@
+"""Bags: recorded messages as MCAP files and rosbag2 folders, read and written without ROS.
+
+Needs the extra ``mcap``; without it the import raises `ExtraMissingError`, an `ImportError` that has the command.
+"""
+
+from rosidl_py_gen.base.resources import extra_missing as _extra_missing
+
+try:
+    from rosidl_py_gen.bags.common import BagError as BagError
+    from rosidl_py_gen.bags.common import BagMessage as BagMessage
+    from rosidl_py_gen.bags.common import BagTopic as BagTopic
+    from rosidl_py_gen.bags.common import BagWarning as BagWarning
+    from rosidl_py_gen.bags.common import LeftOut as LeftOut
+    from rosidl_py_gen.bags.common import RawMessage as RawMessage
+    from rosidl_py_gen.bags.decoder import DecoderFactory as DecoderFactory
+    from rosidl_py_gen.bags.definitions import TopicDefinition as TopicDefinition
+    from rosidl_py_gen.bags.reader import BagReader as BagReader
+    from rosidl_py_gen.bags.sqlite import SqliteWriter as SqliteWriter
+    from rosidl_py_gen.bags.writer import BagWriter as BagWriter
+except ModuleNotFoundError as missing:
+    raise _extra_missing(missing) or missing from None

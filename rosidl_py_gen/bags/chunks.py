@@ -1,0 +1,278 @@
+"""Chunks of MCAP: unpacked within bounds, and cut into their records.
+
+Decides how much a chunk may become: what it says of itself, which has to be what its compression says, and at most what
+the reader allows. A large one is unpacked in pieces: whole records, about a megabyte of them, or one that is larger.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+import zlib
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import lz4.frame  # type: ignore[import-untyped]
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Chunk
+from zstandard import ZstdDecompressor, frame_content_size
+
+from rosidl_py_gen.bags.common import BagError
+
+if TYPE_CHECKING:
+    from collections.abc import Container, Mapping
+    from pathlib import Path
+
+    from rosidl_py_gen.bags.storage import Channel, Raw
+
+RECORD = struct.Struct("<BQ")
+"""Kind and length of a record of MCAP."""
+_HEAD = struct.Struct("<QQQII")
+"""What a chunk begins with: log times, size, checksum, and the length of its compression's name."""
+_MAX_NAME = 100
+PIECE = 1 << 20
+WHOLE = 1 << 23
+"""Chunks up to this size are unpacked at once, which is quicker."""
+MAX_WINDOW = 1 << 27
+"""What zstd may look back: as `zstd` itself has it without ``--long``."""
+Read = Callable[[int, int], bytes]
+"""Bytes of the file, from where and how many; less at its end."""
+MESSAGE = struct.Struct("<BQHIQQ")
+"""The same of a message, then channel, sequence, log time and publish time; the rest of the record is its data."""
+LEAST_MESSAGE = MESSAGE.size - RECORD.size
+IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
+_LARGE = 8
+"""A message is large when its chunk has at most so many times its size."""
+_MAX_LZ4 = 255
+"""LZ4 makes at most so many bytes of one."""
+
+
+class Head(NamedTuple):
+    """What a chunk says of itself; its records are stored from `at` to `end` of the file."""
+
+    at: int
+    end: int
+    compression: str
+    size: int
+    crc: int
+    where: str
+
+
+class Zstd(threading.local):
+    """A decompressor for each thread: one that several use at once mixes up what they unpack."""
+
+    def __init__(self) -> None:
+        self.own = ZstdDecompressor()
+
+
+class Unpacker:
+    """Unpacks the chunks of one file.
+
+    Args:
+        max_bytes: the most that a compressed chunk may become.
+        validate_crcs: compare checksums.
+    """
+
+    def __init__(self, path: Path, max_bytes: int, validate_crcs: bool) -> None:
+        self.where = str(path)
+        """The file, for errors."""
+        self._max_bytes = max_bytes
+        self.validate_crcs = validate_crcs
+        self._zstd = Zstd()
+
+    def unpacked(self, record: bytes) -> bytes:
+        """The records in a chunk, given as the body of its own record. Raises `BagError`, and what libraries raise."""
+        chunk = Chunk.read(ReadDataStream(_Bytes(record)))  # type: ignore[arg-type]
+        data = self._decompressed(chunk)
+        if self.validate_crcs and chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+            raise BagError(f"{self.where}: damaged: the checksum of a chunk is not that of its {len(data)} bytes")
+        return data
+
+    def require_size(self, head: Head) -> None:
+        """Raises `BagError` when a chunk says that it becomes too large."""
+        if head.compression:
+            self._require_size(head.size, head.end - head.at)
+
+    def _decompressed(self, chunk: Chunk) -> bytes:
+        if not chunk.compression:
+            return chunk.data
+        size, packed = chunk.uncompressed_size, len(chunk.data)
+        if chunk.compression == "zstd":
+            said = frame_content_size(chunk.data)
+            self._require_size(max(said, size), packed)
+            if said not in (-1, size):
+                raise BagError(f"{self.where}: damaged: a chunk says it holds {size} bytes, and its compression {said}")
+            return self._zstd.own.decompress(chunk.data, max_output_size=size)
+        if chunk.compression == "lz4":
+            self._require_size(size, packed)
+            if size > _MAX_LZ4 * packed:
+                raise BagError(f"{self.where}: damaged: a chunk of {packed} bytes says it holds {size}")
+            # One byte more than there may be: zero would mean no limit.
+            data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+            if len(data) != size:
+                raise BagError(f"{self.where}: damaged: a chunk says it holds {size} bytes, and has others")
+            return data
+        raise BagError(f'{self.where}: a chunk is compressed with "{chunk.compression[:50]}"; zstd and lz4 are read')
+
+    def _require_size(self, size: int, packed: int) -> None:
+        """Raises `BagError` before a chunk is unpacked that says it becomes too large."""
+        if size > self._max_bytes:
+            raise BagError(
+                f"{self.where}: a chunk of {packed} bytes says it holds {size}; expected at most {self._max_bytes}, "
+                "unless max_unpacked_bytes is more"
+            )
+
+    def messages(
+        self, data: bytes | bytearray, wanted: Mapping[int, Channel], known: Container[int], size: int = -1
+    ) -> list[Raw]:
+        """The messages among records that belong to the channels in `wanted`; `known` are all channels.
+
+        Args:
+            size: of the records, when they are not all of `data`.
+        """
+        view = memoryview(data)
+        size, found, at = (len(data) if size < 0 else size), [], 0
+        while at < size:
+            opcode, length = RECORD.unpack_from(data, at)
+            end = at + RECORD.size + length
+            if end > size:
+                raise BagError(f"{self.where}: damaged: a record in a chunk is longer than the chunk")
+            if opcode == IS_MESSAGE:
+                if length < LEAST_MESSAGE:
+                    raise BagError(f"{self.where}: damaged: a message of {length} bytes, shorter than its times")
+                _, _, channel, _, log_time, publish_time = MESSAGE.unpack_from(data, at)
+                if channel in wanted:
+                    whole: Any = view if length * _LARGE > size else data
+                    found.append((wanted[channel], whole[at + MESSAGE.size : end], log_time, publish_time))
+                elif channel not in known:
+                    raise BagError(f"{self.where}: damaged: a message of channel {channel}, which there is not")
+            at = end
+        return found
+
+
+class _Bytes:
+    """What `ReadDataStream` reads, without the copy that BytesIO makes of a view."""
+
+    __slots__ = ("_at", "_data")
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._at = 0
+
+    def read(self, length: int) -> Any:
+        """The next bytes; fewer at the end."""
+        self._at += length
+        return self._data[self._at - length : self._at]
+
+
+# ----------------------------------------------------------------------------------------------------------- in pieces
+
+
+def head_of(read: Read, body: int, end: int, where: str) -> Head:
+    """The head of the chunk whose record has its body there; raises `BagError`, and what libraries raise."""
+    _, _, size, crc, name = _HEAD.unpack(read(body, _HEAD.size))
+    if name > _MAX_NAME:
+        raise BagError(f"{where}: damaged: the compression of a chunk has a name of {name} bytes")
+    at = body + _HEAD.size + name
+    (length,) = struct.unpack("<Q", read(at, 8))
+    if at + 8 + length != end:
+        raise BagError(f"{where}: damaged: a chunk says it has {length} bytes of records, and has {end - at - 8}")
+    return Head(at + 8, end, read(body + _HEAD.size, name).decode(), size, crc, where)
+
+
+def pieces(read: Read, head: Head, validate_crcs: bool) -> Iterator[tuple[bytes | bytearray, int]]:
+    """The records of a chunk in pieces, each with how many of its bytes are whole records.
+
+    Raises:
+        BagError: damaged; a wrong checksum is known at the end. And what libraries raise.
+    """
+    unpack = _unpacking(_Stored(read, head), head)
+    left, crc, need = head.size, 0, 0
+    data: bytes | bytearray = b""
+    while left or data:
+        piece = unpack(min(left, PIECE))
+        if not piece:
+            raise BagError(f"{head.where}: damaged: a chunk ends within a record")
+        left -= len(piece)
+        crc = zlib.crc32(piece, crc)
+        data += piece  # in place, while one that is larger than a piece comes
+        need -= len(piece)
+        if need > 0:
+            continue
+        at, need = _whole(data)
+        if need > left:
+            raise BagError(f"{head.where}: damaged: a record in a chunk is longer than the chunk")
+        if at:
+            yield data, at
+        data = data[at:] if need <= PIECE else bytearray(data[at:])
+    if unpack(1):
+        raise BagError(f"{head.where}: damaged: a chunk becomes more than the {head.size} bytes it says")
+    if validate_crcs and head.crc and crc != head.crc:
+        raise BagError(f"{head.where}: damaged: the checksum of a chunk is another")
+
+
+def is_large(read: Read, head: Head) -> bool:
+    """Whether to unpack a chunk in pieces: not when one of its first messages is half of it."""
+    if head.size <= WHOLE:
+        return False
+    data, at = _unpacking(_Stored(read, head), head)(PIECE), 0
+    while at + RECORD.size <= len(data):
+        opcode, length = RECORD.unpack_from(data, at)
+        if opcode == Opcode.MESSAGE and 2 * length >= head.size:
+            return False
+        at += RECORD.size + length
+    return True
+
+
+def _whole(data: bytes | bytearray) -> tuple[int, int]:
+    """Where the last whole record ends, and how much is missing to the next."""
+    at, size = 0, len(data)
+    while at + RECORD.size <= size:
+        end: int = at + RECORD.size + RECORD.unpack_from(data, at)[1]
+        if end > size:
+            return at, end - size
+        at = end
+    return at, RECORD.size - (size - at) if at < size else 0
+
+
+class _Stored:
+    """The records as they are stored, as a stream."""
+
+    def __init__(self, read: Read, head: Head) -> None:
+        self._read, self._at, self._end = read, head.at, head.end
+
+    def read(self, size: int = -1, /) -> bytes:
+        """At most `size` bytes."""
+        left = self._end - self._at
+        found = self._read(self._at, left if size < 0 else min(size, left))
+        self._at += len(found)
+        return found
+
+
+def _unpacking(source: _Stored, head: Head) -> Callable[[int], bytes]:
+    """What reads at most so many unpacked bytes, and none at the end."""
+    if not head.compression:
+        return source.read
+    if head.compression == "zstd":
+        zstd = ZstdDecompressor(max_window_size=MAX_WINDOW)
+        return zstd.stream_reader(source, read_size=PIECE, read_across_frames=True).read  # type: ignore[arg-type]
+    if head.compression == "lz4":
+        return _Lz4(source).read
+    raise BagError(f'{head.where}: a chunk is compressed with "{head.compression}"; zstd and lz4 are read')
+
+
+class _Lz4:
+    def __init__(self, source: _Stored) -> None:
+        self._source = source
+        self._frame: Any = lz4.frame.LZ4FrameDecompressor()
+
+    def read(self, size: int) -> bytes:
+        """Some of at most `size` bytes."""
+        found = b""
+        while size and not found and not self._frame.eof:
+            more = self._source.read(PIECE) if self._frame.needs_input else b""
+            if self._frame.needs_input and not more:
+                break
+            found = self._frame.decompress(more, max_length=size)
+        return found

@@ -1,0 +1,116 @@
+"""rosbag2's own compression, beside that inside MCAP files: of whole files, or of each message; zstd.
+
+Decides where a compressed file is unpacked: into a temporary folder, piece by piece, never more than fits there.
+"""
+
+from __future__ import annotations
+
+import shutil
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from zstandard import ZstdDecompressor, ZstdError, frame_content_size
+
+from rosidl_py_gen.bags.chunks import MAX_WINDOW, Zstd
+from rosidl_py_gen.bags.common import BagError, BagTopic
+from rosidl_py_gen.bags.storage import damage_told
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+
+    from rosidl_py_gen.bags.storage import Raw, Storage
+
+SUFFIX = ".zstd"
+_MAGIC = b"\x28\xb5\x2f\xfd"
+"""Begins what zstd made. Messages of CDR begin with a zero."""
+_PIECE = 1 << 20
+_MAX_RATIO = 1000
+_MAX_HEAD = 18
+"""Bytes of the head of a frame, which says how large it becomes."""
+
+
+def unpack_file(path: Path, folder: Path, max_bytes: int) -> Path:
+    """Unpack a file into `folder`, under its name without ``.zstd``.
+
+    Args:
+        max_bytes: what it may become, unless that is less than a thousand times its size.
+
+    Raises:
+        BagError: it is damaged, or what it becomes is too large or does not fit there. OSError: it cannot be read.
+    """
+    target = folder / path.name.removesuffix(SUFFIX)
+    room = shutil.disk_usage(folder).free // 2
+    most = max(max_bytes, _MAX_RATIO * path.stat().st_size)
+    with path.open("rb") as packed, target.open("wb") as unpacked, damage_told(path):
+        written = 0
+        said = frame_content_size(packed.read(_MAX_HEAD))
+        packed.seek(0)
+        _require_size(path, said, most)
+        with ZstdDecompressor(max_window_size=MAX_WINDOW).stream_reader(packed, read_across_frames=True) as stream:
+            while piece := stream.read(_PIECE):
+                written += len(piece)
+                if written > room:
+                    raise BagError(f"{path}: it becomes more than {room} bytes, half of what is free in {folder}")
+                _require_size(path, written, most)
+                unpacked.write(piece)
+        if written < said:
+            raise BagError(f"{path}: damaged: it becomes {written} bytes, and says {said}")
+    return target
+
+
+def _require_size(path: Path, size: int, most: int) -> None:
+    if size > most:
+        raise BagError(f"{path}: it becomes {size} bytes; expected at most {most}, unless max_unpacked_bytes is more")
+
+
+class CompressedMessages:
+    """A file whose messages are compressed one by one."""
+
+    def __init__(self, storage: Storage, path: Path, max_bytes: int) -> None:
+        self._storage = storage
+        self._path = path
+        self._max_bytes = max_bytes
+        self._zstd = Zstd()
+        self.is_whole = storage.is_whole
+        self.unread_bytes = storage.unread_bytes
+
+    def channels(self) -> list[BagTopic]:
+        return self._storage.channels()
+
+    def span(self) -> tuple[int, int] | None:
+        return self._storage.span()
+
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+        found = self._storage.messages(topics, start, end)
+        for first in found:
+            rest = chain(iter([first]), found)  # which keeps nothing of it
+            return self._all_unpacked(rest) if bytes(first[1][:4]) == _MAGIC else rest  # all are, or none
+        return iter(())
+
+    def _all_unpacked(self, found: Iterator[Raw]) -> Iterator[Raw]:
+        for channel, data, log_time, publish_time in found:
+            yield channel, self._unpacked(bytes(data), channel.topic, log_time), log_time, publish_time
+
+    def _unpacked(self, data: bytes, topic: str, log_time: int) -> bytes:
+        if not data.startswith(_MAGIC):
+            return data
+        place = f"{self._path}: {topic} at {log_time} ns"
+        try:
+            size = frame_content_size(data)
+            if size > self._max_bytes:
+                raise BagError(
+                    f"{place}: {len(data)} bytes say they become {size}; expected at most {self._max_bytes}, unless "
+                    "max_unpacked_bytes is more"
+                )
+            if size >= 0:
+                return self._zstd.own.decompress(data)
+            unpacked = self._zstd.own.stream_reader(data).read(self._max_bytes + 1)
+        except (ZstdError, MemoryError) as error:
+            raise BagError(f"{place}: damaged: {error}") from None
+        if len(unpacked) > self._max_bytes:
+            raise BagError(f"{place}: it becomes more than {self._max_bytes} bytes, which is max_unpacked_bytes")
+        return unpacked
+
+    def close(self) -> None:
+        self._storage.close()

@@ -1,0 +1,253 @@
+"""An MCAP file, with the index it has or one that is made by walking through it.
+
+Decides the order: parts are read by the time of their first message, and what is later than the beginning of the next
+one waits for it. The package's own reader orders message by message, and its objects cost twice as much as decoding.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import replace
+from functools import cached_property
+from heapq import heapify, heappop, heappush
+from operator import attrgetter
+from threading import Lock
+from typing import TYPE_CHECKING, Any
+
+from mcap.writer import MCAP0_MAGIC
+
+from rosidl_py_gen.bags.chunks import WHOLE, Unpacker, head_of, is_large, pieces
+from rosidl_py_gen.bags.common import BagError, BagTopic
+from rosidl_py_gen.bags.mcap_index import Index, Part, read_index, walk
+from rosidl_py_gen.bags.storage import LOG_TIME, MAX_UNPACKED_BYTES, Channel, damage_told
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Container, Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    from mcap.records import Channel as ChannelRecord
+    from mcap.records import Schema
+
+    from rosidl_py_gen.bags.chunks import Head
+    from rosidl_py_gen.bags.storage import Raw
+
+
+class McapFile:
+    """An MCAP file; without an index, as after a crash, it is read from the beginning to where it ends.
+
+    Args:
+        max_unpacked_bytes: the most that a chunk may become, and that messages of chunks which overlap in time may take
+            while they wait for their turn.
+    """
+
+    def __init__(self, path: Path, validate_crcs: bool, max_unpacked_bytes: int = MAX_UNPACKED_BYTES) -> None:
+        self._path = path
+        self._max_bytes = max_unpacked_bytes
+        self._unpacker = Unpacker(path, max_unpacked_bytes, validate_crcs)
+        self._reading = Lock()  # of `_stream`, which several iterations may read from
+        self._stream = path.open("rb")
+        self._ordered: dict[int, bool] = {}  # of large chunks, by where they are
+        try:
+            with damage_told(path):
+                self._size = path.stat().st_size
+                if not MCAP0_MAGIC.startswith(self._stream.read(len(MCAP0_MAGIC))):  # shorter: nothing was written yet
+                    raise BagError(f"{path}: damaged: it does not begin as MCAP files do")
+                self._own = read_index(self._stream, self._size)
+        except BaseException:
+            self._stream.close()
+            raise
+        self.is_whole = self._own is not None
+
+    @cached_property
+    def _index(self) -> Index:
+        """What the file says of itself, or else what is in it."""
+        if self._own is not None:
+            return self._own
+        index = Index()
+        self._walk(index, len(MCAP0_MAGIC), self._size)
+        return index
+
+    @cached_property
+    def _parts(self) -> list[Part]:
+        """Everything with messages. An index speaks of chunks only, but messages may lie outside of them."""
+        index = self._index
+        if index.gaps:
+            loose = Index(channels=index.channels, schemas=index.schemas, parts=index.parts)
+            for start, end in index.gaps:
+                if start < end:
+                    self._walk(loose, start, end)
+            if not any(part.is_chunk for part in index.parts):
+                self._require_counts(index, loose)
+            index.gaps = []
+            spans = [one for one in (index.span, loose.span) if one is not None]
+            index.span = (min(one[0] for one in spans), max(one[1] for one in spans)) if spans else None
+        return sorted(index.parts, key=attrgetter("first"))
+
+    def _require_counts(self, index: Index, loose: Index) -> None:
+        """Raises `BagError` when no message is in a chunk, and there are not as many as the statistics say."""
+        told = {number: count for number, count in (index.counts or {}).items() if count}
+        if index.counts is not None and told != loose.counts:
+            raise BagError(
+                f"{self._path}: damaged: it says it has {sum(told.values())} messages, and "
+                f"{sum((loose.counts or {}).values())} were found"
+            )
+
+    def _walk(self, index: Index, start: int, end: int) -> None:
+        with damage_told(self._path), self._reading:
+            try:
+                walk(self._stream, self._size, self._unpacker, index, start, end)
+            except BagError as error:
+                raise error if str(self._path) in str(error) else BagError(f"{self._path}: {error}") from None
+
+    # ------------------------------------------------------------------------------------------------------ contents
+
+    @property
+    def unread_bytes(self) -> int:
+        return self._index.unread_bytes
+
+    def channels(self) -> list[BagTopic]:
+        index = self._index
+        with damage_told(self._path):
+            return joined(channel.info for channel in self._channels(index).values())
+
+    def _channels(self, index: Index) -> dict[int, Channel]:
+        counts = index.counts
+        return {
+            number: Channel(
+                _topic(one, index.schemas.get(one.schema_id), None if counts is None else counts.get(number, 0))
+            )
+            for number, one in index.channels.items()
+        }
+
+    def span(self) -> tuple[int, int] | None:
+        if self._index.counts is None:  # no statistics: what lies outside of chunks is looked for
+            with damage_told(self._path):
+                return self._index.span if self._parts else None
+        return self._index.span
+
+    # ------------------------------------------------------------------------------------------------------ messages
+
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+        with damage_told(self._path):
+            parts = [one for one in self._parts if one.first < end and one.last >= start]
+            known = self._channels(self._index)
+            wanted = {number: one for number, one in known.items() if topics is None or one.topic in topics}
+            if topics is not None:
+                parts = [one for one in parts if one.channels is None or not wanted.keys().isdisjoint(one.channels)]
+            yield from self._in_order(parts, wanted, known, start, end)
+
+    def _in_order(
+        self, parts: list[Part], wanted: Mapping[int, Channel], known: Container[int], start: int, end: int
+    ) -> Iterator[Raw]:
+        waiting: list[Raw] = []
+        due = [(part.first, number, self._blocks(part, wanted, known)) for number, part in enumerate(parts)]
+        heapify(due)
+        while due:
+            since, number, blocks = heappop(due)
+            if (block := next(blocks, None)) is None:
+                continue
+            found, size, has_more = block
+            if has_more:
+                heappush(due, (found[-1][2] if found else since, number, blocks))
+            if found and (found[0][2] < start or found[-1][2] >= end):
+                found = [one for one in found if start <= one[2] < end]
+            waiting = sorted(waiting + found, key=LOG_TIME) if waiting else [*found]
+            del block
+            if size > WHOLE:  # not kept while the next is unpacked, as small ones are, whose memory is not new then
+                del found
+            if due:
+                ready = bisect_left(waiting, due[0][0], key=LOG_TIME)
+                yield from waiting[:ready]
+                del waiting[:ready]
+                if waiting:
+                    self._require_few(waiting)
+        yield from waiting
+
+    # --------------------------------------------------------------------------------------------------------- parts
+
+    def _blocks(
+        self, part: Part, wanted: Mapping[int, Channel], known: Container[int]
+    ) -> Iterator[tuple[list[Raw], int, bool]]:
+        """The messages of a part, at once or piece by piece, each with its size and whether more may follow."""
+        head = head_of(self._read, part.offset, part.end, str(self._path)) if part.is_chunk else None
+        if head is None or not self._is_cut(head, known):
+            data = self._read(part.offset, max(0, part.end - part.offset))
+            if head is not None:
+                data = self._unpacker.unpacked(data)
+            found = self._unpacker.messages(data, wanted, known)
+            size = len(data)
+            del data
+            self._sort(part, found)
+            yield found, size, False
+            return
+        for some, whole in pieces(self._read, head, False):  # its checksum was compared
+            found = self._unpacker.messages(some, wanted, known, whole)
+            self._sort(part, found)
+            yield found, len(some), True
+
+    def _is_cut(self, head: Head, known: Container[int]) -> bool:
+        """Whether a chunk is read in pieces: it is large, and its messages are in order, which takes reading it all."""
+        self._unpacker.require_size(head)
+        if not is_large(self._read, head):
+            return False
+        is_ordered = self._ordered.get(head.at)
+        if is_ordered is None:
+            last, is_ordered = 0, True
+            everything = self._channels(self._index)
+            for some, whole in pieces(self._read, head, self._unpacker.validate_crcs):
+                for _, _, log_time, _ in self._unpacker.messages(some, everything, known, whole):
+                    is_ordered, last = is_ordered and log_time >= last, log_time
+            self._ordered[head.at] = is_ordered
+        return is_ordered
+
+    def _sort(self, part: Part, found: list[Raw]) -> None:
+        """By log time. Raises `BagError`: parts are chosen and ordered by the times that are told of them."""
+        if found:
+            found.sort(key=LOG_TIME)
+            first, last = found[0][2], found[-1][2]
+            if first < part.first or last > part.last:
+                raise BagError(
+                    f"{self._path}: damaged: a chunk says its messages are from {part.first} to {part.last} ns, and "
+                    f"has some from {first} to {last} ns"
+                )
+
+    def _read(self, at: int, size: int) -> bytes:
+        with self._reading:
+            self._stream.seek(at)
+            return self._stream.read(size)
+
+    def _require_few(self, waiting: list[Raw]) -> None:
+        held = sum(len(one[1]) for one in waiting)
+        if held > self._max_bytes:
+            raise BagError(
+                f"{self._path}: its chunks overlap in time so much that {held} bytes of messages have to wait for "
+                f"earlier ones; expected at most {self._max_bytes}, unless max_unpacked_bytes is more"
+            )
+
+    def close(self) -> None:
+        self._stream.close()
+
+
+def _topic(channel: ChannelRecord, schema: Schema | None, count: int | None) -> BagTopic:
+    told = channel.metadata
+    return BagTopic(
+        channel.topic,
+        schema.name if schema else "",
+        schema.data.decode(errors="replace") if schema else "",
+        schema.encoding if schema else "",
+        channel.message_encoding,
+        told.get("topic_type_hash", ""),
+        told.get("offered_qos_profiles", ""),
+        count,
+    )
+
+
+def joined(rows: Iterable[BagTopic]) -> list[BagTopic]:
+    """One row for each topic and definition: files may have several channels of them."""
+    found: dict[Any, BagTopic] = {}
+    for row in rows:
+        key = row.key
+        before = found.get(key)
+        both = None if before is None or before.count is None or row.count is None else before.count + row.count
+        found[key] = row if before is None else replace(before, count=both)
+    return sorted(found.values(), key=attrgetter("name"))

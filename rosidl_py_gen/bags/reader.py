@@ -1,0 +1,399 @@
+"""Reading bags: MCAP files, rosbag2 folders of MCAP or SQLite files, single ``.db3`` files.
+
+Decides which class a message is decoded with: that of the definition it was written with, also where a topic has two;
+and what becomes of topics that cannot be decoded: they are left out of a reading of all topics, counted and named.
+"""
+
+from __future__ import annotations
+
+import warnings
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, Literal
+
+from rosidl_py_gen.bags.common import BagError, BagMessage, BagTopic, BagWarning, LeftOut, RawMessage
+from rosidl_py_gen.bags.compressed import SUFFIX, CompressedMessages, unpack_file
+from rosidl_py_gen.bags.decoder import decoder_of
+from rosidl_py_gen.bags.definitions import (
+    NO_FIELDS,
+    Definitions,
+    TopicDefinition,
+    WrongDefinitionError,
+    is_empty,
+    measuring,
+)
+from rosidl_py_gen.bags.mcap_file import McapFile, joined
+from rosidl_py_gen.bags.metadata import FILE, read_metadata
+from rosidl_py_gen.bags.pacing import paced
+from rosidl_py_gen.bags.sqlite_file import SqliteFile
+from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES, Channel, Raw, Storage, merged
+from rosidl_py_gen.bags.table import frame, table
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.errors import DecodeError, RosidlError
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Sequence
+
+    import numpy as np
+    from typing_extensions import Self
+
+    from rosidl_py_gen.bags.definitions import Typestore
+    from rosidl_py_gen.types.by_name import Folders
+
+_END = 1 << 64
+_SUFFIXES = ".mcap", ".db3"
+
+
+class BagReader:
+    """A recorded bag. Use it with ``with``.
+
+    Iterating gives a `BagMessage` for each message by log time; `messages` chooses topics and times. Several threads
+    may iterate at once, each for itself.
+
+    Args:
+        path: an ``.mcap`` or ``.db3`` file, or a rosbag2 folder; also with rosbag2's own zstd compression, of files
+            (``.mcap.zstd``, ``.db3.zstd``; they are unpacked into a temporary folder) or of messages.
+        validate_crcs: compare the checksum of each chunk of an MCAP file, which for images and clouds takes longer than
+            everything else. False is for files you trust; damage is then found only where it breaks the format.
+        max_unpacked_bytes: what a compressed chunk or message may become at most. A few bytes can say that they become
+            any number; 1 GiB unless you know that there are larger messages.
+        search_path: folders with the packages of the recording, for bags that do not have their definitions, as SQLite
+            bags before Iron; looked through before AMENT_PREFIX_PATH and the bundled interfaces, as by `get_message`.
+        typestore: the same by name, and first: ``{"my_msgs/msg/Thing": Thing}``, or the text of a definition.
+
+    Raises:
+        BagError: damaged beyond reading, or of an unknown kind. OSError: it cannot be opened.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        validate_crcs: bool = True,
+        max_unpacked_bytes: int = MAX_UNPACKED_BYTES,
+        search_path: Folders = (),
+        typestore: Typestore | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self._files: list[Storage] = []
+        self._unpacked = ExitStack()
+        self.left_out: dict[str, LeftOut] = {}
+        """Topics whose messages `messages` could not decode and left out so far, with their number and the reason."""
+        try:
+            self.files, has_packed_messages, hashes = self._paths()
+            """The files it consists of."""
+            for file in self.files:
+                storage = self._opened(file, validate_crcs, max_unpacked_bytes)
+                packed = CompressedMessages(storage, file, max_unpacked_bytes) if has_packed_messages else None
+                self._files.append(packed or storage)
+            self._definitions = Definitions(self.path, search_path, typestore, hashes)
+            self.channels: list[BagTopic] = joined(topic for file in self._files for topic in file.channels())
+            """What was recorded: a topic that has messages of two definitions is there twice."""
+            self.topics: dict[str, BagTopic] = self._all_topics()
+            """What was recorded, by name of the topic; of one with several definitions, the first."""
+            spans = [span for file in self._files if (span := file.span()) is not None]
+            self.start_ns = min((first for first, _ in spans), default=0)
+            """Log time of the first message, nanoseconds since 1970; 0 when there is none."""
+            self.end_ns = max((last for _, last in spans), default=0)
+            """Log time of the last message."""
+            self.has_index = all(file.is_whole for file in self._files)
+            """False after a crash of the recorder: all of the files is read then to find something."""
+            self.unread_bytes = sum(file.unread_bytes for file in self._files)
+            """Of records at the end of files that were not finished, as after a crash; a `BagWarning` tells of them."""
+            self._tell_of_unread()
+        except BaseException:
+            self.close()
+            raise
+
+    def _paths(self) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
+        """The files, whether their messages may be compressed one by one, and known hashes by topic and type."""
+        if not self.path.is_dir():
+            return [self.path], True, {}
+        if not (self.path / FILE).exists():  # the recorder was killed
+            found = sorted(
+                file for file in self.path.iterdir() if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES
+            )
+            if not found:
+                raise BagError(f"{self.path}: a folder with neither {FILE} nor bag files")
+            return found, True, {}
+        told = read_metadata(self.path)
+        mode = told.compression_mode if told.compression else "none"
+        if mode not in ("none", "file", "message") or told.compression not in ("", "zstd"):
+            raise BagError(f"{self.path}: {told.compression} of rosbag2's {mode} mode is not known; expected zstd")
+        return (
+            [_found(self.path / name) for name in told.files],
+            mode == "message",
+            {(topic.name, topic.type_name): topic.type_hash for topic in told.topics if topic.type_hash},
+        )
+
+    def _opened(self, path: Path, validate_crcs: bool, max_unpacked_bytes: int) -> Storage:
+        if path.suffix == SUFFIX:
+            folder = self._unpacked.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-"))
+            path = unpack_file(path, Path(folder), max_unpacked_bytes)
+        if path.suffix == ".db3":
+            return SqliteFile(path)
+        if path.suffix == ".mcap":
+            return McapFile(path, validate_crcs, max_unpacked_bytes)
+        raise BagError(f"{path}: {'neither .mcap nor .db3 nor a folder' if path.exists() else 'there is no such file'}")
+
+    def _tell_of_unread(self) -> None:
+        for path, lost in zip(self.files, (file.unread_bytes for file in self._files), strict=True):
+            if lost:
+                said = f"{path} breaks off within a record: what its last {lost} bytes hold is lost"
+                warnings.warn(said, BagWarning, stacklevel=3)
+
+    def _all_topics(self) -> dict[str, BagTopic]:
+        found: dict[str, BagTopic] = {}
+        for topic in self.channels:
+            before = found.get(topic.name)
+            found[topic.name] = topic if before is None else _added(before, topic)
+        return dict(sorted(found.items()))
+
+    # ------------------------------------------------------------------------------------------------------ reading
+
+    def message_class(self, topic: str | BagTopic) -> type[Any]:
+        """The class of a topic's messages: of the definition in the bag, else a local one of that name and hash.
+
+        Where the bag has neither definition nor hash, the first of that name is taken, which a `BagWarning` says once
+        for the bag; see `definition`.
+
+        Args:
+            topic: a name, or one of `channels`.
+
+        Raises:
+            BagError: no such topic, no definition for it anywhere, none with the recorded hash, or several: ask for one
+                of `channels` then. DefinitionError: the bag's definition is wrong.
+        """
+        self.definition(topic)
+        channels = [topic] if isinstance(topic, BagTopic) else self._channels_of(topic)
+        return next(self._definitions.class_of(one) for one in channels)
+
+    def definition(self, topic: str | BagTopic) -> TopicDefinition:
+        """What a topic's messages are decoded with, and whether it certainly is that of the recording.
+
+        Arguments and errors as `message_class`.
+        """
+        if isinstance(topic, BagTopic):
+            return self._definitions.of(topic)
+        found = {one.cls: one for one in map(self._definitions.of, self._channels_of(topic))}
+        if len(found) > 1:
+            raise BagError(
+                f"{self.path}: {topic} was recorded with {len(found)} definitions; `messages` decodes each message "
+                "with its own, and this takes one of `channels`"
+            )
+        return next(iter(found.values()))
+
+    def _channels_of(self, name: str) -> list[BagTopic]:
+        if name not in self.topics:
+            raise BagError(f"{self.path} has no topic {name}{did_you_mean(name, self.topics)}")
+        return [one for one in self.channels if one.name == name]
+
+    def messages(
+        self,
+        topics: Iterable[str] | str | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        raw: bool = False,
+        arrays: bool = False,
+        on_error: Literal["raise", "skip"] = "raise",
+    ) -> Iterator[BagMessage]:
+        """Messages by log time, each decoded with the definition it was written with.
+
+        Args:
+            topics: only these; None means all whose type is known, and all when `raw`. What is left out then is in
+                `left_out`, and there is one `BagWarning` for each such topic.
+            start_ns: only those with ``start_ns <= log_time``.
+            end_ns: only those with ``log_time < end_ns``.
+            raw: messages stay bytes of CDR, and cost no decoding.
+            arrays: sequences of fixed-size messages become structured arrays, as in `decode`.
+            on_error: of a message that is damaged; ``"skip"`` leaves it out as one whose type is not known.
+
+        Raises:
+            ValueError: another `on_error`.
+            BagError: damaged, no such topic, or one of `topics` cannot be decoded. DecodeError: a message is damaged;
+                names the topic and the time.
+        """
+        if on_error not in ("raise", "skip"):
+            raise ValueError(f'on_error is "raise" or "skip", got {on_error!r}')
+        names = self._names(topics)
+        if raw:
+            found = self._merged(names, start_ns, end_ns)
+            return (BagMessage(one.topic, bytes(data), logged, published) for one, data, logged, published in found)
+        for name in names or ():
+            for one in self._channels_of(name):
+                self.message_class(one)
+        found = self._merged(names, start_ns, end_ns)
+        return self._decoded(found, arrays, names is None, on_error == "skip")
+
+    def raw_messages(
+        self,
+        topics: Iterable[str] | str | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+    ) -> Iterator[RawMessage]:
+        """The bytes of messages by log time, with the definition that each was written with; as `messages`."""
+        found = self._merged(self._names(topics), start_ns, end_ns)
+        return (RawMessage(one.info, bytes(data), logged, published) for one, data, logged, published in found)
+
+    def _names(self, topics: Iterable[str] | str | None) -> list[str] | None:
+        names = [topics] if isinstance(topics, str) else None if topics is None else list(topics)
+        for name in names or ():
+            self._channels_of(name)
+        return names
+
+    def _merged(self, names: list[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Raw]:
+        return merged(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
+
+    def _decoded(self, found: Iterable[Raw], arrays: bool, may_leave_out: bool, may_skip: bool) -> Iterator[BagMessage]:
+        decoders: dict[Channel, Callable[[bytes | memoryview], Any] | None] = {}
+        make = tuple.__new__  # what BagMessage() does, in half the time
+        for channel, data, log_time, publish_time in found:
+            try:
+                decode = decoders[channel]
+            except KeyError:
+                decode = decoders[channel] = self._decoder(channel, data, arrays, may_leave_out, may_skip)
+            if decode is None:
+                self._leave_out(channel.topic)
+                continue
+            try:
+                message = decode(data)
+            except DecodeError as error:
+                place = f"{self.path}: {channel.topic} at {log_time} ns: {error.path}"
+                told = DecodeError(place, error.offset_bytes, error.reason)
+                if not may_skip:
+                    raise told from None
+                self._leave_out(channel.topic, told)
+                continue
+            except WrongDefinitionError as error:
+                if not may_leave_out:
+                    raise WrongDefinitionError(f"{self.path}: {error}") from None
+                decoders[channel] = None
+                self._leave_out(channel.topic, error)
+                continue
+            yield make(BagMessage, (channel.topic, message, log_time, publish_time))
+
+    def _decoder(
+        self, channel: Channel, first: bytes | memoryview, arrays: bool, may_leave_out: bool, may_skip: bool
+    ) -> Callable[[bytes | memoryview], Any] | None:
+        """None when messages of this channel, of which `first` is one, have to be left out."""
+        topic = channel.info
+        try:
+            cls, found = self._definitions.class_of(topic), self._definitions.of(topic)
+            if found.origin == NO_FIELDS and not (found.is_certain or is_empty(first)):
+                raise BagError(f"{channel.topic}: the bag has no definition of {topic.type_name}, and nobody else")
+        except RosidlError as error:
+            if not may_leave_out:
+                raise
+            self._leave_out(channel.topic, error, 0)
+            return None
+        decode = decoder_of(cls, arrays)
+        return decode if found.is_certain else measuring(topic, found, decode, may_skip)
+
+    def _leave_out(self, topic: str, error: RosidlError | None = None, count: int = 1) -> None:
+        """Count a message; with the first `error` of a topic, say so."""
+        before = self.left_out.get(topic)
+        if before is None:
+            reason = str(error).removeprefix(f"{topic}: ")
+            self.left_out[topic] = LeftOut(count, reason)
+            warnings.warn(f"{self.path}: left out {topic}: {reason}", BagWarning, stacklevel=4)
+        else:
+            self.left_out[topic] = replace(before, count=before.count + count)
+
+    def __iter__(self) -> Iterator[BagMessage]:
+        return self.messages()
+
+    def play(
+        self,
+        topics: Iterable[str] | str | None = None,
+        *,
+        rate: float = 1.0,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        raw: bool = False,
+    ) -> AsyncIterator[BagMessage]:
+        """Messages at the times they were recorded, as far apart as then.
+
+        Args:
+            rate: 2.0 plays twice as fast; arguments otherwise, and errors, as `messages`.
+        """
+        return paced(self.messages(topics, start_ns=start_ns, end_ns=end_ns, raw=raw), rate)
+
+    def to_arrays(
+        self,
+        topic: str,
+        fields: Sequence[str] | str | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        pad: float | str | None = None,
+    ) -> np.ndarray[Any, np.dtype[np.void]]:
+        """The messages of a topic as a table: a structured array with a row for each.
+
+        Args:
+            fields: paths such as ``"header.stamp"``, ``"position[1]"``, ``"ranges[0:10]"``, ``"ranges[:]"``,
+                ``"transforms[0].transform"`` or ``"poses[:].position.x"``; None means all numbers and
+                texts that are not in arrays. Indices count as Python's. Of a message, all its numbers and texts. Times
+                become nanoseconds in int64.
+            pad: what rows have in place of elements that a message does not have, such as ``float("nan")`` or 0.
+
+        Returns:
+            Columns ``log_time`` (nanoseconds) and the fields, called as their paths. Fixed arrays and parts of known
+            length have an axis more. Other sequences are arrays of their own in a column of objects, or, with `pad`, an
+            axis as long as the longest. Texts are as long as the longest, or objects where one is far longer.
+
+        Raises:
+            BagError: no such topic or field, or one that is of another kind in another definition of this topic; a
+                sequence is too short and there is no `pad`, or `pad` is none of the field's type. DecodeError: as
+                `messages`.
+        """
+        classes = dict.fromkeys(self.message_class(one) for one in self._channels_of(topic))
+        messages = self.messages(topic, start_ns=start_ns, end_ns=end_ns)
+        return table(list(classes), messages, fields, f"{self.path}: {topic}", pad)
+
+    def to_pandas(
+        self,
+        topic: str,
+        fields: Sequence[str] | str | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        pad: float | str | None = None,
+    ) -> Any:
+        """The messages of a topic as a `pandas.DataFrame`, with the log times as index, in UTC.
+
+        An array of known length becomes a column for each element, ``orientation_covariance[0]`` and so on.
+
+        Raises:
+            ModuleNotFoundError: there is no pandas. Others as `to_arrays`.
+        """
+        return frame(self.to_arrays(topic, fields, start_ns=start_ns, end_ns=end_ns, pad=pad))
+
+    # ------------------------------------------------------------------------------------------------------ closing
+
+    def close(self) -> None:
+        """Close the files; may be called twice."""
+        for file in self._files:
+            file.close()
+        self._unpacked.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _found(path: Path) -> Path:
+    """The file, or its compressed form: some recorders name one and leave the other."""
+    packed = path.with_name(path.name + SUFFIX)
+    return packed if packed.is_file() and not path.is_file() else path
+
+
+def _added(one: BagTopic, two: BagTopic) -> BagTopic:
+    both = None if one.count is None or two.count is None else one.count + two.count
+    return replace(one if one.definition else two, count=both)

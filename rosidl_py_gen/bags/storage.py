@@ -1,0 +1,101 @@
+"""What a bag's files have in common, and in which order their messages come.
+
+Decides that every message knows the channel it was written to: a topic may have been recorded with two definitions, and
+each message is read with its own. Whatever a damaged file makes the libraries raise becomes a `BagError` that names the
+file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import heapq
+from itertools import chain
+from operator import itemgetter
+from typing import TYPE_CHECKING, Protocol, TypeAlias
+
+from rosidl_py_gen.bags.common import BagError, BagTopic
+from rosidl_py_gen.errors import RosidlError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator
+    from pathlib import Path
+
+MAX_TIME = (1 << 64) - 1
+"""Of MCAP; databases have half of it."""
+MAX_UNPACKED_BYTES = 1 << 30
+"""What is unpacked at once, a chunk above all, may become so large where the user does not say otherwise."""
+LOG_TIME = itemgetter(2)
+
+
+class Channel:
+    """A topic with the definition that its messages were written with.
+
+    Compared by identity: it is looked up for every message.
+    """
+
+    __slots__ = ("info", "topic")
+
+    def __init__(self, info: BagTopic) -> None:
+        self.info = info
+        self.topic = info.name
+
+
+_NOTHING = Channel(BagTopic("", ""))
+"""Comes at the time at which a file begins."""
+Raw: TypeAlias = "tuple[Channel, bytes | memoryview, int, int]"
+"""What a `BagMessage` has, before decoding; a plain tuple is made in a third of the time. Large messages view the chunk
+they are in, and so do the arrays that are decoded from them.
+"""
+
+
+class Storage(Protocol):
+    """One file."""
+
+    is_whole: bool
+    """False when the file has no index, as after a crash."""
+
+    @property
+    def unread_bytes(self) -> int:
+        """At the end of the file, of a record that was not finished."""
+
+    def channels(self) -> list[BagTopic]:
+        """What it holds, with counts where it has an index; a topic with two definitions is there twice."""
+
+    def span(self) -> tuple[int, int] | None:
+        """Log times of the first and the last message; None when there is none."""
+
+    def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+        """Raw messages with ``start <= log_time < end``, by log time; None means all topics."""
+
+    def close(self) -> None:
+        """May be called twice."""
+
+
+@contextlib.contextmanager
+def damage_told(path: Path) -> Iterator[None]:
+    """Turn what libraries raise over wrong bytes into a `BagError` that names the file."""
+    try:
+        yield
+    except (RosidlError, GeneratorExit):
+        raise
+    except MemoryError:
+        raise BagError(f"{path}: damaged: a length in it is larger than memory") from None
+    except Exception as error:  # compression libraries, struct, sqlite: whatever wrong bytes lead to
+        raise BagError(f"{path}: damaged: {type(error).__name__}: {str(error)[:200]}") from None
+
+
+def merged(files: list[Storage], topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+    """The messages of several files by log time."""
+    if len(files) == 1:
+        return files[0].messages(topics, start, end)
+    each = []
+    for file in files:
+        span = file.span()
+        if span is not None and span[0] < end and span[1] >= start:
+            each.append(chain(((_NOTHING, b"", span[0], 0),), _late(file, topics, start, end)))
+    return (one for one in heapq.merge(*each, key=LOG_TIME) if one[0] is not _NOTHING)
+
+
+def _late(file: Storage, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
+    """Begun when its first message may be due, so that not every file of a bag has a chunk in memory."""
+    yield from file.messages(topics, start, end)

@@ -1,0 +1,158 @@
+"""Messages as plain Python values and as JSON, both ways.
+
+Keys are ROS names. JSON has no NaN and no infinities, so they travel as the strings "NaN", "Infinity" and "-Infinity";
+`from_dict` understands these too.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from rosidl_py_gen.base.fieldtype import Arity
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.cdr.arrays import DTYPES, UnfitValueError, coerce, shorten
+from rosidl_py_gen.cdr.message import Field, Message, require_message
+from rosidl_py_gen.cdr.records import known_record_type
+from rosidl_py_gen.cdr.walk import validate
+from rosidl_py_gen.errors import EncodeError
+
+M = TypeVar("M", bound=Message)
+
+_SPECIAL = {"NaN": math.nan, "Infinity": math.inf, "-Infinity": -math.inf}
+
+
+def to_dict(message: Message) -> dict[str, Any]:
+    """The message as dicts, lists and scalars; arrays become lists. The inverse of `from_dict`.
+
+    Raises:
+        EncodeError: a value that does not fit its type; names the path.
+        TypeNotFoundError: not a generated message.
+    """
+    try:
+        return _plain_message(message)
+    except (AttributeError, TypeError):
+        validate(message)
+        raise
+
+
+def _plain_message(message: Message) -> dict[str, Any]:
+    return {field.ros_name: _plain(getattr(message, field.py_name), field) for field in message._TYPE.fields}
+
+
+def _plain(value: Any, field: Field) -> Any:
+    if field.cls is not None:
+        if isinstance(value, np.ndarray):
+            value = _messages(value, field.cls)
+        scalar = field.type.arity is Arity.SCALAR
+        return _plain_message(value) if scalar else [_plain_message(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if field.type.arity is not Arity.SCALAR:
+        return [item.item() if isinstance(item, np.generic) else item for item in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _messages(value: Any, cls: type[Message]) -> list[Message]:
+    known = known_record_type(cls)
+    if known is None:
+        raise TypeError(f"{cls._TYPE.name} is not of fixed size")
+    try:
+        return known.to_messages(value)
+    except UnfitValueError as problem:
+        raise TypeError(problem.reason) from problem
+
+
+def to_json(message: Message, *, indent: int | None = None) -> str:
+    """The message as JSON text. The inverse of `from_json`; errors as `to_dict`."""
+    try:
+        return json.dumps(json_value(to_dict(message)), ensure_ascii=False, allow_nan=False, indent=indent)
+    except TypeError:
+        validate(message)
+        raise
+
+
+def json_value(value: Any) -> Any:
+    """A plain value with NaN and the infinities as strings."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    if isinstance(value, dict):
+        return {key: json_value(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [json_value(item) for item in value]
+    return value
+
+
+def from_json(cls: type[M], text: str | bytes) -> M:
+    """Build a message from JSON text.
+
+    Raises:
+        EncodeError: not JSON, or as `from_dict`.
+    """
+    require_message(cls)
+    try:
+        values = json.loads(text)
+    except (ValueError, TypeError, RecursionError) as error:
+        raise EncodeError(cls._TYPE.name, f"expected JSON, found something else: {error}") from None
+    return from_dict(cls, values)
+
+
+def from_dict(cls: type[M], values: Mapping[str, Any]) -> M:
+    """Build a message from plain values; what is missing keeps its default.
+
+    Raises:
+        EncodeError: an unknown key, or a value that does not fit; names the path.
+    """
+    require_message(cls)
+    message = _build(cls, values, cls._TYPE.name)
+    validate(message)
+    return message
+
+
+def _build(cls: type[M], values: Any, path: str) -> M:
+    if not isinstance(values, Mapping):
+        raise EncodeError(path, f"expected a mapping of fields, found {shorten(values)}")
+    message = cls()
+    fields = {field.ros_name: field for field in cls._TYPE.fields}
+    for key, value in values.items():
+        field = fields.get(key)
+        if field is None:
+            hint = did_you_mean(str(key), fields)
+            raise EncodeError(path, f'unknown field "{shorten(key)[1:-1] if isinstance(key, str) else key}"{hint}')
+        setattr(message, field.py_name, _value(value, field, f"{path}.{key}"))
+    return message
+
+
+def _value(value: Any, field: Field, path: str) -> Any:
+    kind = field.type
+    if field.cls is not None:
+        if kind.arity is Arity.SCALAR:
+            return _build(field.cls, value, path)
+        if isinstance(value, np.ndarray):
+            return value.copy()
+        if not isinstance(value, (list, tuple)):
+            raise EncodeError(path, f"expected a list of {kind.base}, found {shorten(value)}")
+        return [_build(field.cls, item, f"{path}[{index}]") for index, item in enumerate(value)]
+    primitive = kind.primitive
+    if primitive is None:
+        return list(value) if isinstance(value, tuple) else value
+    special = DTYPES[primitive.code].kind == "f"
+    if kind.arity is Arity.SCALAR:
+        return _number(value) if special else value
+    if special and isinstance(value, (list, tuple)):
+        value = [_number(item) for item in value]
+    try:
+        return coerce(value, primitive.code).copy()
+    except UnfitValueError as problem:
+        index = "" if problem.index is None else f"[{problem.index}]"
+        raise EncodeError(path + index, problem.reason) from None
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, str):
+        return _SPECIAL.get(value, value)
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**1023 else value

@@ -1,0 +1,400 @@
+"""Plan the wire layout of a message.
+
+Only this file knows CDR alignment (docs/internals/protocol.md 2.2). It turns fields into steps; views and templates
+print steps and never count bytes. A struct has no alignment of its own: a nested message is laid out where it stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
+from rosidl_py_gen.base.names import py_name
+from rosidl_py_gen.compiler.codegen.growing import MAX_ALIGN, OpenRun, repeat, struct_code, up
+from rosidl_py_gen.compiler.codegen.plan import (
+    Block,
+    Call,
+    Count,
+    Dummy,
+    Enter,
+    Item,
+    Loop,
+    LoopMode,
+    Nul,
+    Numbers,
+    Plan,
+    Ref,
+    Run,
+    Scalar,
+    Start,
+    Step,
+    Strings,
+    Text,
+)
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.compiler.spec.model import MessageDef
+
+# A nested message of more leaves than this is called, not printed in line. It bounds the generated code to a multiple
+# of the definition; every common message (Odometry has 22 leaves, Marker 43) stays flat.
+INLINE_WEIGHT = 48
+# So is one with more levels or loops in each other: CPython takes 20 loops, and each is planned up to four times.
+INLINE_LEVELS = 12
+INLINE_LOOPS = 5
+# A fixed array of more bytes than this is joined as it is instead of being copied through a struct.
+BLOCK_BYTES = 1024
+
+
+class Layouts:
+    """Plans by message name, each made once."""
+
+    def __init__(self, lookup: Callable[[str], MessageDef | None]) -> None:
+        self._lookup = lookup
+        self._plans: dict[str, Plan] = {}
+        self._sizes: dict[tuple[str, int], int | None] = {}
+        self._weights: dict[str, int] = {}
+        self._heights: dict[str, tuple[int, int]] = {}
+        self._fixed: dict[str, bool] = {}
+        self._records: dict[str, bool] = {}
+        self._least: dict[str, int] = {}
+
+    def message(self, name: str) -> MessageDef:
+        found = self._lookup(name)
+        assert found is not None, name  # references were checked before
+        return found
+
+    def plan(self, name: str) -> Plan:
+        """The plan of a message whose references all exist."""
+        if name not in self._plans:
+            heavy = self.is_heavy(name)
+            builder = _Builder(self, Start(None, 1, 0) if heavy else Start(0, MAX_ALIGN, 0))
+            builder.message(name, 0, "")
+            builder.close()
+            largest, records = self.max_size(name), self.has_records(name)
+            fixed = largest if self.is_fixed(name) else None
+            self._plans[name] = Plan(name, tuple(builder.steps), heavy, self.weight(name), fixed, largest, records)
+        return self._plans[name]
+
+    def is_heavy(self, name: str) -> bool:
+        levels, loops = self.height(name)
+        return self.weight(name) > INLINE_WEIGHT or levels > INLINE_LEVELS or loops > INLINE_LOOPS
+
+    def height(self, name: str) -> tuple[int, int]:
+        """How many levels of nested messages, and of loops over them, are printed in line in a message."""
+        if name not in self._heights:
+            levels = loops = 0
+            for item in self.message(name).fields:
+                if item.type.is_message:
+                    below, within = (0, 0) if self.is_heavy(item.type.base) else self.height(item.type.base)
+                    levels = max(levels, below + 1)
+                    loops = max(loops, within + (item.type.arity is not Arity.SCALAR))
+            self._heights[name] = levels, loops
+        return self._heights[name]
+
+    def weight(self, name: str) -> int:
+        """Leaves of a message after flattening; a nested message that is called counts as one."""
+        if name not in self._weights:
+            total = 0
+            for item in self.message(name).fields:
+                is_inline = item.type.is_message and not self.is_heavy(item.type.base)
+                total += self.weight(item.type.base) if is_inline else 1
+            self._weights[name] = max(1, total)
+        return self._weights[name]
+
+    def is_fixed(self, name: str) -> bool:
+        """Whether every message of the type has the same shape."""
+        if name not in self._fixed:
+            self._fixed[name] = all(
+                item.type.arity in (Arity.SCALAR, Arity.ARRAY)
+                and not item.type.is_string
+                and (not item.type.is_message or self.is_fixed(item.type.base))
+                for item in self.message(name).fields
+            )
+        return self._fixed[name]
+
+    def has_records(self, name: str) -> bool:
+        """Whether there are sequences or arrays of fixed-size messages in a message, at any depth."""
+        if name not in self._records:
+            self._records[name] = any(
+                (item.type.arity is not Arity.SCALAR and self.is_fixed(item.type.base))
+                or self.has_records(item.type.base)
+                for item in self.message(name).fields
+                if item.type.is_message
+            )
+        return self._records[name]
+
+    def max_size(self, name: str, offset: int = 0) -> int | None:
+        """The end of the largest message that begins at `offset` (modulo 8), as a distance; None when unbounded."""
+        key = (name, offset % MAX_ALIGN)
+        if key not in self._sizes:
+            position: int | None = key[1]
+            fields = self.message(name).fields
+            for item in fields:
+                position = None if position is None else self._max_field(item.type, position)
+            if not fields:
+                position = key[1] + 1
+            self._sizes[key] = None if position is None else position - key[1]
+        return self._sizes[key]
+
+    def _max_field(self, kind: FieldType, position: int) -> int | None:
+        count = kind.capacity if kind.arity in (Arity.ARRAY, Arity.BOUNDED) else 1
+        if kind.arity is Arity.UNBOUNDED:
+            return None
+        if kind.arity is Arity.BOUNDED:
+            position = up(position, 4) + 4
+        primitive = kind.primitive
+        if primitive is not None:
+            return up(position, primitive.size) + primitive.size * count if count else position
+        return repeat(position, count, lambda at: self._max_element(kind, at))
+
+    def _max_element(self, kind: FieldType, position: int) -> int | None:
+        if kind.is_string:
+            if not kind.string_bound:
+                return None
+            # A character takes up to 4 bytes of UTF-8, or two UTF-16 units of 4 bytes each.
+            per = 8 * kind.string_bound if kind.base == "wstring" else 4 * kind.string_bound + 1
+            return up(position, 4) + 4 + per
+        size = self.max_size(kind.base, position)
+        return None if size is None else position + size
+
+    def least_size(self, name: str) -> int:
+        """The fewest bytes a message can take, padding left out."""
+        if name not in self._least:
+            total = 0
+            for item in self.message(name).fields:
+                kind = item.type
+                if kind.arity in (Arity.BOUNDED, Arity.UNBOUNDED):
+                    total += 4
+                    continue
+                one = kind.primitive.size if kind.primitive else 4 if kind.is_string else self.least_size(kind.base)
+                total += one * (kind.capacity or 1)
+            self._least[name] = max(1, total)
+        return self._least[name]
+
+
+class _Builder:
+    """Walks the fields of a message once and emits steps; `now` is what is known of the position."""
+
+    def __init__(self, layouts: Layouts, start: Start, first_object: int = 1) -> None:
+        self.layouts = layouts
+        self.now = start
+        self.steps: list[Step] = []
+        self.run: OpenRun | None = None
+        self.nul = False  # a string's terminator is still to be written
+        self.objects = first_object
+
+    # --- position -------------------------------------------------------------------------------------------------
+
+    def _advance(self, size: int) -> None:
+        now = self.now
+        static = None if now.static is None else now.static + size
+        self.now = Start(static, now.modulus, (now.remainder + size) % now.modulus)
+
+    def _gap(self, align: int) -> int | None:
+        """Padding up to `align`, None when it is not known."""
+        return -self.now.remainder % align if self.now.modulus % align == 0 else None
+
+    def _forget(self, modulus: int) -> None:
+        """Content of varying size was written; it ends at a multiple of `modulus`."""
+        self.now = Start(None, modulus, 0)
+
+    # --- runs -----------------------------------------------------------------------------------------------------
+
+    def _reserve(self, align: int, size: int, code: str, count: int, read: str = "") -> int:
+        """Put a value into the current run, or a new one where its alignment is not known; returns its offset."""
+        gap = self._gap(align)
+        if gap is None and self.run is not None:
+            self.end_run()
+        if self.run is None:
+            self.run = OpenRun(self.now, self.nul)
+            if self.nul:
+                self.nul = False
+                self._advance(1)
+                gap = self._gap(align)
+        run = self.run
+        if gap is None:
+            run.align = align
+            self.now = Start(None, align, 0)
+        elif gap:
+            run.put("x", gap)
+            run.size += gap
+            self._advance(gap)
+        offset = run.size
+        run.put(code, count, read)
+        run.size += size
+        self._advance(size)
+        return offset
+
+    def end_run(self) -> None:
+        run = self.run
+        if run is not None:
+            self.run = None
+            codes = struct_code(run.pack), struct_code(run.unpack)
+            self.steps.append(Run(tuple(run.items), *codes, run.size, run.align, run.nul, run.start))
+
+    def close(self) -> None:
+        """Finish the current run and a pending terminator."""
+        self.end_run()
+        if self.nul:
+            self.nul = False
+            self.steps.append(Nul(self.now))
+            self._advance(1)
+
+    # --- fields ---------------------------------------------------------------------------------------------------
+
+    def message(self, name: str, owner: int, path: str) -> None:
+        definition = self.layouts.message(name)
+        for item in definition.fields:
+            spelling = py_name(item.name)
+            self.value(Ref(owner, spelling, f"{path}.{item.name}" if path else item.name), item.type)
+        if not definition.fields:
+            self._items(Dummy(self._reserve(1, 1, "x", 1)))
+
+    def _items(self, item: Item) -> None:
+        assert self.run is not None
+        self.run.items.append(item)
+
+    def value(self, ref: Ref, kind: FieldType) -> None:
+        if kind.arity is not Arity.SCALAR:
+            self._many(ref, kind)
+        elif kind.primitive is not None:
+            size, code = kind.primitive.size, kind.primitive.code
+            self._items(Scalar(ref, code, self._reserve(size, size, code, 1)))
+        elif kind.is_string:
+            self._count(ref)
+            self.steps.append(Text(ref, kind, self.now))
+            self._forget(4 if kind.base == "wstring" else 1)
+            self.nul = kind.base == "string"
+        elif self.layouts.is_heavy(kind.base):
+            self.close()
+            self.steps.append(Call(ref, kind.base, self.now, self.layouts.has_records(kind.base)))
+            self._forget(1)
+        else:
+            number = self._new_object()
+            # No bytes: an open run goes on behind it. Views load or create objects before the run that uses them.
+            empty = not self.layouts.message(kind.base).fields
+            self.steps.append(Enter(ref, kind.base, number, empty))
+            self.message(kind.base, number, ref.path)
+
+    def _new_object(self) -> int:
+        self.objects += 1
+        return self.objects - 1
+
+    def _count(self, ref: Ref) -> None:
+        self._items(Count(ref, self._reserve(4, 4, "I", 1)))
+        self.end_run()
+
+    def _many(self, ref: Ref, kind: FieldType) -> None:
+        fixed = kind.arity is Arity.ARRAY
+        primitive = kind.primitive
+        if primitive is not None and fixed and primitive.size * kind.capacity <= BLOCK_BYTES:
+            size = primitive.size * kind.capacity
+            offset = self._reserve(primitive.size, size, "s", size, "x")
+            self._items(Block(ref, primitive.code, kind.capacity, offset))
+            return
+        if fixed:
+            self.close()
+        else:
+            self._count(ref)
+        if primitive is not None:
+            self._numbers(ref, kind, primitive.code, primitive.size)
+        elif kind.is_string:
+            pad, align = self._before(4)
+            self.steps.append(Strings(ref, kind, pad, align, self.now))
+            self._forget(4 if kind.base == "wstring" else 1)
+        else:
+            self._loop(ref, kind)
+
+    def _before(self, align: int) -> tuple[int, int]:
+        gap = self._gap(align)
+        return (0, align) if gap is None else (gap, 1)
+
+    def _numbers(self, ref: Ref, kind: FieldType, code: str, size: int) -> None:
+        pad, align = self._before(size)
+        self.steps.append(Numbers(ref, kind, code, size, pad, align, self.now))
+        if kind.arity is Arity.ARRAY:
+            if align > 1:
+                self.now = Start(None, size, 0)
+            self._advance(pad + size * kind.capacity)
+        else:
+            self._forget(min(size, 4))  # without elements there is no padding either
+
+    # --- sequences and arrays of messages -------------------------------------------------------------------------
+
+    def _loop(self, ref: Ref, kind: FieldType) -> None:
+        number = self._new_object()
+        least = self.layouts.least_size(kind.base)
+        fixed, records = self.layouts.is_fixed(kind.base), self.layouts.has_records(kind.base)
+        packed = self._packed(ref, kind, number, least)
+        if packed is not None:
+            self.steps.append(packed)
+            return
+        if self.layouts.is_heavy(kind.base):
+            self.steps.append(Loop(ref, kind, number, LoopMode.CALL, (), 0, least, 0, 1, self.now, fixed, records))
+            self._forget(1)
+            return
+        begin = self.now
+        entry = Start(None, begin.modulus, begin.remainder)
+        while True:  # what is known at the loop's head must hold on every round
+            inner = _Builder(self.layouts, entry, self.objects)
+            inner.message(kind.base, number, f"{ref.path}[]")
+            inner.close()
+            met = _meet(entry, inner.now)
+            if met == entry:
+                break
+            entry = met
+        self.objects = inner.objects
+        body = tuple(inner.steps)
+        self.steps.append(Loop(ref, kind, number, LoopMode.INLINE, body, 0, least, 0, 1, begin, fixed, records))
+        self.now = entry._replace(static=None)
+
+    def _packed(self, ref: Ref, kind: FieldType, number: int, least: int) -> Loop | None:
+        """The loop over elements of one run at a fixed stride, None when the elements are not like that."""
+        if not self.layouts.is_fixed(kind.base) or self.layouts.is_heavy(kind.base):
+            return None
+        entries = [(self.now._replace(static=None), (0, 1))]
+        entries += [
+            (Start(None, align, 0), self._before(align)) for align in (8, 4, 2) if self._first_needs(kind.base, align)
+        ]
+        for entry, (pad, align) in entries:
+            inner = _Builder(self.layouts, entry, self.objects)
+            inner.message(kind.base, number, f"{ref.path}[]")
+            inner.end_run()
+            runs = [step for step in inner.steps if isinstance(step, Run)]
+            plain = all(isinstance(step, (Run, Enter)) for step in inner.steps)
+            if not plain or len(runs) != 1 or runs[0].align != 1 or inner.now.remainder != entry.remainder:
+                continue
+            self.objects = inner.objects
+            body = tuple(inner.steps)
+            size, records = runs[0].size, self.layouts.has_records(kind.base)
+            loop = Loop(ref, kind, number, LoopMode.PACKED, body, size, least, pad, align, self.now, True, records)
+            self._after_packed(kind, entry, loop)
+            return loop
+        return None
+
+    def _after_packed(self, kind: FieldType, entry: Start, loop: Loop) -> None:
+        if kind.arity is not Arity.ARRAY:
+            self.now = _meet(self.now, entry)._replace(static=None)
+            return
+        if loop.align > 1:
+            self.now = entry
+        self._advance(loop.pad + loop.stride * kind.capacity)
+
+    def _first_needs(self, name: str, align: int) -> bool:
+        """Whether the first byte of a message is aligned to `align`, so that elements begin there."""
+        first = self.layouts.message(name).fields
+        if not first:
+            return align == 1
+        kind = first[0].type
+        if kind.primitive is not None:
+            return kind.primitive.size == align
+        return kind.is_message and self._first_needs(kind.base, align)
+
+
+def _meet(left: Start, right: Start) -> Start:
+    """What holds whichever of the two is true."""
+    modulus = min(left.modulus, right.modulus)
+    while modulus > 1 and left.remainder % modulus != right.remainder % modulus:
+        modulus //= 2
+    return Start(None, modulus, left.remainder % modulus)

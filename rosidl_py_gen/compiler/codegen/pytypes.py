@@ -1,0 +1,129 @@
+"""What fields and constants look like in a generated class: annotation, default, docstring lines."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+from rosidl_py_gen.base.descriptions import default_text
+from rosidl_py_gen.base.fieldtype import Arity, FieldType
+from rosidl_py_gen.base.names import py_name
+from rosidl_py_gen.compiler.codegen.literals import py_literal, visible
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rosidl_py_gen.compiler.codegen.naming import Imports
+    from rosidl_py_gen.compiler.spec.model import ConstantDef, FieldDef
+
+SUPPORT = "rosidl_py_gen.cdr.support"
+_ZERO = {"bool": "False", "int": "0", "float": "0.0"}
+
+
+class FieldView(NamedTuple):
+    """One field as the template prints it.
+
+    Attributes:
+        annotation: what the attribute is.
+        accepted: what the constructor takes; wider for numbers, since encoding takes any sequence of them, and for
+            messages of fixed size, for which a structured array may stand.
+    """
+
+    name: str
+    annotation: str
+    accepted: str
+    value: str
+    doc: tuple[str, ...]
+    ignore: str
+
+
+class ConstantView(NamedTuple):
+    """One constant as the template prints it."""
+
+    name: str
+    annotation: str
+    value: str
+    doc: tuple[str, ...]
+    ignore: str = ""
+
+
+def field_view(item: FieldDef, imports: Imports, classes: dict[str, str], is_fixed: Callable[[str], bool]) -> FieldView:
+    """`classes` maps full names of nested messages to what they are called in the module."""
+    kind = item.type
+    name = py_name(item.name)
+    # A field may have the name of a method of the base class; the method then gives way.
+    ignore = "  # type: ignore[assignment]" if name in ("encode", "decode") else ""
+    annotation = _annotation(kind, imports, classes)
+    accepted = annotation
+    if kind.primitive is not None and kind.arity is not Arity.SCALAR:
+        accepted = imports.use(SUPPORT, kind.primitive.numpy.rstrip("_").capitalize() + "s", for_typing=True)
+    elif kind.is_message and kind.arity is not Arity.SCALAR and is_fixed(kind.base):
+        accepted = f"{annotation} | {imports.use(SUPPORT, 'Records', for_typing=True)}"
+    return FieldView(name, annotation, accepted, _default(item, imports, classes), _doc(item), ignore)
+
+
+def constant_view(item: ConstantDef, imports: Imports) -> ConstantView:
+    primitive = item.type.primitive
+    python = imports.builtin(primitive.python if primitive else "str")
+    annotation = f"{imports.use('typing', 'ClassVar')}[{python}]"
+    return ConstantView(py_name(item.name), annotation, py_literal(item.value), _doc(item))
+
+
+def _doc(item: FieldDef | ConstantDef) -> tuple[str, ...]:
+    lines = visible(item.comment)
+    if item.unit:
+        unit = f"[{item.unit}]"
+        lines = (*lines[:-1], f"{lines[-1]} {unit}".strip()) if lines else (unit,)
+    return visible(lines)
+
+
+def _annotation(kind: FieldType, imports: Imports, classes: dict[str, str]) -> str:
+    primitive = kind.primitive
+    if primitive is not None and kind.arity is not Arity.SCALAR:
+        array = imports.use("numpy.typing", "NDArray")
+        return f"{array}[{imports.use_numpy()}.{primitive.numpy}]"
+    if primitive is not None:
+        base = imports.builtin(primitive.python)
+    else:
+        base = imports.builtin("str") if kind.is_string else classes[kind.base]
+    return base if kind.arity is Arity.SCALAR else f"{imports.builtin('list')}[{base}]"
+
+
+def _default(item: FieldDef, imports: Imports, classes: dict[str, str]) -> str:
+    kind = item.type
+    primitive = kind.primitive
+    if kind.arity is Arity.SCALAR:
+        if item.default is not None:
+            assert not isinstance(item.default, tuple)
+            return py_literal(item.default)
+        if primitive is not None:
+            return _ZERO[primitive.python]
+        return '""' if kind.is_string else _factory(imports, classes[kind.base])
+    if primitive is not None:
+        return _factory(imports, f"lambda: {_array(item, imports)}")
+    if isinstance(item.default, tuple) and item.default:
+        return _factory(imports, f"lambda: [{', '.join(py_literal(value) for value in item.default)}]")
+    if kind.arity is not Arity.ARRAY:
+        return _factory(imports, imports.builtin("list"))
+    if kind.is_string:
+        return _factory(imports, f'lambda: [""] * {kind.capacity}')
+    # The lambda's body sees module names, never the class's fields.
+    return _factory(imports, f"lambda: [{classes[kind.base]}() for _ in range({kind.capacity})]")
+
+
+def _factory(imports: Imports, function: str) -> str:
+    return f"{imports.use('dataclasses', 'field')}(default_factory={function})"
+
+
+def _array(item: FieldDef, imports: Imports) -> str:
+    primitive = item.type.primitive
+    assert primitive is not None
+    np = imports.use_numpy()
+    dtype = f"{np}.{primitive.numpy}"
+    if isinstance(item.default, tuple) and item.default:
+        return f"{np}.array([{', '.join(py_literal(value) for value in item.default)}], {dtype})"
+    return f"{np}.zeros({item.type.capacity if item.type.arity is Arity.ARRAY else 0}, {dtype})"
+
+
+def defaults_text(fields: tuple[FieldDef, ...]) -> list[tuple[str, str]]:
+    """Explicit defaults as a type description spells them (docs/internals/protocol.md 3.4)."""
+    return [(item.name, default_text(item.default)) for item in fields if item.default is not None]

@@ -1,0 +1,320 @@
+"""Everything the templates print, as values: one `ModuleView` per interface, one `PackageView` per package folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, NamedTuple
+
+from rosidl_py_gen.base.names import RosName, py_name, snake_case
+from rosidl_py_gen.compiler.codegen.decode import DecoderView, decoder_view
+from rosidl_py_gen.compiler.codegen.encode import EncoderView, encoder_view
+from rosidl_py_gen.compiler.codegen.literals import py_string, visible
+from rosidl_py_gen.compiler.codegen.naming import Imports, sort_key
+from rosidl_py_gen.compiler.codegen.pytypes import (
+    SUPPORT,
+    ConstantView,
+    FieldView,
+    constant_view,
+    defaults_text,
+    field_view,
+)
+from rosidl_py_gen.compiler.codegen.statements import Structs
+from rosidl_py_gen.compiler.spec.model import ActionDef, Interface, MessageDef, ServiceDef, messages_of
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.compiler.codegen.layout import Layouts
+
+_CDR = "rosidl_py_gen.cdr"
+_WIDE = 1000
+"""Fields of a message whose constructor is not the one of dataclasses, which takes time by the square of them."""
+
+
+class Target(NamedTuple):
+    """Where generated modules live and which classes exist already.
+
+    Attributes:
+        root: prefix of the generated packages' import paths; empty, or ending in a dot.
+        known: full message name -> module that already defines a class for it; that class is used instead of a twin.
+        hashes: full name -> RIHS01.
+    """
+
+    root: str
+    known: Callable[[str], str | None]
+    hashes: Callable[[str], str]
+
+    def module(self, full_name: str) -> str:
+        """The module that defines the class of a message (its interface's module)."""
+        return self.known(full_name) or self.root + module_path(full_name)
+
+
+def module_path(full_name: str) -> str:
+    """``std_msgs/msg/Header`` -> ``std_msgs.msg._header``; derived names lead to their interface."""
+    package, kind, name = full_name.split("/")
+    return f"{package}.{kind}.{module_name(name)}"
+
+
+def module_name(interface: str) -> str:
+    """The file stem for an interface; a leading underscore, because users import the class from the package."""
+    return "_" + snake_case(interface)
+
+
+class MessageView(NamedTuple):
+    """One message class."""
+
+    cls: str
+    ros_name: str
+    doc: tuple[str, ...]
+    constants: tuple[ConstantView, ...]
+    fields: tuple[FieldView, ...]
+    constructor: tuple[str, ...]
+    type_info: str
+    encoder: EncoderView
+    decoder: DecoderView
+    heavy: bool
+    wide: bool
+    name: dict[str, str]
+
+
+class GroupView(NamedTuple):
+    """A service or action class: no instances, only its parts as attributes."""
+
+    cls: str
+    base: str
+    parameters: str
+    ros_name: str
+    hash: str
+    doc: tuple[str, ...]
+    parts: tuple[tuple[str, str], ...]
+    name: dict[str, str]
+
+
+class ModuleView(NamedTuple):
+    """A generated module."""
+
+    ros_name: str
+    type_checking: str
+    imports: tuple[str, ...]
+    typing_imports: tuple[str, ...]
+    structs: tuple[tuple[str, str], ...]
+    messages: tuple[MessageView, ...]
+    groups: tuple[GroupView, ...]
+    exports: tuple[str, ...]
+
+
+class AliasView(NamedTuple):
+    """A module that hands on the classes of another one."""
+
+    ros_name: str
+    origin: str
+    names: tuple[str, ...]
+
+
+def exported_names(interface: Interface) -> tuple[str, ...]:
+    """The public classes of an interface's module, as Python spells them."""
+    names = [message.name.name for message in messages_of(interface)]
+    match interface:
+        case ServiceDef():
+            names.append(interface.name.name)
+        case ActionDef():
+            names += [interface.send_goal.name.name, interface.get_result.name.name, interface.name.name]
+    return tuple(py_name(name) for name in names)
+
+
+def alias_view(interface: Interface, origin: str) -> AliasView:
+    return AliasView(str(interface.name), origin, tuple(sorted(exported_names(interface), key=sort_key)))
+
+
+def module_view(interface: Interface, layouts: Layouts, target: Target) -> ModuleView:
+    """The module of one interface."""
+    messages = messages_of(interface)
+    own = {str(message.name): py_name(message.name.name) for message in messages}
+    members: set[str] = set()
+    for message in messages:
+        members.update(py_name(item.name) for item in message.fields)
+        members.update(py_name(item.name) for item in message.constants)
+    package = (target.root + interface.name.package).split(".")[0]
+    imports = Imports(package, frozenset(exported_names(interface)), frozenset(members))
+    structs = Structs.new()
+    classes = dict(own)
+    for base in sorted(_nested(messages, layouts)):
+        if base not in classes:
+            classes[base] = imports.use(target.module(base), py_name(base.split("/")[2]))
+    views = tuple(_message(message, layouts, target, imports, structs, classes) for message in messages)
+    groups = tuple(_groups(interface, imports, target))
+    functions = _struct_functions(structs, imports)
+    return ModuleView(
+        str(interface.name),
+        imports.use("typing", "TYPE_CHECKING"),
+        tuple(imports.lines()),
+        tuple(imports.lines(for_typing=True)),
+        functions,
+        views,
+        groups,
+        tuple(sorted(exported_names(interface), key=sort_key)),
+    )
+
+
+def _nested(messages: Iterable[MessageDef], layouts: Layouts) -> set[str]:
+    """Every message class the module's code mentions: direct fields, and what is written in line behind them."""
+    found: set[str] = set()
+    pending = [item.type.base for message in messages for item in message.fields if item.type.is_message]
+    while pending:
+        base = pending.pop()
+        if base not in found:
+            found.add(base)
+            if not layouts.is_heavy(base):
+                pending += [item.type.base for item in layouts.message(base).fields if item.type.is_message]
+    return found
+
+
+def _message(
+    message: MessageDef,
+    layouts: Layouts,
+    target: Target,
+    imports: Imports,
+    structs: Structs,
+    classes: dict[str, str],
+) -> MessageView:
+    full_name = str(message.name)
+    plan = layouts.plan(full_name)
+    name = _class_scope_names(imports, plan.heavy)
+    fields = tuple(field_view(item, imports, classes, layouts.is_fixed) for item in message.fields)
+    constants = tuple(constant_view(item, imports) for item in message.constants)
+    is_wide = len(fields) > _WIDE
+    if is_wide:
+        imports.use(SUPPORT, "fill", in_class=False)
+    encoder = encoder_view(plan, imports, structs, classes)
+    decoder = decoder_view(plan, imports, structs, classes)
+    imports.use(SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
+    imports.use(SUPPORT, "new", in_class=False)
+    return MessageView(
+        classes[full_name],
+        full_name,
+        visible(message.comment) or (f"{full_name}.",),
+        constants,
+        fields,
+        _constructor(fields, is_wide),
+        _type_info(message, name["TypeInfo"], target.hashes(full_name), classes),
+        encoder,
+        decoder,
+        plan.heavy,
+        is_wide,
+        name,
+    )
+
+
+def _constructor(fields: tuple[FieldView, ...], is_wide: bool) -> tuple[str, ...]:
+    """The parameters of ``__init__`` as type checkers shall see it; empty when the dataclass's own says the same."""
+    if not is_wide and all(item.accepted == item.annotation for item in fields):
+        return ()
+    this = "self" if all(item.name != "self" for item in fields) else "__self"
+    return (this, *(f"{item.name}: {item.accepted} = ..." for item in fields))
+
+
+def _type_info(message: MessageDef, type_info: str, digest: str, classes: dict[str, str]) -> str:
+    rows = [_table_row(item.name, str(item.type), classes.get(item.type.base)) for item in message.fields]
+    table = f"({rows[0]},)" if len(rows) == 1 else f"({', '.join(rows)})"
+    defaults = [f"{py_string(key)}: {py_string(text)}" for key, text in defaults_text(message.fields)]
+    last = ", {" + ", ".join(defaults) + "}" if defaults else ""
+    return f'{type_info}("{message.name}", "{digest}", {table}{last})'
+
+
+def _table_row(name: str, kind: str, cls: str | None) -> str:
+    if cls is None:
+        return f'("{name}", "{kind}")'
+    array = kind[kind.index("[") :] if "[" in kind else ""
+    return f'("{name}", "{array}", {cls})' if array else f'("{name}", {cls})'
+
+
+def _class_scope_names(imports: Imports, heavy: bool) -> dict[str, str]:
+    """What the template itself mentions inside a class, as it is called there."""
+    builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple") if heavy else ())
+    names = {word: imports.builtin(word) for word in builtins}
+    if heavy:
+        names["bytearray"] = imports.builtin("bytearray")
+        names["Append"] = imports.use(SUPPORT, "Append", for_typing=True)
+    names["Fault"] = imports.use(SUPPORT, "Fault", in_class=False)
+    names |= {word: imports.use(_CDR, word) for word in ("Message", "TypeInfo")}
+    for word in ("recover_decode", "recover_encode"):
+        imports.use(_CDR, word, in_class=False)
+    names["dataclass"] = imports.use("dataclasses", "dataclass")
+    names["ClassVar"] = imports.use("typing", "ClassVar")
+    names["TYPE_CHECKING"] = imports.use("typing", "TYPE_CHECKING")
+    names["Self"] = imports.use(SUPPORT, "Self", for_typing=True)
+    names["Readable"] = imports.use(SUPPORT, "Readable", for_typing=True)
+    return names
+
+
+def _struct_functions(structs: Structs, imports: Imports) -> tuple[tuple[str, str], ...]:
+    result: list[tuple[str, str]] = []
+    for name, role, code, align, nul in structs:
+        if align > 1:
+            function = imports.use(SUPPORT, "packers", in_class=False)
+            last = ", nul=True" if nul else ""
+            result.append((name, f'{function}("{code}", {align}{last})'))
+        else:
+            result.append((name, f'{imports.use("struct", "Struct", in_class=False)}("<{code}").{role}'))
+    return tuple(result)
+
+
+def _groups(interface: Interface, imports: Imports, target: Target) -> Iterable[GroupView]:
+    match interface:
+        case ServiceDef():
+            yield _service(interface, interface.request.comment, imports, target)
+        case ActionDef():
+            name = interface.name
+            yield _service(interface.send_goal, (f"How a goal of {name} is sent.",), imports, target)
+            yield _service(interface.get_result, (f"How the result of {name} is fetched.",), imports, target)
+            yield _action(interface, imports, target)
+
+
+def _group(
+    name: RosName, base: str, parameters: int, parts: list[tuple[str, RosName]], doc: tuple[str, ...], imports: Imports,
+    target: Target,
+) -> GroupView:  # fmt: skip
+    names = {
+        "ClassVar": imports.use("typing", "ClassVar"),
+        "TypeAlias": imports.use("typing", "TypeAlias", for_typing=True),
+        "ServiceInfo": imports.use(_CDR, "ServiceInfo"),
+    }
+    spelled = [(part, py_name(full.name)) for part, full in parts]
+    generic = ", ".join(cls for _, cls in spelled[:parameters])
+    cls, base = py_name(name.name), imports.use(_CDR, base)
+    return GroupView(cls, base, generic, str(name), target.hashes(str(name)), doc, tuple(spelled), names)
+
+
+def _service(service: ServiceDef, doc: tuple[str, ...], imports: Imports, target: Target) -> GroupView:
+    parts = [("Request", service.request.name), ("Response", service.response.name), ("Event", service.event.name)]
+    return _group(service.name, "Service", 2, parts, visible(doc) or (f"{service.name}.",), imports, target)
+
+
+def _action(action: ActionDef, imports: Imports, target: Target) -> GroupView:
+    parts = [
+        ("Goal", action.goal.name),
+        ("Result", action.result.name),
+        ("Feedback", action.feedback.name),
+        ("FeedbackMessage", action.feedback_message.name),
+        ("SendGoal", action.send_goal.name),
+        ("GetResult", action.get_result.name),
+    ]
+    return _group(
+        action.name, "Action", 3, parts, visible(action.goal.comment) or (f"{action.name}.",), imports, target
+    )
+
+
+class KindView(NamedTuple):
+    """The ``__init__`` of ``<package>/<kind>``: every class, and the module it comes from when it is first used."""
+
+    root: str
+    package: str
+    kind: str
+    exports: tuple[tuple[str, str], ...]
+    names: tuple[str, ...]
+
+
+def kind_view(root: str, package: str, kind: str, interfaces: Iterable[tuple[RosName, tuple[str, ...]]]) -> KindView:
+    exports = [(cls, module_name(name.name)) for name, classes in interfaces for cls in classes]
+    names = tuple(sorted((cls for cls, _ in exports), key=sort_key))
+    return KindView(
+        root, package, kind, tuple(sorted(exports, key=lambda pair: (sort_key(pair[1]), sort_key(pair[0])))), names
+    )

@@ -1,0 +1,101 @@
+"""One interface file or text -> one MessageDef, ServiceDef or ActionDef.
+
+Splits .srv and .action at their separators and picks the parser by format. Collects problems instead of raising, so
+that a run over many files shows them all.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.base.names import is_interface_name
+from rosidl_py_gen.compiler.spec import derive
+from rosidl_py_gen.compiler.spec.lines import parse_section
+from rosidl_py_gen.compiler.spec.model import Findings, Interface, Location, MessageDef, Source
+from rosidl_py_gen.errors import Problem
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rosidl_py_gen.base.names import RosName
+
+_SECTIONS: dict[str, tuple[str, ...]] = {
+    "msg": ("",),
+    "srv": ("Request", "Response"),
+    "action": ("Goal", "Result", "Feedback"),
+}
+
+
+def read_source(path: Path, shown: str, findings: Findings) -> Source | None:
+    """The text of a file; None, with a finding, when it cannot be read as UTF-8."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        findings.problems.append(Problem(shown, 0, 0, f"cannot be read: {error.strerror or error}"))
+        return None
+    try:
+        text = raw.decode()
+    except UnicodeDecodeError as error:
+        before = raw[: error.start]
+        line = before.count(b"\n") + 1
+        column = error.start - (before.rfind(b"\n") + 1) + 1
+        findings.problems.append(
+            Problem(shown, line, column, f"expected UTF-8, found the byte {raw[error.start]:#04x}")
+        )
+        return None
+    return Source(shown, text.replace("\r\n", "\n").replace("\r", "\n"), path.suffix[1:])
+
+
+def parse_interface(name: RosName, source: Source, findings: Findings) -> Interface | None:
+    """Read one interface.
+
+    Args:
+        name: what the file's place says it is called.
+        source: its text; `format` picks the grammar.
+        findings: receives every problem.
+
+    Returns:
+        None when nothing usable came out; then `findings` says why.
+    """
+    if source.format == "idl":
+        from rosidl_py_gen.compiler.spec.idl import (
+            parse_idl_interface,  # with lark, half as much again as all else here
+        )
+
+        return parse_idl_interface(name, source, findings)
+    sections = _split(source.format, source, findings)
+    if sections is None:
+        return None
+    messages: list[MessageDef] = []
+    for suffix, (first_line, lines) in zip(_SECTIONS[source.format], sections, strict=True):
+        own = derive.derived_name(name, suffix) if suffix else name
+        messages.append(parse_section(own, lines, first_line, source, findings))
+    return derive.assemble(name, messages, source)
+
+
+def may_be_file(name: RosName) -> bool:
+    """Whether a file may carry this name: with a service or action its halves have to have good names, too."""
+    stems = [f"{name.name}_{suffix}" if suffix else name.name for suffix in _SECTIONS[name.kind]]
+    return all(map(is_interface_name, stems))
+
+
+def separators(text: str) -> int:
+    """How many lines separate sections."""
+    return sum(line == "---" for line in text.splitlines())
+
+
+def _split(kind: str, source: Source, findings: Findings) -> list[tuple[int, list[str]]] | None:
+    lines = source.text.splitlines()
+    cuts = [i for i, line in enumerate(lines) if line == "---"] if kind != "msg" else []
+    wanted = len(_SECTIONS[kind]) - 1
+    if len(cuts) != wanted:
+        place = cuts[wanted] + 1 if len(cuts) > wanted else max(1, len(lines))
+        near = next((i + 1 for i, line in enumerate(lines) if line != "---" and line.strip() == "---"), 0)
+        hint = f'; line {near} has blanks around its "---"' if near and len(cuts) < wanted else ""
+        noun = 'line "---"' if wanted == 1 else 'lines "---"'
+        text = f"expected {wanted} {noun} in a .{kind} file, found {len(cuts)}{hint}"
+        findings.add(Location(source, place, 1), text)
+        return None
+    bounds = [-1, *cuts, len(lines)]
+    return [(start + 2, lines[start + 1 : end]) for start, end in pairwise(bounds)]

@@ -1,0 +1,423 @@
+"""Bags we write are read by others with equal values, and theirs by us."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bundled import message, reference, vectors
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory as TheirFactory
+from mcap_ros2.writer import Writer as TheirWriter
+from reference_cdr import same
+from rosbags.rosbag2 import Reader as RosbagsReader
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWriter, DecoderFactory
+from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.runtime import Durability, QoSProfile
+
+String: Any = get_message("std_msgs/msg/String")
+Imu: Any = get_message("sensor_msgs/msg/Imu")
+PoseArray: Any = get_message("geometry_msgs/msg/PoseArray")
+Bytes: Any = get_message("std_msgs/msg/UInt8MultiArray")
+S = 1_000_000_000
+
+
+def imu(number: int) -> Any:
+    sample = Imu()
+    sample.header.frame_id = f"imu_{number}"
+    sample.header.stamp.sec, sample.header.stamp.nanosec = number, 5
+    sample.linear_acceleration.x = number / 2
+    sample.orientation_covariance[:] = number
+    return sample
+
+
+def write_some(path: Path, **options: Any) -> None:
+    with BagWriter(path, **options) as writer:
+        for number in range(10):
+            writer.write("/imu", imu(number), S * number)
+            writer.write("/chatter", String(data=f"hällo {number}"), S * number + 1, S * number)
+
+
+@pytest.fixture(params=["file.mcap", "folder"])
+def bag(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    path = tmp_path / str(request.param)
+    write_some(path)
+    return path
+
+
+def test_what_is_written_is_read(bag: Path) -> None:
+    with BagReader(bag) as reader:
+        assert list(reader.topics) == ["/chatter", "/imu"]
+        topic = reader.topics["/imu"]
+        assert (topic.type_name, topic.count, topic.type_hash) == ("sensor_msgs/msg/Imu", 10, type_hash(Imu))
+        items = list(reader)
+        assert [item.log_time for item in items] == sorted(item.log_time for item in items)
+        assert [item.message for item in items if item.topic == "/imu"] == [imu(number) for number in range(10)]
+        assert type(items[0].message) is Imu
+        chosen = list(reader.messages("/chatter", start_ns=3 * S, end_ns=5 * S))
+        assert [(item.message.data, item.publish_time) for item in chosen] == [("hällo 3", 3 * S), ("hällo 4", 4 * S)]
+        raw = next(iter(reader.messages("/chatter", raw=True)))
+        assert String.decode(raw.message).data == "hällo 0"
+
+
+@pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
+def test_mcap_and_its_ros2_support_read_it(tmp_path: Path, compression: str) -> None:
+    path = tmp_path / "bag.mcap"
+    write_some(path, compression=compression)
+    with path.open("rb") as stream:
+        theirs = list(
+            make_reader(stream, validate_crcs=True, decoder_factories=[TheirFactory()]).iter_decoded_messages()
+        )
+    assert len(theirs) == 20
+    for _, channel, record, decoded in theirs:
+        if channel.topic == "/imu":
+            assert decoded.header.frame_id == f"imu_{record.log_time // S}"
+            assert decoded.linear_acceleration.x == record.log_time // S / 2
+
+
+def test_messages_come_by_log_time_though_chunks_overlap(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    with BagWriter(path) as writer:
+        for times in ([5, 1, 30], [4, 2, 40], [3, 20, 10], [50, 60]):
+            for number in times:
+                writer.write("/a" if number % 20 else "/b", String(data=str(number)), number)
+            writer.flush()
+    with BagReader(path) as reader:
+        assert [item.log_time for item in reader] == [1, 2, 3, 4, 5, 10, 20, 30, 40, 50, 60]
+        assert [item.log_time for item in reader.messages("/b")] == [20, 40, 60]
+        assert [item.log_time for item in reader.messages(start_ns=4, end_ns=40)] == [4, 5, 10, 20, 30]
+        one, two = reader.messages(), reader.messages("/b")
+        assert [next(one).log_time, next(two).log_time, next(one).log_time] == [1, 20, 2]
+        assert (reader.start_ns, reader.end_ns) == (1, 60)
+
+
+def test_rosbags_reads_the_folder(tmp_path: Path) -> None:
+    write_some(tmp_path / "bag", split_bytes=2000)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsReader(tmp_path / "bag") as reader:
+        assert reader.message_count == 20 and len(list((tmp_path / "bag").glob("*.mcap"))) > 1
+        assert reader.duration == 9 * S + 2  # rosbags counts to behind the last one
+        for connection, log_time, data in reader.messages():
+            decoded: Any = store.deserialize_cdr(data, connection.msgtype)
+            if connection.topic == "/imu":
+                assert (decoded.orientation_covariance == log_time // S).all()
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_bags_of_rosbags_are_read(tmp_path: Path, storage: StoragePlugin) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    path = tmp_path / "bag"
+    theirs: Any = store.types["std_msgs/msg/String"]
+    with RosbagsWriter(path, version=9, storage_plugin=storage) as writer:
+        connection = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
+        for number in range(5):
+            writer.write(connection, number * S, store.serialize_cdr(theirs(data=f"x{number}"), "std_msgs/msg/String"))
+    for place in (path, *path.glob("*.db3"), *path.glob("*.mcap")):
+        with BagReader(place) as reader:
+            assert [(item.log_time, item.message.data) for item in reader] == [(n * S, f"x{n}") for n in range(5)]
+            assert reader.topics["/chatter"].count == 5
+            assert len(list(reader.messages(start_ns=S, end_ns=3 * S))) == 2
+
+
+def test_files_of_mcap_ros2_support_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "theirs.mcap"
+    with path.open("wb") as stream, TheirWriter(stream) as writer:
+        schema = writer.register_msgdef("geometry_msgs/msg/Point", "float64 x\nfloat64 y\nfloat64 z\n")
+        for number in range(3):
+            writer.write_message("/point", schema, {"x": number, "y": 0, "z": 0}, log_time=number, publish_time=number)
+    with BagReader(path) as reader:
+        assert [item.message.x for item in reader] == [0, 1, 2]
+
+
+# ---------------------------------------------------------------------------------------------------------- decoding
+
+
+def test_every_recorded_sample_is_decoded_through_a_file(tmp_path: Path) -> None:
+    oracle = reference()
+    wanted = [one for one in vectors() if "/msg/" in one.type][::9]
+    path = tmp_path / "all.mcap"
+    with BagWriter(path, compression="") as writer:
+        for number, vector in enumerate(wanted):
+            topic = "/" + vector.type.replace("/", "_")
+            writer.add_topic(topic, message(vector.type))
+            writer.write(topic, vector.cdr, number)
+    with path.open("rb") as stream:
+        decoded = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        for vector, (_, _, _, found) in zip(wanted, decoded, strict=True):
+            assert same(oracle.plain(found), oracle.decode(vector.type, vector.cdr))
+
+
+def test_the_factory_gives_what_theirs_gives(tmp_path: Path) -> None:
+    path = tmp_path / "bag.mcap"
+    write_some(path)
+    with path.open("rb") as one, path.open("rb") as two:
+        ours = make_reader(one, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        theirs = make_reader(two, decoder_factories=[TheirFactory()]).iter_decoded_messages()
+        for (_, _, _, our), (_, _, _, their) in zip(ours, theirs, strict=True):
+            if hasattr(their, "header"):
+                assert our.header.stamp.sec == their.header.stamp.sec
+                assert list(our.orientation_covariance) == list(their.orientation_covariance)
+            else:
+                assert our.data == their.data
+
+
+def test_definitions_in_idl_and_big_endian_data_are_read(tmp_path: Path) -> None:
+    text = "module local { module msg { struct Wide { wstring text; long number; }; }; };"
+    path = tmp_path / "idl.mcap"
+    big = bytes.fromhex("00000000 00000002 000000e4 00000062 fffffffe")
+    with BagWriter(path) as writer:
+        writer.add_topic("/wide", BagTopic("/wide", "local/msg/Wide", text, "ros2idl"))
+        writer.write("/wide", big, 1)
+    with BagReader(path) as reader:
+        found = next(iter(reader)).message
+    assert (found.text, found.number) == ("äb", -2)
+
+
+@pytest.mark.parametrize("big", [False, True], ids=["little endian", "big endian"])
+def test_what_other_decoders_read_wrong_is_read(tmp_path: Path, big: bool) -> None:
+    text = "wstring text\nbuiltin_interfaces/Time before\nbuiltin_interfaces/Duration less\n"
+    text += "std_msgs/Empty nothing\nint32 last\n"
+    times = f"{'=' * 80}\nMSG: builtin_interfaces/{{}}\nint32 sec\nuint32 nanosec\n"
+    text += times.format("Time") + times.format("Duration") + f"{'=' * 80}\nMSG: std_msgs/Empty\n"
+    order = ">" if big else "<"
+    body = struct.pack(f"{order}IIIiIiI", 2, 0xE4, 0x20AC, -1, 999_999_999, -3, 500_000_000)
+    data = (b"\0\0\0\0" if big else b"\0\1\0\0") + body + b"\0" * 4 + struct.pack(f"{order}i", -7)
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/mixed", BagTopic("/mixed", "local/msg/Mixed", text))
+        writer.add_topic("/empty", get_message("std_msgs/msg/Empty"))
+        writer.write("/mixed", data, 1)
+        writer.write("/empty", b"\0\0\0\0\0" if big else b"\0\1\0\0\0", 2)
+    with BagReader(path) as reader, path.open("rb") as stream:
+        factory = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for mixed, empty in (
+            [item.message for item in reader],
+            [item.decoded_message for item in factory.iter_decoded_messages()],
+        ):
+            assert (mixed.text, mixed.before.sec, mixed.before.nanosec, mixed.last) == ("ä€", -1, 999_999_999, -7)
+            assert (mixed.less.sec, mixed.less.nanosec) == (-3, 500_000_000)
+            assert type(empty).__name__ == "Empty"
+
+
+def test_types_of_idl_files_are_written_so_that_others_read_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "share" / "of_idl" / "msg"
+    folder.mkdir(parents=True)
+    index = tmp_path / "share" / "ament_index" / "resource_index" / "packages"
+    index.mkdir(parents=True)
+    (index / "of_idl").touch()
+    (folder / "Plain.idl").write_text(
+        "module of_idl { module msg { struct Plain { double x; sequence<string<8>, 2> few; }; }; };"
+    )
+    (folder / "Odd.idl").write_text("module of_idl { module msg { struct Odd { long Number; }; }; };")
+    (folder / "Both.msg").write_text("Plain plain\nint32 number\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    plain, odd, both = (get_message(f"of_idl/msg/{name}") for name in ("Plain", "Odd", "Both"))
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        for time_ns, sample in enumerate((plain(x=1.5, few=["a"]), both(plain=plain(x=2.5)), odd(Number=3))):
+            writer.write(f"/{type(sample).__name__}", sample, time_ns)
+    with path.open("rb") as stream:
+        theirs = make_reader(stream, decoder_factories=[TheirFactory()]).iter_decoded_messages(["/Plain", "/Both"])
+        one, two = (item.decoded_message for item in theirs)
+    assert (one.x, one.few, two.plain.x) == (1.5, ["a"], 2.5)
+    with BagReader(path) as reader:
+        assert [topic.encoding for topic in reader.topics.values()] == ["ros2msg", "ros2idl", "ros2msg"]
+        assert compile_text("of_idl/msg/Odd", reader.topics["/Odd"].definition) is odd
+        assert [item.message for item in reader][2] == odd(Number=3)
+
+
+def test_a_topic_without_definition_is_found_by_name(tmp_path: Path) -> None:
+    path = tmp_path / "bare.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/s", BagTopic("/s", "std_msgs/msg/String"))
+        writer.add_topic("/x", BagTopic("/x", "nobody_has/msg/This"))
+        writer.write("/s", String(data="a").encode(), 1)
+        writer.write("/x", b"\0\1\0\0", 2)
+    with BagReader(path) as reader:
+        assert next(iter(reader.messages("/s"))).message == String(data="a")
+        with pytest.raises(BagError, match="/x: the bag has no definition of nobody_has/msg/This"):
+            list(reader.messages("/x"))
+        assert len(list(reader.messages(raw=True))) == 2
+
+
+def test_sequences_of_poses_come_as_arrays_when_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "poses.mcap"
+    poses = PoseArray()
+    poses.poses = [get_message("geometry_msgs/msg/Pose")() for _ in range(3)]
+    poses.poses[2].position.x = 2.0
+    with BagWriter(path) as writer:
+        writer.write("/poses", poses, 1)
+    with BagReader(path) as reader, path.open("rb") as stream:
+        (one,) = reader.messages(arrays=True)
+        factory = DecoderFactory(arrays=True)
+        ((_, _, _, other),) = make_reader(stream, decoder_factories=[factory]).iter_decoded_messages()
+        for found in (one.message, other):
+            assert found.poses["position"]["x"].tolist() == [0, 0, 2] and found == poses
+
+
+# ------------------------------------------------------------------------------------------------------------- tables
+
+
+def test_a_topic_becomes_a_table(bag: Path) -> None:
+    with BagReader(bag) as reader:
+        table = reader.to_arrays(
+            "/imu", ["header.stamp", "linear_acceleration.x", "orientation_covariance", "header.frame_id"]
+        )
+        assert table["log_time"].tolist() == [number * S for number in range(10)]
+        assert table["header.stamp"].tolist() == [number * S + 5 for number in range(10)]
+        assert table["linear_acceleration.x"].dtype == np.float64 and table["linear_acceleration.x"].sum() == 22.5
+        assert table["orientation_covariance"].shape == (10, 9)
+        assert table["header.frame_id"][9] == "imu_9"
+        everything = reader.to_arrays("/imu").dtype
+        assert "angular_velocity.z" in everything.fields and "header.stamp" in everything.fields
+        assert all(everything[name].shape == () for name in everything.names)  # as pandas.DataFrame needs it
+        with pytest.raises(BagError, match=r"no column linear_acceleration\.w; did you mean"):
+            reader.to_arrays("/imu", ["linear_acceleration.w"])
+
+
+def test_a_table_of_nothing_has_its_columns(tmp_path: Path) -> None:
+    path = tmp_path / "b.mcap"
+    write_some(path)
+    with BagReader(path) as reader:
+        empty = reader.to_arrays("/chatter", start_ns=100 * S)
+        assert empty.shape == (0,) and empty.dtype.names == ("log_time", "data")
+
+
+# ------------------------------------------------------------------------------------------------------------- others
+
+
+def test_folders_are_split_by_time_and_size(tmp_path: Path) -> None:
+    write_some(tmp_path / "by_time", split_s=3)
+    assert len(list((tmp_path / "by_time").glob("by_time_*.mcap"))) == 4
+    with BagReader(tmp_path / "by_time") as reader:
+        assert [item.log_time for item in reader] == [S * n + more for n in range(10) for more in (0, 1)]
+    with pytest.raises(BagError, match="one file"):
+        BagWriter(tmp_path / "x.mcap", split_s=1)
+
+
+def test_qos_comes_back(tmp_path: Path) -> None:
+    latched = QoSProfile(depth=3, durability=Durability.TRANSIENT_LOCAL)
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/map", String, qos=[latched])
+        writer.write("/map", String())
+    for place in (tmp_path / "bag", tmp_path / "bag" / "bag_0.mcap"):
+        with BagReader(place) as reader:
+            assert qos_profiles(reader.topics["/map"].offered_qos) == [latched]
+    with BagWriter(tmp_path / "split", split_s=1) as writer:
+        writer.add_topic("/silent", String, qos=[latched])
+        writer.write("/map", String(), 0)
+        writer.write("/map", String(), 2 * S)
+    for place in ("split_0.mcap", "split_1.mcap"):  # a topic without messages is in all of them, as rosbag2 has it
+        with BagReader(tmp_path / "split" / place) as reader:
+            assert {name: topic.count for name, topic in reader.topics.items()} == {"/map": 1, "/silent": 0}
+    assert qos_profiles("- {history: keep_last") == qos_profiles("5") == []
+
+
+def test_a_bag_that_was_never_closed_is_read_to_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "killed.mcap"
+    writer = BagWriter(path, compression="")
+    for number in range(200):
+        writer.write("/big", Bytes(data=np.zeros(100_000, np.uint8)), number)
+    whole = path.read_bytes()
+    writer.close()
+    path.write_bytes(whole)
+    with BagReader(path) as reader:
+        found = [item.log_time for item in reader]
+        assert found == list(range(len(found))) and len(found) > 100
+        assert reader.topics["/big"].count == len(found)
+
+
+def test_writers_refuse_what_would_not_be_read(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "b.mcap") as writer:
+        with pytest.raises(BagError, match="no type yet"):
+            writer.write("/s", b"1234")
+        writer.write("/s", String())
+        with pytest.raises(BagError, match="/s has the type std_msgs/msg/String"):
+            writer.write("/s", Imu())
+        with pytest.raises(BagError, match="log time -1"):
+            writer.write("/s", String(), -1)
+        with pytest.raises(BagError, match="publish time 9223372036854775808"):
+            writer.write("/s", String(), 1, 1 << 63)
+    with pytest.raises(BagError, match="closed"):
+        writer.write("/s", String())
+    with pytest.raises(BagError, match="exists already"):
+        BagWriter(tmp_path / "b.mcap")
+    with pytest.raises(BagError, match='compression "gzip"'):
+        BagWriter(tmp_path / "c.mcap", compression="gzip")
+
+
+def test_a_full_disk_is_told_and_what_was_written_is_read(tmp_path: Path) -> None:
+    import resource
+
+    path = tmp_path / "full.mcap"
+    writer = BagWriter(path, compression="")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            for number in range(1000):
+                writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
+        with pytest.raises(OSError, match="too large"):
+            writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with BagReader(path) as reader:
+        assert len(list(reader)) > 100
+
+
+def test_a_disk_that_is_full_when_a_file_ends_leaves_those_before_and_no_more_is_written(tmp_path: Path) -> None:
+    import resource
+
+    writer = BagWriter(tmp_path / "bag", compression="", split_bytes=500_000)
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for number in range(7):
+        writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="too large"):
+            for number in range(7, 100):
+                writer.write("/b", Bytes(data=np.zeros(100_000, np.uint8)), number)
+        with pytest.raises(BagError, match="closed"):
+            writer.write("/b", Bytes())
+        writer.flush()
+        writer.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with BagReader(tmp_path / "bag") as reader:
+        assert [item.log_time for item in reader] == list(range(5))
+
+
+def test_a_recorder_that_is_killed_while_it_makes_a_file_leaves_the_others(tmp_path: Path) -> None:
+    write_some(tmp_path / "bag", split_s=3)
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    for beginning in (b"", b"\x89MCAP"):
+        (tmp_path / "bag" / "bag_4.mcap").write_bytes(beginning)
+        with BagReader(tmp_path / "bag") as reader:
+            assert len(list(reader)) == 20 and not reader.has_index
+    (tmp_path / "bag" / "bag_4.mcap").write_bytes(b"MCAP")
+    with pytest.raises(BagError, match="does not begin as MCAP files do"):
+        BagReader(tmp_path / "bag")
+
+
+def test_names_of_other_things_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "x.txt").write_text("x")
+    for path, text in (
+        (tmp_path / "empty", "neither metadata.yaml nor bag files"),
+        (tmp_path / "x.txt", "neither .mcap nor .db3"),
+        (tmp_path / "none.db3", "no such file"),
+    ):
+        with pytest.raises(BagError, match=text):
+            BagReader(path)
+    with pytest.raises(OSError, match=r"none\.mcap"):
+        BagReader(tmp_path / "none.mcap")

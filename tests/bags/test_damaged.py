@@ -1,0 +1,300 @@
+"""Damaged files: right data or our error, soon, and without much memory."""
+
+from __future__ import annotations
+
+import resource
+import sqlite3
+import struct
+import tracemalloc
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.typesys import Stores, get_typestore
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
+from rosidl_py_gen.bags.common import BagTopic
+from rosidl_py_gen.bags.mcap_file import McapFile
+from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.errors import RosidlError
+
+pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")  # what is damaged is left out
+Bool: Any = get_message("std_msgs/msg/Bool")
+String: Any = get_message("std_msgs/msg/String")
+
+
+@pytest.fixture
+def little_memory() -> Iterator[None]:
+    """Half a gigabyte more than there is."""
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + (1 << 29), limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
+RIGHT = [("/a", Bool(data=True), number, number) for number in range(3)]
+
+
+def read(path: Path, is_checked: bool = True) -> int | None:
+    """How many messages, all of them right when the kind of file has checksums; None when it is refused."""
+    try:
+        with BagReader(path) as reader:
+            found = list(reader)
+            topics = reader.topics
+    except RosidlError as error:
+        assert str(error)
+        return None
+    if is_checked:
+        assert found == RIGHT[: len(found)]
+        assert all(topic.count == len(found) for topic in topics.values())
+    return len(found)
+
+
+def flipped(data: bytes, at: int) -> bytes:
+    """With one byte wrong: in all bits, or in one."""
+    return data[:at] + bytes([data[at] ^ (0xFF if at % 2 else 1 << at // 2 % 8)]) + data[at + 1 :]
+
+
+@pytest.mark.parametrize("compression", ["", "zstd", "lz4"])
+@pytest.mark.usefixtures("little_memory")
+def test_every_byte_of_an_mcap_file_may_be_wrong(tmp_path: Path, compression: str) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path, compression=compression) as writer:
+        for number in range(3):
+            writer.write("/a", Bool(data=True), number)
+    data = path.read_bytes()
+    path.unlink()
+    damaged = tmp_path / "b.mcap"
+    answers = set()
+    for at in range(len(data)):
+        damaged.write_bytes(flipped(data, at))
+        answers.add(read(damaged))
+    assert {3, None} <= answers
+
+
+@pytest.mark.parametrize("has_index", [True, False])
+def test_a_chunk_that_becomes_too_large_is_refused(tmp_path: Path, has_index: bool) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path, compression="zstd") as writer:
+        writer.write("/a", String(data="a" * 100_000), 0)
+    if not has_index:
+        path.write_bytes(path.read_bytes()[:-60])
+    with BagReader(path, max_unpacked_bytes=101_000) as reader:
+        assert [len(one.message.data) for one in reader] == [100_000]
+    told = r"a chunk of \d+ bytes says it holds 1\d{5}; expected at most 10000, unless max_unpacked_bytes is more"
+    with pytest.raises(BagError, match=told), BagReader(path, max_unpacked_bytes=10_000) as reader:
+        list(reader)
+
+
+def test_an_index_that_names_a_chunk_many_times_is_not_used(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        for topic, message, log_time, _ in RIGHT:
+            writer.write(topic, message, log_time)
+    data = path.read_bytes()
+    at = struct.unpack_from("<Q", data, len(data) - 28)[0]
+    while data[at] != 8:  # a chunk's row of the index
+        at += 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    end = at + 9 + struct.unpack_from("<Q", data, at + 1)[0]
+    no_checksum = bytes(4)
+    path.write_bytes(data[:end] + data[at:end] * 9 + data[end:-12] + no_checksum + data[-8:])
+    with BagReader(path) as reader:
+        assert (list(reader), reader.has_index) == (RIGHT, False)
+
+
+@pytest.mark.parametrize(("start", "checksum"), [(0, 0), (0, 1), (8, 1)])
+def test_looking_for_an_index_takes_little_memory(tmp_path: Path, start: int, checksum: int) -> None:
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        stream.write(b"\x89MCAP0\r\n")
+        stream.seek(1 << 25)
+        stream.write(struct.pack("<BQQQI", 2, 20, start, 0, checksum) + b"\x89MCAP0\r\n")
+    tracemalloc.start()
+    try:
+        file = McapFile(path, True)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    file.close()
+    assert not file.is_whole
+    assert peak < 1 << 23
+
+
+def test_an_mcap_file_may_end_anywhere(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path, compression="") as writer:
+        for number in range(3):
+            writer.write("/a", Bool(data=True), number)
+    data = path.read_bytes()
+    cut = tmp_path / "b.mcap"
+    answers = set()
+    for end in range(0, len(data), 3):
+        cut.write_bytes(data[:end])
+        answers.add(read(cut))
+    assert answers == {0, 3}
+
+
+def test_what_breaks_off_says_how_much_is_lost(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        for number in range(3):
+            writer.write("/a", Bool(data=True), number)
+    data = path.read_bytes()
+    begin = len(b"\x89MCAP0\r\n")
+    while data[begin] != 6:  # a chunk
+        begin += 9 + struct.unpack_from("<Q", data, begin + 1)[0]
+    after = begin + 9 + struct.unpack_from("<Q", data, begin + 1)[0]
+    cut = tmp_path / "b.mcap"
+    for end in range(begin + 1, after):
+        cut.write_bytes(data[:end])
+        with pytest.warns(BagWarning, match=f"b.mcap breaks off within a record: .* last {end - begin} bytes"):
+            assert (count_of(cut), BagReader(cut).unread_bytes) == (0, end - begin)
+    for end in (begin, *range(after, len(data))):  # only of the index something is missing
+        cut.write_bytes(data[:end])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            assert count_of(cut) == (0 if end == begin else 3)
+
+
+def count_of(path: Path) -> int:
+    with BagReader(path) as reader:
+        return sum(1 for _ in reader)
+
+
+@pytest.mark.usefixtures("little_memory")
+def test_bytes_of_a_database_may_be_wrong(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/s", "std_msgs/msg/Bool", typestore=store)
+        for number in range(3):
+            writer.write(connection, number, b"\0\1\0\0\1")
+    (file,) = (tmp_path / "bag").glob("*.db3")
+    data = file.read_bytes()
+    damaged = tmp_path / "b.db3"
+    answers = set()
+    for at in range(len(data)):
+        if data[at]:  # most of its pages is empty
+            damaged.write_bytes(flipped(data, at))
+            answers.add(read(damaged, is_checked=False))
+    for end in range(0, len(data), 500):
+        damaged.write_bytes(data[:end])
+        answers.add(read(damaged, is_checked=False))
+    assert {3, None} <= answers
+
+
+@pytest.mark.parametrize(
+    ("script", "said"),
+    [
+        (
+            "drop table messages; create view messages as with recursive n(i) as "
+            "(select 1 union all select i + 1 from n limit 9) select i id, 1 topic_id, i timestamp, x'00' data from n;",
+            "messages is no stored table",
+        ),
+        (
+            "drop table Topics; create view Topics as "
+            "select 1 id, '/s' name, 'std_msgs/msg/Bool' type, 'cdr' serialization_format;",
+            "topics is no stored table",
+        ),
+        (
+            "drop table messages; create table messages(id integer primary key, topic_id integer, timestamp integer, "
+            "data blob generated always as (zeroblob(1000)));",
+            "messages has columns that are not stored",
+        ),
+        (
+            "drop table topics; create table topics(id integer primary key, name text, type text as ('a'), "
+            "serialization_format text);",
+            "topics has columns that are not stored",
+        ),
+        (
+            "drop table messages; create virtual table messages using fts5(id, topic_id, timestamp, data);",
+            "messages is no stored table",
+        ),
+    ],
+    ids=["view of messages", "view of topics", "column of data", "column of topics", "virtual table"],
+)
+def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, script: str, said: str) -> None:
+    with SqliteWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/s", BagTopic("/s", "std_msgs/msg/Bool"))
+        writer.write("/s", b"\0\1\0\0\1", 1)
+    path = tmp_path / "bag" / "bag_0.db3"
+    assert read(path, is_checked=False) == 1
+    base = sqlite3.connect(path)
+    base.executescript(script)
+    base.close()
+    with pytest.raises(BagError, match=said):
+        BagReader(path)
+
+
+BOMB = "a0: &a0 [x, x]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]\n" for n in range(1, 30))
+MERGED = "a0: &a0 {k: 1}\n" + "".join(f"a{n}: &a{n} {{<<: [*a{n - 1}, *a{n - 1}]}}\n" for n in range(1, 30))
+
+
+def told(**wrong: str) -> str:
+    """A metadata file with wrong values."""
+    right = {"files": "[a.mcap]", "storage": "mcap", "topic": "/a", "count": "1", "qos": '""'}
+    return (
+        "rosbag2_bagfile_information: {{relative_file_paths: {files}, storage_identifier: {storage}, "
+        "topics_with_message_count: [{{message_count: {count}, topic_metadata: {{name: {topic}, type: a/msg/B, "
+        "serialization_format: cdr, offered_qos_profiles: {qos}}}}}]}}"
+    ).format(**(right | wrong))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "not as rosbag2 writes it"),
+        ("{", "not YAML: "),
+        ("rosbag2_bagfile_information: 3", "not as rosbag2 writes it"),
+        ("rosbag2_bagfile_information: {relative_file_paths: [a.mcap]}", "KeyError 'storage_identifier'"),
+        ("a: !!int ''", "not YAML: "),
+        ("a: !!bool x", "not YAML: "),
+        ("a: !!timestamp x", "not YAML: "),
+        ("[" * 200_000, "not YAML: more than 50 levels"),
+        (told(qos="[" * 900 + "]" * 900), "not YAML: more than 50 levels"),
+        (MERGED, "not YAML: "),
+        (told(count=".inf"), "OverflowError"),
+        (BOMB + told(files="[*a29]"), "TypeError list, expected a text or a number"),
+        (BOMB + told(topic="*a29"), "TypeError list, expected a text or a number"),
+        (BOMB + told(storage="*a29"), "TypeError list, expected a text or a number"),
+        (told(files='["a\\0.mcap"]'), "a file name with a zero byte"),
+        ("a: &a [x, x]\nb: &b [*a, *a]\nrosbag2_bagfile_information: [*b, *b]", "not as rosbag2"),
+    ],
+)
+@pytest.mark.usefixtures("little_memory")
+def test_metadata_that_is_none_is_told(tmp_path: Path, text: str, said: str) -> None:
+    (tmp_path / "metadata.yaml").write_text(text)
+    with pytest.raises(BagError, match=said):
+        BagReader(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "!!int ''",
+        "[" * 200_000,
+        MERGED,
+        "- {history: [&a0 [x, x], " + ", ".join(f"&a{n} [*a{n - 1}, *a{n - 1}]" for n in range(1, 30)) + "]}",
+        "- {history: 1, reliability: 1, durability: 1, liveliness: 1, deadline: {sec: .inf, nsec: 0}}",
+    ],
+    ids=["int", "deep", "merged", "bomb", "infinity"],
+)
+@pytest.mark.usefixtures("little_memory")
+def test_qos_that_is_none_gives_no_profiles(text: str) -> None:
+    assert qos_profiles(text) == []
+
+
+def test_metadata_does_not_lead_out_of_its_folder(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "secret.mcap") as writer:
+        writer.write("/s", Bool())
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    text = "rosbag2_bagfile_information: {relative_file_paths: [../secret.mcap], storage_identifier: mcap}"
+    (bag / "metadata.yaml").write_text(text)
+    with pytest.raises(OSError, match=r"bag.secret\.mcap"):
+        BagReader(bag)

@@ -1,0 +1,220 @@
+"""Bags without definitions: which one is taken, and what is said when it is not that of the recording."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from mcap.writer import Writer
+
+from rosidl_py_gen import compile_text, get_message, type_hash
+from rosidl_py_gen.bags import BagError, BagReader, BagTopic, BagWarning, BagWriter, SqliteWriter
+from rosidl_py_gen.bags.definitions import WrongDefinitionError
+from rosidl_py_gen.bags.writer import topic_of
+from rosidl_py_gen.errors import RosidlError
+
+String: Any = get_message("std_msgs/msg/String")
+NAME = "old_msgs/msg/Reading"
+THEN, NOW, LATER = "float32 value\nfloat32 weight\n", "float32 value\n", "float32 value\nfloat32 weight\nstring unit\n"
+HUMBLE = """
+create table schema(schema_version integer primary key, ros_distro text not null);
+insert into schema values (3, 'humble');
+create table topics(id integer primary key, name text not null, type text not null,
+  serialization_format text not null, offered_qos_profiles text not null);
+create table messages(id integer primary key, topic_id integer not null, timestamp integer not null,
+  data blob not null);
+create index timestamp_idx on messages (timestamp asc);
+"""
+
+
+def package(folder: Path, text: str) -> Path:
+    """A source package with one message."""
+    (folder / "msg").mkdir(parents=True)
+    (folder / "package.xml").write_text("<package><name>old_msgs</name></package>")
+    (folder / "msg" / "Reading.msg").write_text(text)
+    return folder
+
+
+def humble_bag(folder: Path, name: str, samples: list[bytes], *, hash: str = "") -> Path:
+    """A folder as rosbag2 of Humble writes it; `hash` is in metadata.yaml, as later ones have it."""
+    folder.mkdir()
+    with sqlite3.connect(folder / "bag_0.db3") as base:
+        base.executescript(HUMBLE)
+        base.execute("insert into topics values (1, '/reading', ?, 'cdr', '')", (name,))
+        base.executemany("insert into messages(topic_id, timestamp, data) values (1, ?, ?)", enumerate(samples, 1))
+    base.close()
+    topic = {"name": "/reading", "type": name, "serialization_format": "cdr", "offered_qos_profiles": ""}
+    told = {
+        "version": 5,
+        "storage_identifier": "sqlite3",
+        "relative_file_paths": ["bag_0.db3"],
+        "topics_with_message_count": [
+            {"topic_metadata": {**topic, "type_description_hash": hash}, "message_count": len(samples)}
+        ],
+    }
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": told}))
+    return folder
+
+
+def reading(text: str, **values: Any) -> Any:
+    return compile_text(NAME, text)(**values)
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    return humble_bag(tmp_path / "bag", NAME, [reading(THEN, value=n, weight=2.0).encode() for n in range(200)])
+
+
+def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
+    bag: Path, tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    folder = package(tmp_path / "then" / "old_msgs", THEN)
+    with BagReader(bag, search_path=folder) as reader:
+        found = reader.definition("/reading")
+        assert found.origin.endswith("old_msgs/msg/Reading.msg") and not found.is_certain
+        assert [item.message.value for item in reader] == list(range(200))
+        assert len(list(reader)) == 200
+    (warned,) = recwarn.list  # once, not for each message or topic
+    said = str(warned.message)
+    assert warned.category is BagWarning and found.origin in said
+    assert "no definition and no hash of old_msgs/msg/Reading (/reading)" in said
+    for given in (THEN, compile_text(NAME, THEN)):
+        with BagReader(bag, typestore={"old_msgs/Reading": given}) as reader:
+            assert reader.definition("/reading").origin == "typestore"
+            assert next(iter(reader)).message.weight == 2.0
+    with BagReader(bag) as reader, pytest.raises(BagError, match="has no definition of old_msgs/msg/Reading, and"):
+        reader.definition("/reading")
+    with pytest.raises(TypeError, match="typestore: old_msgs/Reading: expected a message class"):
+        BagReader(bag, typestore={"old_msgs/Reading": 1})  # type: ignore[dict-item]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            NOW,
+            "4 of 12 bytes of a message are behind its last field; typestore, taken because the bag has no definition",
+        ),
+        (LATER, "a message of 12 bytes: old_msgs/msg/Reading.unit: at byte 12: expected 4 bytes.*; typestore, taken"),
+    ],
+)
+def test_messages_that_are_not_of_the_guess_are_never_handed_out(bag: Path, text: str, said: str) -> None:
+    with BagReader(bag, typestore={NAME: text}) as reader:
+        with pytest.warns(BagWarning, match=f"left out /reading: {said}") as told:
+            for _ in range(2):
+                assert list(reader.messages()) == []
+        assert len(told) == 2  # the guess, and what is left out
+        assert reader.left_out["/reading"].count == 400
+        with pytest.raises(WrongDefinitionError, match=f"/reading: {said}"):
+            list(reader.messages("/reading"))
+
+
+@pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
+def test_each_message_of_a_fixed_size_is_measured(tmp_path: Path) -> None:
+    """And a damaged one behind good ones is left out alone, where that is asked for."""
+    good, long = reading(NOW, value=1.0).encode(), reading(THEN, value=2.0).encode()
+    samples = [good] * 100 + [long]
+    bag = humble_bag(tmp_path / "bag", NAME, samples)
+    with BagReader(bag, typestore={NAME: NOW}) as reader:
+        assert len(list(reader)) == 100
+        assert reader.left_out["/reading"].count == 1
+    bag = humble_bag(tmp_path / "damaged", NAME, [good, good[:6], good])
+    with BagReader(bag, typestore={NAME: NOW}) as reader:
+        assert len(list(reader.messages("/reading", on_error="skip"))) == 2
+
+
+@pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
+def test_what_middlewares_pad_and_empty_texts_of_other_writers_are_of_the_guess(tmp_path: Path) -> None:
+    samples = [String(data="a" * size).encode() for size in range(8)]
+    padded = [sample + bytes(-len(sample) % 4) for sample in samples]
+    without_end = b"\0\1\0\0" + struct.pack("<I", 0)
+    bag = humble_bag(tmp_path / "bag", "std_msgs/msg/String", [without_end, *samples, *padded])
+    with BagReader(bag) as reader:
+        assert [len(item.message.data) for item in reader] == [0, *range(8), *range(8)]
+        assert reader.definition("/reading").origin in ("bundled", "module std_msgs.msg._string")
+        assert reader.left_out == {}
+
+
+def test_messages_without_fields_are_read_with_a_byte_and_without(tmp_path: Path) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is guessed there
+        with BagWriter(tmp_path / "a.mcap") as writer:
+            writer.add_topic("/go", BagTopic("/go", "std_msgs/msg/Empty"))
+            for number, end in enumerate((b"", b"\0", bytes(4))):
+                writer.write("/go", b"\0\1\0\0" + end, number)
+        for number in range(3):
+            with BagReader(tmp_path / "a.mcap") as reader:
+                assert len(list(reader.messages(start_ns=number))) == 3 - number
+
+
+def test_only_a_definition_with_the_recorded_hash_is_taken(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    then = compile_text(NAME, THEN)
+    samples = [then(value=1.0, weight=2.0).encode()]
+    now, right = package(tmp_path / "now" / "old_msgs", NOW), package(tmp_path / "then" / "old_msgs", THEN)
+    bag = humble_bag(tmp_path / "bag", NAME, samples, hash=type_hash(then))
+    with BagReader(bag, search_path=right) as reader:
+        assert reader.definition("/reading").is_certain and next(iter(reader)).message.weight == 2.0
+    swapped = compile_text("old_msgs/msg/Other", THEN)  # known to nobody under the recorded name
+    other = humble_bag(tmp_path / "other", NAME, samples, hash=type_hash(swapped))
+    for options in ({"search_path": now}, {"typestore": {NAME: NOW}, "search_path": [now]}):
+        with BagReader(other, **options) as reader, pytest.raises(BagError) as caught:
+            next(reader.messages("/reading"))
+        assert type_hash(swapped) in str(caught.value) and type_hash(compile_text(NAME, NOW)) in str(caught.value)
+    assert recwarn.list == []
+
+
+def test_the_hash_of_a_channel_decides_too(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.add_topic("/s", BagTopic("/s", "std_msgs/msg/String", type_hash=type_hash(String)))
+        writer.write("/s", String(data="a").encode(), 1)
+        writer.add_topic("/t", BagTopic("/t", "std_msgs/msg/String", type_hash="RIHS01_" + "0" * 64))
+        writer.write("/t", String(data="b").encode(), 2)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert reader.definition("/s").is_certain
+        assert [item.message.data for item in reader.messages("/s")] == ["a"]
+        with pytest.raises(RosidlError, match="/t: the bag has no definition of std_msgs/msg/String, but its hash"):
+            list(reader.messages("/t"))
+
+
+def two_definitions(path: Path) -> Path:
+    """Two topics whose types have one name, as a stranger writes them."""
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "somebody")
+        for topic, text in (("/one", b"int32 a\nint32 b"), ("/two", b"int32 b\nint32 a")):
+            channel = writer.register_channel(topic, "cdr", writer.register_schema("my/msg/Pair", "ros2msg", text))
+            cls: Any = compile_text("my/msg/Pair", text.decode())
+            writer.add_message(channel, 1, cls(a=1, b=2).encode(), 1)
+        writer.finish()
+    return path
+
+
+def test_sqlite_bags_have_one_definition_for_a_type(tmp_path: Path) -> None:
+    with BagReader(two_definitions(tmp_path / "two.mcap")) as reader:
+        assert {(item.message.a, item.message.b) for item in reader} == {(1, 2)}
+        with SqliteWriter(tmp_path / "bag") as writer:
+            one, two = reader.channels
+            writer.add_raw_topic(one)
+            with pytest.raises(BagError, match="/two and /one have messages of two definitions of my/msg/Pair"):
+                writer.add_raw_topic(two)
+            writer.add_topic("/three", replace(one, name="/three", definition=f"# the same\n{one.definition}"))
+
+
+@pytest.mark.filterwarnings("ignore::rosidl_py_gen.bags.BagWarning")
+def test_a_definition_with_another_hash_is_not_that_of_a_topic(tmp_path: Path) -> None:
+    right: Any = compile_text("my/msg/Pair", "int32 a\nint32 b")
+    with SqliteWriter(tmp_path / "bag") as writer:
+        for topic in ("/one", "/two"):
+            writer.add_topic(topic, topic_of(topic, right))
+            writer.write(topic, right(a=1, b=2).encode(), 1)
+    with sqlite3.connect(tmp_path / "bag" / "bag_0.db3") as base:
+        base.execute("update topics set type_description_hash = ? where name = '/two'", ("RIHS01_" + "0" * 64,))
+    with BagReader(tmp_path / "bag" / "bag_0.db3") as reader:
+        assert [item.topic for item in reader] == ["/one"]
+        assert reader.left_out["/two"].count == 1

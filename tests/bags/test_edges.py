@@ -1,0 +1,282 @@
+"""Edges of bags: large chunks, many files, odd times, damage that looks like an end, files beside files."""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.writer import CompressionType, IndexType, Writer
+from zstandard import ZstdCompressor
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, SqliteWriter
+from rosidl_py_gen.bags.common import BagTopic
+from rosidl_py_gen.errors import DecodeError
+
+String: Any = get_message("std_msgs/msg/String")
+Empty: Any = get_message("std_msgs/msg/Empty")
+STRING = BagTopic("/s", "std_msgs/msg/String", "string data")
+MB = 1 << 20
+
+
+@contextmanager
+def little_more_memory(most: int = 64 * MB) -> Iterator[None]:
+    """So many bytes at most while it lasts."""
+    tracemalloc.start()
+    try:
+        yield
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < most, f"{peak / MB:.0f} MB"
+
+
+def written(path: Path, sizes: list[int], times: list[int] | None = None, **options: Any) -> Path:
+    """An MCAP file with strings of these sizes at these times."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, **{"chunk_size": 1 << 40, **options})
+        writer.start("ros2", "somebody")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/s", "cdr", schema)
+        for number, size in enumerate(sizes):
+            time = number if times is None else times[number]
+            writer.add_message(channel, time, String(data=chr(97 + number % 26) * size).encode(), time)
+        writer.finish()
+    return path
+
+
+def told(path: Path, **options: Any) -> list[tuple[int, str, int]]:
+    """Time, first letter and length of the strings."""
+    with BagReader(path, **options) as reader:
+        return [(item.log_time, item.message.data[:1], len(item.message.data)) for item in reader]
+
+
+# -------------------------------------------------------------------------------------------------------------- memory
+
+
+@pytest.mark.parametrize("has_index", [True, False])
+@pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
+def test_a_large_chunk_takes_the_memory_of_a_piece_of_it(
+    tmp_path: Path, compression: CompressionType, has_index: bool
+) -> None:
+    sizes = [MB - 100, 3 * MB, 5, 100] * 20
+    path = written(tmp_path / "a.mcap", sizes, compression=compression)
+    if not has_index:
+        path.write_bytes(path.read_bytes()[:-60])
+    if compression is CompressionType.ZSTD:
+        assert path.stat().st_size < 300_000
+    with little_more_memory():
+        found = told(path)
+    assert found == [(number, chr(97 + number % 26), size) for number, size in enumerate(sizes)]
+
+
+def test_a_large_chunk_that_is_not_in_order_is_ordered(tmp_path: Path) -> None:
+    times = [3, 1, 2, 0] * 5
+    path = written(tmp_path / "a.mcap", [MB] * 20, times)
+    assert [time for time, _, _ in told(path)] == sorted(times)
+
+
+def test_damage_in_a_large_chunk_is_told_before_a_message_of_it_is_given(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap", [MB] * 20, compression=CompressionType.NONE)
+    data = bytearray(path.read_bytes())
+    data[15 * MB] ^= 1
+    path.write_bytes(data)
+    with BagReader(path) as reader, pytest.raises(BagError, match=r"a\.mcap: damaged: the checksum of a chunk"):
+        next(iter(reader))
+
+
+def test_large_chunks_beside_small_ones_come_in_order(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/s", String)
+        times = [10, 50, 5, 60, 20, 55, 30]
+        for time in times:
+            writer.write("/s", String(data="x" * (9 * MB if time in (10, 60) else MB)), time)
+    assert [time for time, _, _ in told(path)] == sorted(times)
+
+
+def test_the_files_of_a_bag_are_unpacked_one_after_the_other(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for number in range(30):
+        written(folder / f"bag_{number:02}.mcap", [2 * MB] * 3, [number * 3 + more for more in range(3)])
+    with little_more_memory():
+        assert [time for time, _, _ in told(folder)] == list(range(90))
+
+
+def test_files_whose_times_overlap_are_merged(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    folder.mkdir()
+    for number, times in enumerate(([1, 4, 9], [2, 3, 20], [4, 5, 6])):
+        written(folder / f"bag_{number}.mcap", [1] * 3, times)
+    assert [time for time, _, _ in told(folder)] == [1, 2, 3, 4, 4, 5, 6, 9, 20]
+    with BagReader(folder) as reader:
+        assert [item.log_time for item in reader.messages(start_ns=4, end_ns=9)] == [4, 4, 5, 6]
+
+
+@pytest.mark.parametrize("has_size", [True, False])
+def test_a_compressed_file_that_becomes_too_large_is_refused(tmp_path: Path, has_size: bool) -> None:
+    path = tmp_path / "a.db3.zstd"
+    made = ZstdCompressor(level=1, write_content_size=has_size).compressobj(*([30 * MB] if has_size else []))
+    path.write_bytes(made.compress(bytes(30 * MB)) + made.flush())
+    with pytest.raises(BagError, match=r"becomes \d+ bytes; expected at most \d+, unless max_unpacked_bytes is more"):
+        BagReader(path, max_unpacked_bytes=MB)
+
+
+# --------------------------------------------------------------------------------------------------------------- times
+
+
+def test_the_last_times_there_are_come_too(tmp_path: Path) -> None:
+    times = [0, (1 << 63) - 1, 1 << 63, (1 << 64) - 2]
+    assert [one for one, _, _ in told(written(tmp_path / "a.mcap", [1] * 4, times))] == times
+    with SqliteWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/s", STRING)
+        writer.write("/s", String(data="a").encode(), (1 << 63) - 1)
+    assert told(tmp_path / "bag") == [((1 << 63) - 1, "a", 1)]
+
+
+# -------------------------------------------------------------------------------------------------------------- damage
+
+
+def test_a_channel_that_is_told_twice_and_not_the_same_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap", [1, 1], use_chunking=False, index_types=IndexType.NONE, use_statistics=False)
+    data = path.read_bytes()
+    first = data.index(b"std_msgs/msg/String") - 15
+    length = 9 + struct.unpack_from("<Q", data, first + 1)[0]
+    assert data[first] == 3
+    other = data[first : first + length].replace(b"string data", b"uint8[] abc")
+    path.write_bytes(data[: first + length] + other + data[first + length : -60])
+    with pytest.raises(BagError, match="schema 1 is told twice, and not the same"):
+        BagReader(path)
+
+
+def test_damage_in_the_middle_of_a_file_is_not_its_end(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap", [1] * 5, use_chunking=False, index_types=IndexType.NONE)
+    data = bytearray(path.read_bytes())
+    at = data.index(String(data="c").encode()) - 31
+    assert data[at] == 5
+    data[at + 6] = 1  # a length of a terabyte
+    data[-40:-12] = bytes(28)  # and the footer speaks of no index
+    path.write_bytes(data)
+    with pytest.raises(BagError, match="though the file has an end"):
+        BagReader(path)
+    path.write_bytes(data[:-20])  # without one it is where the recorder was killed
+    assert [time for time, _, _ in told(path)] == [0, 1]
+
+
+def test_zeros_where_a_machine_crashed_are_an_end(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap", [1] * 5, chunk_size=10)
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2] + bytes(3 * MB))
+    found = told(path)
+    assert found == [(number, chr(97 + number), 1) for number in range(len(found))] and found
+
+
+def test_a_chunk_with_messages_of_other_times_than_it_says_is_refused(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.mcap", [1] * 3, [5, 6, 7], enable_crcs=False)
+    data = bytearray(path.read_bytes())
+    for at in range(len(data) - 16):  # in the chunk, the index and the statistics
+        if data[at : at + 16] == struct.pack("<QQ", 5, 7):
+            data[at + 8] = 6
+    path.write_bytes(data)
+    with BagReader(path) as reader, pytest.raises(BagError, match="its messages are from 5 to 6 ns, and has some"):
+        list(reader)
+
+
+def test_a_damaged_message_is_told_or_left_out_when_that_is_asked_for(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/s", String)
+        for number, data in enumerate((String(data="a").encode(), b"\0\1\0\0\xff\0\0\0a", String(data="b").encode())):
+            writer.write("/s", data, number)
+    with BagReader(path) as reader:
+        with pytest.raises(DecodeError, match="/s at 1 ns"):
+            list(reader)
+        with pytest.warns(BagWarning, match="/s at 1 ns"):
+            found = [item.message.data for item in reader.messages("/s", on_error="skip")]
+        assert found == ["a", "b"] and reader.left_out["/s"].count == 1
+        with pytest.raises(ValueError, match="on_error"):
+            reader.messages(on_error="ignore")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("data", [b"\0\1\0\0", b"\0\1\0\0\0", b"\0\1\0\0\0\0\0\0"])
+def test_empty_messages_are_read_with_and_without_the_byte_of_ros(tmp_path: Path, data: bytes) -> None:
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.add_topic("/e", Empty)
+        writer.write("/e", data, 1)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        assert [item.message for item in reader] == [Empty()]
+
+
+# ------------------------------------------------------------------------------------------------- files beside files
+
+
+def test_a_database_behind_a_link_has_its_log(tmp_path: Path) -> None:
+    with SqliteWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/s", STRING)
+        writer.write("/s", String(data="a").encode(), 1)
+    file = tmp_path / "bag" / "bag_0.db3"
+    base = sqlite3.connect(file, isolation_level=None)
+    try:
+        base.execute("pragma journal_mode=wal")
+        base.execute("insert into messages values (2, 1, 2, ?)", (String(data="b").encode(),))
+        (tmp_path / "link.db3").symlink_to(file)
+        assert told(tmp_path / "link.db3") == [(1, "a", 1), (2, "b", 1)]
+    finally:
+        base.close()
+
+
+def test_a_journal_that_names_other_files_is_refused_and_deletes_none(tmp_path: Path) -> None:
+    with SqliteWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/s", STRING)
+        writer.write("/s", String(data="a").encode(), 1)
+    file, victim = tmp_path / "bag" / "bag_0.db3", tmp_path / "victim"
+    victim.write_bytes(b"mine")
+    name, magic = str(victim).encode(), bytes.fromhex("d9d505f920a163d7")
+    head = magic + struct.pack(">IIIII", 0, 0, file.stat().st_size // 4096, 512, 4096)
+    tail = struct.pack(">I", 262145) + name + struct.pack(">II", len(name), sum(name)) + magic
+    Path(f"{file}-journal").write_bytes(head.ljust(512, b"\0") + tail)
+    with pytest.raises(BagError, match="its -journal is of several databases"):
+        BagReader(file)
+    assert victim.read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("suffix", ["mcap", "db3"])
+def test_one_file_of_a_bag_with_compressed_messages_is_read_alone(tmp_path: Path, suffix: str) -> None:
+    packed = ZstdCompressor().compress(String(data="a").encode())
+    path = tmp_path / f"bag_0.{suffix}"
+    if suffix == "mcap":
+        with BagWriter(path) as writer:
+            writer.add_topic("/s", String)
+            writer.write("/s", packed, 1)
+    else:
+        with SqliteWriter(tmp_path / "bag") as base:
+            base.add_topic("/s", STRING)
+            base.write("/s", packed, 1)
+        path = tmp_path / "bag" / "bag_0.db3"
+    assert told(path) == [(1, "a", 1)]
+
+
+def test_messages_whose_topic_row_is_missing_are_counted_and_named(tmp_path: Path) -> None:
+    with SqliteWriter(tmp_path / "bag") as base:
+        base.add_topic("/s", STRING)
+        for time in (1, 2):
+            base.write("/s", String(data="a").encode(), time)
+    file = tmp_path / "bag" / "bag_0.db3"
+    with sqlite3.connect(file) as changed:
+        changed.execute("update messages set topic_id = 7 where timestamp = 2")
+    name = "(no topic has id 7)"
+    with BagReader(file) as reader:
+        with pytest.warns(BagWarning, match=r"left out \(no topic has id 7\)"):
+            assert [item.log_time for item in reader] == [1]
+        assert reader.left_out[name].count == 1
+        assert [item.log_time for item in reader.messages(raw=True)] == [1, 2]
+        assert [item.log_time for item in reader.messages(name, raw=True)] == [2]
+        with pytest.raises(BagError, match="no topic has id 7"):
+            list(reader.messages(name))

@@ -1,0 +1,130 @@
+"""Small files of each kind with every byte wrong once, and cut at every length: our error, or the right messages."""
+
+from __future__ import annotations
+
+import sqlite3
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.writer import CompressionType, IndexType, Writer
+from zstandard import ZstdCompressor
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagReader, SqliteWriter
+from rosidl_py_gen.bags.common import BagTopic
+from rosidl_py_gen.errors import RosidlError
+
+Bool: Any = get_message("std_msgs/msg/Bool")
+TRUE = Bool(data=True).encode()
+COUNT = 3
+RIGHT = [("/a", Bool(data=True), number) for number in range(COUNT)]
+
+
+def mcap(path: Path, data: bytes = TRUE, **options: Any) -> None:
+    with path.open("wb") as stream:
+        writer = Writer(stream, **{"chunk_size": 60, "enable_data_crcs": True, **options})
+        writer.start("ros2", "x")
+        schema = writer.register_schema("std_msgs/msg/Bool", "ros2msg", b"bool data")
+        channel = writer.register_channel("/a", "cdr", schema)
+        for number in range(COUNT):
+            writer.add_message(channel, number, data, number)
+        writer.finish()
+
+
+NO_INDEX = {
+    "index_types": IndexType.NONE,
+    "use_statistics": False,
+    "repeat_channels": False,
+    "repeat_schemas": False,
+    "use_summary_offsets": False,
+}
+KINDS: dict[str, Callable[[Path], None]] = {
+    "plain": lambda path: mcap(path, compression=CompressionType.NONE),
+    "zstd": lambda path: mcap(path, compression=CompressionType.ZSTD),
+    "lz4": lambda path: mcap(path, compression=CompressionType.LZ4),
+    "no index": lambda path: mcap(path, **NO_INDEX),
+    "no chunks": lambda path: mcap(path, use_chunking=False, use_summary_offsets=False),
+    "no chunks, no index": lambda path: mcap(path, use_chunking=False, **NO_INDEX),
+    "compressed messages": lambda path: mcap(path, ZstdCompressor().compress(TRUE)),
+}
+
+
+def found(path: Path) -> tuple[list[Any], bool] | None:
+    """The messages, and whether something was left out; None when the file is refused."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with BagReader(path) as reader:
+                messages = [(item.topic, item.message, item.log_time) for item in reader]
+                return messages, bool(reader.left_out)
+    except RosidlError as error:
+        assert str(error)
+        return None
+
+
+def flips(data: bytes) -> list[bytes]:
+    """Each with one byte wrong: in all bits, or in one."""
+    return [
+        data[:at] + bytes([byte ^ (0xFF if at % 2 else 1 << at // 2 % 8)]) + data[at + 1 :]
+        for at, byte in enumerate(data)
+    ]
+
+
+@pytest.mark.parametrize("kind", [*KINDS][1:])  # plain ones of our writer: test_damaged.py
+def test_a_wrong_byte_of_an_mcap_file_is_told_or_changes_nothing(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "a.mcap"
+    KINDS[kind](path)
+    assert found(path) == (RIGHT, False)
+    wrong = [
+        (at, answer)
+        for at, data in enumerate(flips(path.read_bytes()))
+        if path.write_bytes(data) and (answer := found(path)) not in (None, (RIGHT, False))
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_mcap_file_that_is_cut_anywhere_has_the_messages_up_to_there(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "a.mcap"
+    KINDS[kind](path)
+    data = path.read_bytes()
+    counts = []
+    for end in range(len(data)):
+        path.write_bytes(data[:end])
+        answer = found(path)
+        assert answer is not None
+        assert answer == (RIGHT[: len(answer[0])], False), end
+        counts.append(len(answer[0]))
+    assert counts == sorted(counts) and counts[0] == 0 and counts[-1] == COUNT
+
+
+@pytest.fixture
+def database(tmp_path: Path) -> Path:
+    with SqliteWriter(tmp_path / "bag") as writer:
+        writer.add_topic("/a", BagTopic("/a", "std_msgs/msg/Bool", "bool data"))
+        for number in range(COUNT):
+            writer.write("/a", TRUE, number)
+    path = tmp_path / "bag" / "bag_0.db3"
+    base = sqlite3.connect(path, isolation_level=None)
+    base.executescript("delete from metadata; pragma page_size=512; vacuum")
+    base.close()
+    return path
+
+
+@pytest.mark.parametrize("is_packed", [False, True], ids=["database", "compressed database"])
+def test_a_wrong_byte_of_a_database_ends_in_no_other_error_and_a_cut_one_is_refused(
+    database: Path, is_packed: bool
+) -> None:
+    """There are no checksums in it, so a wrong value can only be told where it breaks the format."""
+    data, path = database.read_bytes(), database
+    if is_packed:
+        data, path = ZstdCompressor().compress(data), database.with_suffix(".db3.zstd")
+    for wrong in (*flips(data), *(data[:end] for end in range(0, len(data), 1 if is_packed else 31))):
+        path.write_bytes(wrong)
+        answer = found(path)
+        assert answer is None or len(answer[0]) <= COUNT or len(wrong) == len(data)
+    path.write_bytes(data)
+    assert found(path) == (RIGHT, False)

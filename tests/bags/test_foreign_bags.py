@@ -1,0 +1,428 @@
+"""Bags as other tools and killed recorders leave them: nothing is lost, and nothing is read as something else."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import sqlite3
+import struct
+import threading
+import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from mcap.writer import CompressionType, IndexType, Writer
+from zstandard import ZstdCompressor
+
+from rosidl_py_gen import compile_text, get_message
+from rosidl_py_gen.bags import BagError, BagReader, BagWarning, BagWriter, LeftOut, SqliteWriter
+from rosidl_py_gen.bags.common import BagTopic
+from rosidl_py_gen.bags.writer import topic_of
+
+String: Any = get_message("std_msgs/msg/String")
+COUNT = 20
+
+
+def foreign(path: Path, count: int = COUNT, order: Any = range, **options: Any) -> Path:
+    """A file of strings "0", "1", ... as the package for MCAP writes it, in the given order of times."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, **{"chunk_size": 100, **options})
+        writer.start("ros2", "somebody")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/s", "cdr", schema)
+        for number in order(count):
+            writer.add_message(channel, number, String(data=str(number)).encode(), number)
+        writer.finish()
+    return path
+
+
+def words(path: Path, **options: Any) -> list[str]:
+    with BagReader(path, **options) as reader:
+        return [item.message.data for item in reader]
+
+
+RIGHT = [str(number) for number in range(COUNT)]
+
+# ------------------------------------------------------------------------------------------------------------ two types
+
+OLD, NEW = "int32 x\nint32 y", "int32 y\nint32 x"
+
+
+def of_two_definitions(path: Path) -> Path:
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start("ros2", "two recorders, joined")
+        for number, text in enumerate((OLD, NEW)):
+            schema = writer.register_schema("my_msgs/msg/Place", "ros2msg", text.encode())
+            channel = writer.register_channel("/place", "cdr", schema)
+            writer.add_message(channel, number, struct.pack("<4xii", 1, 2).replace(bytes(4), b"\0\1\0\0", 1), number)
+        writer.finish()
+    return path
+
+
+def test_messages_of_one_topic_are_decoded_each_with_its_own_definition(tmp_path: Path) -> None:
+    with BagReader(of_two_definitions(tmp_path / "a.mcap")) as reader:
+        assert [(item.message.x, item.message.y) for item in reader] == [(1, 2), (2, 1)]
+        assert reader.to_arrays("/place", ["x"])["x"].tolist() == [1, 2]
+        assert [topic.definition for topic in reader.channels] == [OLD, NEW]
+        assert reader.topics["/place"].count == 2
+        with pytest.raises(BagError, match="/place was recorded with 2 definitions"):
+            reader.message_class("/place")
+
+
+def test_a_copy_keeps_both_definitions(tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    with BagReader(of_two_definitions(tmp_path / "a.mcap")) as reader, BagWriter(copy, split_s=1e-9) as writer:
+        for item in reader.raw_messages():
+            writer.write_raw(item)
+    with BagReader(copy) as reader:
+        assert len(reader.files) == 2
+        assert [(item.message.x, item.message.y) for item in reader] == [(1, 2), (2, 1)]
+
+
+def test_a_bag_of_sqlite_files_refuses_a_second_definition(tmp_path: Path) -> None:
+    with BagReader(of_two_definitions(tmp_path / "a.mcap")) as reader, SqliteWriter(tmp_path / "copy") as writer:
+        found = list(reader.raw_messages())
+        writer.write_raw(found[0])
+        with pytest.raises(BagError, match="/place has messages of two definitions"):
+            writer.write_raw(found[1])
+
+
+def test_a_table_of_fields_that_changed_their_kind_is_refused(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        for number, text in enumerate(("int32 x", "float64 x")):
+            cls = compile_text("my_msgs/msg/Value", text)
+            writer.add_raw_topic(known := topic_of("/v", cls))
+            writer.write_raw(next(iter([(known, cls(x=number).encode(), number, number)])))  # type: ignore[arg-type]
+    with BagReader(tmp_path / "a.mcap") as reader:
+        with pytest.raises(BagError, match="x is of another kind in another definition"):
+            reader.to_arrays("/v")
+        assert [item.message.x for item in reader.messages("/v")] == [0, 1.0]
+
+
+# ------------------------------------------------------------------------------------------ indexes that say less
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"index_types": IndexType.NONE},
+        {"index_types": IndexType.MESSAGE},
+        {"index_types": IndexType.CHUNK},
+        {"repeat_channels": False},
+        {"repeat_schemas": False},
+        {"use_statistics": False},
+        {"use_statistics": False, "index_types": IndexType.CHUNK, "repeat_channels": False},
+        {"use_chunking": False},
+        {"use_chunking": False, "repeat_channels": False, "use_statistics": False},
+        {"use_summary_offsets": False},
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4])
+def test_whatever_an_index_leaves_out_is_found(
+    tmp_path: Path, options: dict[str, Any], compression: CompressionType
+) -> None:
+    path = foreign(tmp_path / "a.mcap", compression=compression, **options)
+    assert words(path) == RIGHT
+    with BagReader(path) as reader:
+        assert (list(reader.topics), reader.start_ns, reader.end_ns) == (["/s"], 0, COUNT - 1)
+        assert reader.topics["/s"].count in (COUNT, None)
+        assert [item.message.data for item in reader.messages("/s", start_ns=5, end_ns=8)] == ["5", "6", "7"]
+
+
+@pytest.mark.parametrize("is_chunked", [True, False])
+def test_messages_come_by_log_time_without_an_index_too(tmp_path: Path, is_chunked: bool) -> None:
+    path = foreign(
+        tmp_path / "a.mcap", order=lambda count: reversed(range(count)), use_chunking=is_chunked, repeat_channels=False
+    )
+    assert words(path) == RIGHT
+    path.write_bytes(path.read_bytes()[: -path.stat().st_size // 3])
+    assert (found := words(path)) == sorted(found, key=int)
+    assert found
+
+
+def test_messages_beside_the_chunks_of_an_index_are_found(tmp_path: Path) -> None:
+    path = foreign(tmp_path / "a.mcap")
+    data = path.read_bytes()
+    footer = struct.unpack_from("<QQI", data, len(data) - 28)
+    payload = String(data="loose").encode()
+    loose = struct.pack("<BQHIQQ", 5, 22 + len(payload), 1, 0, 7, 7) + payload
+    at = data.index(struct.pack("<BQI", 15, 4, 0))  # the end of the messages
+    moved = bytearray(data[:at] + loose + data[at:])
+    struct.pack_into("<QQI", moved, len(moved) - 28, footer[0] + len(loose), 0, 0)
+    path.write_bytes(moved)
+    with BagReader(path) as reader:
+        assert reader.has_index
+        assert [item.message.data for item in reader.messages(start_ns=6, end_ns=9)] == ["6", "7", "loose", "8"]
+
+
+def test_a_wrong_byte_in_messages_outside_of_chunks_is_told(tmp_path: Path) -> None:
+    path = foreign(tmp_path / "a.mcap", use_chunking=False, enable_data_crcs=True)
+    data = path.read_bytes()
+    assert words(path) == RIGHT
+    path.write_bytes(data.replace(b"\x0219"[1:], b"18", 1))
+    with pytest.raises(BagError, match="the checksum of its messages is another"):
+        words(path)
+
+
+# --------------------------------------------------------------------------------------------------------------- memory
+
+
+def test_the_bag_of_a_killed_recorder_is_read_piece_by_piece(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    large = String(data="x" * 100_000).encode()
+    with BagWriter(path, compression="") as writer:
+        writer.add_topic("/s", String)
+        for number in range(300):
+            writer.write("/s", large, number)
+    path.write_bytes(path.read_bytes()[:-100])
+    tracemalloc.start()
+    try:
+        with BagReader(path) as reader:
+            assert not reader.has_index
+            assert sum(1 for _ in reader.messages(raw=True)) == 300
+        assert tracemalloc.get_traced_memory()[1] < 6 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_many_chunks_that_become_large_take_the_memory_of_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/s", String)
+        for number in range(60):
+            writer.write("/s", String(data="x" * 2_000_000).encode(), number)
+    assert path.stat().st_size < 100_000
+    tracemalloc.start()
+    try:
+        with BagReader(path) as reader:
+            assert sum(1 for _ in reader.messages(raw=True)) == 60
+        assert tracemalloc.get_traced_memory()[1] < 12 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_chunks_that_overlap_without_end_are_refused_before_memory_is_full(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/s", String)
+        for number in range(10):
+            for time in (number, 1000 + number):
+                writer.write("/s", String(data="x" * 700_000).encode(), time)
+    with (
+        BagReader(path, max_unpacked_bytes=3_000_000) as reader,
+        pytest.raises(BagError, match="overlap in time so much"),
+    ):
+        list(reader.messages(raw=True))
+    with BagReader(path) as reader:
+        assert [item.log_time for item in reader.messages(raw=True)] == [*range(10), *range(1000, 1010)]
+
+
+def test_what_the_writer_writes_the_reader_reads_however_well_it_compresses(tmp_path: Path) -> None:
+    blank = bytes(4) + bytes(300_000_000)
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.add_topic("/s", String)
+        writer.write("/s", blank, 0)
+    with BagReader(tmp_path / "a.mcap", validate_crcs=False) as reader:
+        assert [len(item.message) for item in reader.messages(raw=True)] == [len(blank)]
+
+
+# ------------------------------------------------------------------------------------------------------------- left out
+
+
+def with_strangers(path: Path) -> Path:
+    with BagWriter(path) as writer:
+        writer.add_topic("/bad", BagTopic("/bad", "my_msgs/msg/Bad", "int33 x"))
+        writer.add_topic("/json", BagTopic("/json", "my_msgs/msg/J", "{}", "jsonschema", "json"))
+        writer.add_topic("/none", BagTopic("/none", "nobody_has/msg/This", "", ""))
+        writer.add_topic("/odd", BagTopic("/odd", "no name", "int32 x"))
+        for number, topic in enumerate(("/bad", "/json", "/none", "/odd", "/bad")):
+            writer.write(topic, b"\0\1\0\0\1\2\3\4", number)
+            writer.write("/s", String(data=str(number)), number)
+    return path
+
+
+def test_what_cannot_be_decoded_is_left_out_counted_and_named(tmp_path: Path) -> None:
+    with BagReader(with_strangers(tmp_path / "a.mcap")) as reader:
+        with pytest.warns(BagWarning) as told:
+            assert [item.message.data for item in reader] == ["0", "1", "2", "3", "4"]
+        assert len(told) == 4
+        assert {topic: out.count for topic, out in reader.left_out.items()} == {
+            "/bad": 2, "/json": 1, "/none": 1, "/odd": 1,
+        }  # fmt: skip
+        assert "int33" in reader.left_out["/bad"].reason
+        assert reader.left_out["/json"] == LeftOut(1, "messages are json, not cdr")
+        assert len(list(reader.messages(raw=True))) == 10
+        for name in reader.left_out:
+            with pytest.raises(Exception, match=r"int33|not cdr|no definition|no name"):
+                reader.messages(name)
+
+
+def test_an_empty_definition_is_that_of_an_empty_message(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/go", BagTopic("/go", "my_msgs/msg/Trigger", ""))
+        writer.add_topic("/empty", BagTopic("/empty", "std_msgs/msg/Empty", ""))
+        writer.add_topic("/full", BagTopic("/full", "my_msgs/msg/Full", ""))
+        writer.write("/go", b"\0\1\0\0\0", 0)
+        writer.write("/empty", b"\0\1\0\0\0\0\0\0", 1)
+        writer.write("/full", b"\0\1\0\0\1\0\0\0", 2)
+    with (
+        BagReader(path) as reader,
+        pytest.warns(BagWarning, match="/full: the bag has no definition of my_msgs/msg/Full"),
+    ):
+        assert [item.topic for item in reader] == ["/go", "/empty"]
+
+
+# -------------------------------------------------------------------------------------------------------------- sqlite
+
+
+def database(path: Path, count: int = COUNT) -> Path:
+    with SqliteWriter(path) as writer:
+        writer.add_topic("/s", topic_of("/s", String))
+        for number in range(count):
+            writer.write("/s", String(data=str(number)).encode(), number)
+    return path / f"{path.name}_0.db3"
+
+
+@pytest.mark.parametrize("is_read_only", [False, True])
+def test_messages_in_a_write_ahead_log_are_read(tmp_path: Path, is_read_only: bool) -> None:
+    live = database(tmp_path / "bag", 0)
+    base = sqlite3.connect(live, isolation_level=None)
+    base.execute("pragma journal_mode=wal")
+    rows = [(number, String(data=str(number)).encode()) for number in range(COUNT)]
+    base.executemany("insert into messages(topic_id, timestamp, data) values (1, ?, ?)", rows)
+    assert words(live) == RIGHT  # while it is recorded
+    killed = tmp_path / "killed"
+    killed.mkdir()
+    for end in ("", "-wal"):
+        shutil.copyfile(f"{live}{end}", f"{killed / 'a.db3'}{end}")
+    base.close()
+    if is_read_only:  # nothing can be made beside it
+        (killed / "a.db3-shm").mkdir()
+    assert words(killed / "a.db3") == RIGHT
+    assert words(killed) == RIGHT
+
+
+def test_a_transaction_that_a_crash_ended_is_undone(tmp_path: Path) -> None:
+    live = database(tmp_path / "bag")
+    base = sqlite3.connect(live, isolation_level=None)
+    base.execute("pragma cache_size=1")
+    base.execute("begin")
+    base.executemany("insert into messages(topic_id, timestamp, data) values (1, ?, ?)", [(9, b"x" * 5000)] * 50)
+    killed = tmp_path / "killed.db3"
+    for end in ("", "-journal"):
+        shutil.copyfile(f"{live}{end}", f"{killed}{end}")
+    base.close()
+    before = killed.read_bytes()
+    assert words(killed) == RIGHT
+    assert killed.read_bytes() == before
+
+
+def test_another_thread_may_read(tmp_path: Path) -> None:
+    for path in (database(tmp_path / "bag"), foreign(tmp_path / "a.mcap")):
+        with BagReader(path) as reader:
+            found: list[list[str]] = []
+
+            def read(reader: BagReader = reader, found: list[list[str]] = found) -> None:
+                found.append([item.message.data for item in reader])
+
+            threads = [threading.Thread(target=read) for _ in range(4)]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+            assert found == [RIGHT] * 4
+
+
+@pytest.mark.parametrize("mode", ["chunks", "MESSAGE"])
+def test_threads_that_unpack_at_once_do_not_mix_it_up(tmp_path: Path, mode: str) -> None:
+    draw = random.Random(7)
+    texts = [draw.randbytes(20_000).hex() for _ in range(60)]
+    with BagWriter(tmp_path / "bag", compression="zstd" if mode == "chunks" else "") as writer:
+        writer.add_topic("/s", topic_of("/s", String))
+        for number, text in enumerate(texts):
+            data = String(data=text).encode()
+            writer.write("/s", ZstdCompressor().compress(data) if mode == "MESSAGE" else data, number)
+    if mode == "MESSAGE":
+        packed(tmp_path / "bag", mode)
+    with BagReader(tmp_path / "bag") as reader, ThreadPoolExecutor(8) as threads:
+        read = [threads.submit(lambda: [item.message.data for item in reader]) for _ in range(16)]
+        assert all(one.result() == texts for one in read)
+
+
+def test_two_definitions_of_one_name_in_a_database_are_told_apart_by_hash(tmp_path: Path) -> None:
+    path = database(tmp_path / "bag", 0)
+    base = sqlite3.connect(path)
+    for number, text in ((2, OLD), (3, NEW)):
+        base.execute(
+            "insert into topics values (?, ?, 'my_msgs/msg/Place', 'cdr', '', ?)", (number, f"/{number}", text)
+        )
+        base.execute(
+            "insert into message_definitions(topic_type, encoding, encoded_message_definition, type_description_hash) "
+            "values ('my_msgs/msg/Place', 'ros2msg', ?, ?)",
+            (text, text),
+        )
+        data = b"\0\1\0\0" + struct.pack("<ii", 1, 2)
+        base.execute("insert into messages(topic_id, timestamp, data) values (?, 0, ?)", (number, data))
+    base.commit()
+    base.close()
+    with BagReader(path) as reader:
+        assert {item.topic: item.message.x for item in reader} == {"/2": 1, "/3": 2}
+
+
+# -------------------------------------------------------------------------------------------- compression of rosbag2
+
+
+def packed(folder: Path, mode: str) -> None:
+    """As rosbag2_compression leaves a bag."""
+    told = yaml.safe_load((folder / "metadata.yaml").read_text())
+    information = told["rosbag2_bagfile_information"]
+    information |= {"compression_format": "zstd", "compression_mode": mode}
+    if mode == "FILE":
+        for number, name in enumerate(information["relative_file_paths"]):
+            information["relative_file_paths"][number] = f"{name}.zstd"
+            (folder / f"{name}.zstd").write_bytes(ZstdCompressor().compress((folder / name).read_bytes()))
+            (folder / name).unlink()
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(told))
+
+
+@pytest.mark.parametrize("storage", ["sqlite", "mcap"])
+@pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
+@pytest.mark.parametrize("has_metadata", [True, False])
+def test_compressed_bags_of_rosbag2_are_read(tmp_path: Path, storage: str, mode: str, has_metadata: bool) -> None:
+    folder = tmp_path / "bag"
+    with SqliteWriter(folder) if storage == "sqlite" else BagWriter(folder) as writer:
+        writer.add_topic("/s", topic_of("/s", String))
+        for number in range(COUNT):
+            data = String(data=str(number)).encode()
+            writer.write("/s", ZstdCompressor().compress(data) if mode == "MESSAGE" else data, number)
+    packed(folder, mode)
+    if not has_metadata:
+        (folder / "metadata.yaml").unlink()
+    assert words(folder) == RIGHT
+
+
+def test_damaged_compression_is_told(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    with SqliteWriter(folder) as writer:
+        writer.add_topic("/s", topic_of("/s", String))
+        writer.write("/s", ZstdCompressor().compress(String(data="a" * 1000).encode())[:-3], 0)
+        writer.write("/s", ZstdCompressor().compress(bytes(1_000_000)), 1)
+    packed(folder, "MESSAGE")
+    with pytest.raises(BagError, match="/s at 0 ns: damaged"):
+        words(folder)
+    with (
+        BagReader(folder, max_unpacked_bytes=10_000) as reader,
+        pytest.raises(BagError, match="become 1000000; expected"),
+    ):
+        list(reader.messages("/s", start_ns=1, raw=True))
+    packed(folder, "FILE")
+    (file,) = folder.glob("*.zstd")
+    file.write_bytes(file.read_bytes()[:-10])
+    with pytest.raises(BagError, match="damaged"):
+        words(folder)

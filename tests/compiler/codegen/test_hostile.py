@@ -1,0 +1,415 @@
+"""Interface files are untrusted: whatever they say becomes inert, well-formed code, or an error.
+
+Every case is generated, formatted, linted, imported and used; a payload that ran would leave a mark in the environment.
+"""
+
+# ruff: noqa: E501 - in tables one case is one line
+from __future__ import annotations
+
+import ast
+import builtins
+import dataclasses
+import importlib
+import os
+import resource
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from compiler_worlds import assert_clean, importable, message, parse, problems_of, run, source_of, write
+
+from rosidl_py_gen import decode, encode, from_dict, to_dict
+from rosidl_py_gen.base.names import py_name
+from rosidl_py_gen.compiler.generate import load
+from rosidl_py_gen.compiler.spec.find import search_path
+from rosidl_py_gen.errors import DefinitionError
+
+MARK = "ROSIDL_PAYLOAD_RAN"
+CALL = f"__import__('os').environ.__setitem__('{MARK}','1')"
+
+# What may come as text: into comments, units, defaults and constants.
+EVIL = {
+    "call": CALL,
+    "triple": f'"""\n{CALL}\n"""'.replace("\n", " "),
+    "triple_single": f"'''; {CALL}; '''",
+    "ends_in_quote": 'say "',
+    "four_quotes": '""""',
+    "many_quotes": '"' * 7,
+    "backslash_end": "end \\",
+    "backslash_quote": '\\"""',
+    "two_backslashes": '\\\\"""',
+    "escapes": "\\n \\x41 \\u0041 \\N{BULLET} \\101 \\",
+    "jinja": "{{ 7 * 7 }} {% for i in x %} {# no #} {%- endfor -%}",
+    "jinja_payload": "{{ ''.__class__.__mro__[1].__subclasses__() }}",
+    "f_string": "{" + CALL + "}",
+    "percent": "%s %(x)s {0} {x!r}",
+    "code": f"); {CALL} #",
+    "new_line_inside": f"text\x0b{CALL}\x0c{CALL}\x1c{CALL}\x85{CALL}\u2028{CALL}",
+    "null": f"a\x00{CALL}",
+    "control": "\x01\x07\x08\x1b[31mred\x7f",
+    "bidi": "\u202e\u2066 level \u2069 \u200b\ufeff",
+    "wide": "ハ 😀 ünïcödé \U000e0041",
+    "noqa": "noqa: E501  type: ignore  fmt: off  isort: skip_file",
+    "coding": "-*- coding: utf-7 -*-",
+    "long": "word " * 400,
+    "unbroken": "x" * 3000,
+    "percent_unit": "[%]",
+}
+
+# --- text in every place ----------------------------------------------------------------------------------------------
+
+
+def in_comments(text: str) -> str:
+    """One hostile text as file comment, element comment, trailing comment, comment of a constant, and unit."""
+    cut = text.replace("#", "").splitlines()[0] if text.splitlines() else ""
+    unit = cut.replace("[", "").replace("]", "").replace(",", "")
+    return (
+        f"# {cut}\n# {cut}\n\n# {cut}\nuint8 a 1 # {cut}\n   # {cut}\nuint8 b # [{unit}]\n"
+        f"# {cut}\nuint8 C=3 # {cut}\nstring D=x # [{unit}]"
+    )
+
+
+def in_values(text: str) -> str:
+    """One hostile text as default and constant, unquoted."""
+    safe = text.replace("#", "").replace("=", "").splitlines()[0].replace("\\", "/").replace("\t", " ").strip()
+    single = safe.replace("'", "")
+    return f"string a x{safe}\nstring b '{single}'\nstring C=x{safe}\nstring[] d ['x{single}']\nstring E='{single}'"
+
+
+CASES: dict[str, str] = {
+    **{f"comment_{name}": in_comments(text) for name, text in EVIL.items()},
+    **{f"value_{name}": in_values(text) for name, text in EVIL.items() if name not in ("null", "new_line_inside", "wide", "bidi")},
+    "comment_invisible": in_comments("\x01 \u202e"),
+    "comment_service": "# \x07\n\n#\x07\nuint8 a",
+    "value_escapes": 'string a "\\t\\"\\\\x41 {{ x }}"\nstring B=\'"""\'\nstring d \'\\\'\\\'\\\'\'',
+    "value_null": 'string a "a\\0b"\nstring B=\\x00',
+    "value_wide": "string a ハ😀\nwstring B=\"ü\"",
+}  # fmt: skip
+
+WORDS = [
+    *("np", "int", "field", "self", "cls", "classmethod", "dataclass", "message", "struct", "data", "copy", "raw", "view"),
+    *("encode", "decode", "fields", "list", "bytes", "str", "bool", "float", "type", "id", "object", "super", "range", "len"),
+    *("pos", "end", "parts", "append", "error", "new", "readable", "typing", "annotations", "property", "staticmethod"),
+    *("print", "exec", "eval", "open", "tuple", "dict", "set", "memoryview", "bytearray", "slots", "builtins", "numpy"),
+    *("from", "in", "is", "class", "def", "lambda", "yield", "async", "await", "match", "case", "none", "true", "import"),
+    *("recover_encode", "recover_decode", "packers", "limit", "exactly", "within", "expect", "limit_each", "fault", "getattr"),
+]  # fmt: skip
+
+CASES |= {
+    "names_of_fields": "\n".join(f"uint8 {word}" for word in WORDS),
+    "names_of_arrays": "\n".join(f"float64[] {word}" for word in WORDS),
+    "names_of_strings": "\n".join(f"string[<=3] {word}" for word in WORDS),
+    "names_of_defaults": "\n".join(f"int16[2] {word} [1,2]" for word in WORDS),
+    "names_of_messages": "\n".join(f"Other[] {word}" for word in WORDS),
+    "names_of_constants": "uint8 NP=1\nuint8 ANY=1\nstring T=x\nfloat32 NDARRAY=1\nuint8 S=1\nuint8 TYPE=1\nuint8 TYPE_CHECKING=1\nuint8[] x",
+    "one_letter": "\n".join(f"uint8[] {letter}" for letter in "abcdefghijklmnopqrstuvwxyz"),
+    "long_names": "\n".join(f"{kind} {'very_long_name_' * 20}{i}" for i, kind in enumerate(("uint8", "string", "float64[]", "Other"))),
+    "empty": "",
+    "only_constants": "uint8 A=1",
+    "huge_array": "uint8[200000000] x",
+    "huge_bound": "uint8[<=4294967295] x\nstring<=4294967295 s\nfloat64[<=18446744073709551615] z",
+}  # fmt: skip
+# Message names that Python, typing or our own support code know by the same name.
+NAMES = [
+    "Message",
+    "Struct",
+    "ClassVar",
+    "TypeInfo",
+    "None",
+    "True",
+    "False",
+    "NotImplemented",
+    "Any",
+    "Self",
+    "Readable",
+    "Fault",
+    "Append",
+    "NDArray",
+    "List",
+    "Exception",
+    "Type",
+    "ValueError",
+    "Field",
+    "Dataclass",
+    "Np",
+    "N",
+    "Request",
+    "Response",
+    "Event",
+    "Goal",
+    "Result",
+    "Feedback",
+    "Sample",
+    "Float64s",
+    "Uint8s",
+]
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Every case as a package of its own, generated and importable."""
+    base = tmp_path_factory.mktemp("hostile")
+    files = {}
+    for name, text in CASES.items():
+        files[f"{name}/msg/Sample.msg"] = text
+        files[f"{name}/msg/Other.msg"] = "uint8 x"
+    fields = "\n".join(f"{name} f{i}\n{name}[] s{i}" for i, name in enumerate(NAMES))
+    for name in NAMES:
+        files[f"named_msgs/msg/{name}.msg"] = "float64 x\nstring[] text\nuint8[4] raw"
+        files[f"other_msgs/msg/{name}.msg"] = "float64 x\nstring[] text\nuint8[4] raw"
+    files["user_msgs/msg/All.msg"] = "\n".join(
+        f"named_msgs/{name} a{i}\nother_msgs/{name} b{i}\nother_msgs/{name}[] c{i}" for i, name in enumerate(NAMES)
+    )
+    files["named_msgs/msg/Uses.msg"] = fields
+    files["named_msgs/srv/Service.srv"] = "Message m\n---\nStruct s\nNone n"
+    files["named_msgs/action/Action.action"] = "Message m\n---\nTrue t\n---\nAny a"
+    out = base / "out"
+    run(write(base / "in", files), out)
+    os.environ.pop(MARK, None)
+    with importable(out):
+        yield out
+
+
+def check_inert() -> None:
+    assert MARK not in os.environ, "text of a definition ran as code"
+
+
+def modules(out: Path) -> list[str]:
+    return [
+        ".".join(path.relative_to(out).with_suffix("").parts)
+        for path in sorted(out.rglob("_*.py"))
+        if path.stem != "__init__"
+    ]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_hostile_text_becomes_inert_code(generated: Path, name: str) -> None:
+    source = (generated / name / "msg" / "_sample.py").read_text(encoding="utf-8")
+    tree = ast.parse(source)
+    assert not [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id == "__import__"]
+    cls = importlib.import_module(f"{name}.msg").Sample
+    value = cls()
+    check_inert()
+    interface = message(CASES[name], f"{name}/msg/Sample")
+    for item in interface.fields:
+        if isinstance(item.default, (str, int, float)):
+            assert getattr(value, py_name(item.name)) == item.default
+    for constant in interface.constants:
+        assert getattr(cls, py_name(constant.name)) == constant.value
+    if name != "huge_array":
+        assert decode(cls, encode(value)) == value
+        assert from_dict(cls, to_dict(value)) == value
+    check_inert()
+
+
+def test_comments_arrive_in_docstrings(generated: Path) -> None:
+    cls = importlib.import_module("comment_triple.msg").Sample
+    assert cls.__doc__ is not None
+    assert f'""" {CALL} """' in cls.__doc__
+    cls = importlib.import_module("comment_escapes.msg").Sample
+    assert cls.__doc__ is not None
+    assert "\\n \\x41 \\u0041 \\N{BULLET} \\101 \\" in cls.__doc__
+    cls = importlib.import_module("comment_jinja.msg").Sample
+    assert cls.__doc__ is not None
+    assert EVIL["jinja"].replace("#", "") in cls.__doc__
+
+
+def test_the_code_is_formatted_and_clean(generated: Path) -> None:
+    assert_clean(generated)
+
+
+@pytest.mark.parametrize("package", ["named_msgs", "other_msgs"])
+@pytest.mark.parametrize("name", NAMES)
+def test_a_message_may_have_any_name(generated: Path, package: str, name: str) -> None:
+    cls = getattr(importlib.import_module(f"{package}.msg"), py_name(name))
+    value = cls(x=1.5, text=["a"], raw=[1, 2, 3, 4])
+    assert cls._TYPE.name == f"{package}/msg/{name}"
+    assert decode(cls, encode(value)) == value
+
+
+@pytest.mark.parametrize("name", ["named_msgs.msg.Uses", "user_msgs.msg.All"])
+def test_messages_of_any_name_can_be_fields(generated: Path, name: str) -> None:
+    module, _, stem = name.rpartition(".")
+    cls = getattr(importlib.import_module(module), stem)
+    value = cls()
+    for item in dataclasses.fields(value):
+        part = getattr(value, item.name)
+        if not isinstance(part, list):
+            part.x = 2.5
+            part.text = ["t"]
+    assert decode(cls, encode(value)) == value
+    assert from_dict(cls, to_dict(value)) == value
+
+
+def test_types_of_one_name_from_two_packages_stay_apart(generated: Path) -> None:
+    value = importlib.import_module("user_msgs.msg").All()
+    assert type(value.a0).__module__ == "named_msgs.msg._message"
+    assert type(value.b0).__module__ == "other_msgs.msg._message"
+
+
+def test_services_and_actions_of_odd_types_work(generated: Path) -> None:
+    service = importlib.import_module("named_msgs.srv").Service
+    action = importlib.import_module("named_msgs.action").Action
+    for cls in (service.Request, service.Response, action.Goal, action.Result, action.FeedbackMessage):
+        assert decode(cls, encode(cls())) == cls()
+
+
+def test_python_itself_is_as_before(generated: Path) -> None:
+    for module in modules(generated):
+        importlib.import_module(module)
+    check_inert()
+    assert builtins.print.__self__ is builtins  # type: ignore[attr-defined]
+    assert [str(one) for one in generated.parent.iterdir() if one.name not in ("in", "out")] == []
+
+
+# --- shapes -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("length", [1_000_000])
+def test_a_line_of_a_megabyte_is_dealt_with_quickly(length: int) -> None:
+    start = time.monotonic()
+    interface = message(f"# {'c' * length}\nstring a {'x' * length}\nstring B={'y' * length}\n")
+    assert interface.constants[0].value == "y" * length
+    source = source_of({"a_msgs/msg/A": f"# {'c' * length}\nstring a {'x' * length}\n"})
+    compile(source, "A", "exec")
+    with pytest.raises(DefinitionError):
+        source_of({"a_msgs/msg/A": f"uint8 {'x' * length}!"})
+    with pytest.raises(DefinitionError):
+        source_of({"a_msgs/msg/A": f"{'X' * length} x"})
+    with pytest.raises(DefinitionError) as caught:
+        source_of({"a_msgs/msg/A": f"uint8 x {'1' * length}"})
+    assert len(str(caught.value)) < 1000
+    assert time.monotonic() - start < 20
+
+
+def test_ten_thousand_fields_are_dealt_with(tmp_path: Path) -> None:
+    kinds = ("uint8", "float64", "string", "uint16[]", "int32[3]", "bool")
+    text = "\n".join(f"{kinds[i % len(kinds)]} f{i}" for i in range(10_000))
+    out = tmp_path / "out"
+    start = time.monotonic()
+    run(write(tmp_path / "in", {"big_msgs/msg/Big.msg": text}), out)
+    assert time.monotonic() - start < 30
+    with importable(out):
+        cls = importlib.import_module("big_msgs.msg").Big
+        value = cls(f0=7)
+        assert decode(cls, encode(value)).f0 == 7
+
+
+def test_nothing_of_the_size_of_a_huge_array_is_allocated() -> None:
+    """Neither by reading, planning and printing it, nor by finding out that it is too large."""
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    source = source_of({"a_msgs/msg/A": "uint8[250000000] x\nfloat64[<=18446744073709551615] y\nuint8 z"})
+    compile(source, "A", "exec")
+    with pytest.raises(DefinitionError, match=r":1:19: .* has 4294967295 bytes in fixed arrays up to here, at most"):
+        source_of({"a_msgs/msg/A": "uint8[4294967295] x\nfloat64[18446744073709551615] y\nuint8 z"})
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000  # KiB
+
+
+def doubling(levels: int) -> dict[str, str]:
+    """Each type holds two of the next: 2**levels leaves in all."""
+    files = {f"tree_msgs/msg/T{i}.msg": f"T{i + 1} a\nT{i + 1} b" for i in range(levels)}
+    return {**files, f"tree_msgs/msg/T{levels}.msg": "uint8 x\nstring s"}
+
+
+def test_exponential_nesting_makes_no_exponential_code(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    start = time.monotonic()
+    run(write(tmp_path / "in", doubling(15)), out)
+    assert time.monotonic() - start < 20
+    assert max(path.stat().st_size for path in out.rglob("*.py")) < 200_000
+    with importable(out):
+        cls = importlib.import_module("tree_msgs.msg").T10  # 32 times T15
+        value = cls()
+        value.b.a.b.a.b.s = "x"
+        assert decode(cls, encode(value)) == value
+
+
+def test_deep_nesting_within_the_limit_works(tmp_path: Path) -> None:
+    files = {f"deep_msgs/msg/T{i}.msg": f"T{i + 1} x\nstring s" for i in range(90)}
+    files["deep_msgs/msg/T90.msg"] = "uint8 x"
+    out = tmp_path / "out"
+    run(write(tmp_path / "in", files), out)
+    with importable(out):
+        cls = importlib.import_module("deep_msgs.msg").T0
+        assert decode(cls, encode(cls())) == cls()
+
+
+@pytest.mark.parametrize(
+    "name", sorted({"sys", "os", "json", "typing", "dataclasses", "struct", "builtins", "numpy", "click", "import"})
+)
+def test_a_package_that_would_hide_a_python_module_is_refused(tmp_path: Path, name: str) -> None:
+    (problem,) = problems_of(write(tmp_path / "in", {f"{name}/msg/A.msg": "uint8 x"}))
+    assert f'a package called "{name}" cannot be generated' in problem
+
+
+@pytest.mark.parametrize("stem", ["a b", "A-B", "A.B", "Ä", "A'", 'A"', "A;B", "__init__", "A\nB", "{{A}}"])
+def test_file_names_that_are_no_names_are_refused(tmp_path: Path, stem: str) -> None:
+    folder = write(tmp_path / "in", {"a_msgs/msg/Fine.msg": "uint8 x", f"a_msgs/msg/{stem}.msg": "uint8 x"})
+    (problem,) = problems_of(folder)
+    assert "is not an interface name" in problem
+
+
+@pytest.mark.parametrize(
+    "type_name",
+    [
+        "../secret/Type",
+        "/etc/Type",
+        "a_msgs/../Type",
+        "./Type",
+        "a_msgs//Type",
+        "..",
+        "/",
+        "a_msgs/Type/",
+        "~/Type",
+        "C:\\Type",
+    ],
+)
+def test_types_that_look_like_paths_are_refused(type_name: str) -> None:
+    with pytest.raises(DefinitionError, match=r"1:\d+: "):
+        source_of({"a_msgs/msg/A": f"{type_name} x"})
+
+
+def test_nothing_outside_the_search_path_is_read(tmp_path: Path) -> None:
+    write(tmp_path, {"in/a_msgs/msg/A.msg": "secret/Type x", "secret/msg/Type.msg": "uint8 x"})
+    (problem,) = problems_of(tmp_path / "in")
+    assert 'unknown package "secret"' in problem
+
+
+def test_line_ends_of_all_systems_are_the_same() -> None:
+    text = "# head\n\nuint8 a # first\n   # more\nuint8 B=1\n"
+    wanted = source_of({"a_msgs/msg/A": text})
+    for end in ("\r\n", "\r"):
+        assert parse(text) is not None
+        search_path([], ament="")
+        assert source_from_file(text.replace("\n", end)) == wanted
+
+
+def source_from_file(text: str) -> str:
+    """The generated module of a file with these very bytes."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder), {"in/a_msgs/msg/A.msg": text})
+        run(Path(folder) / "in", Path(folder) / "out")
+        return (Path(folder) / "out" / "a_msgs" / "msg" / "_a.py").read_text(encoding="utf-8")
+
+
+def test_memory_of_reading_a_hostile_idl_is_bounded() -> None:
+    for text in ("module a {" * 3000, '"' * 100_000, "@" * 100_000, "/*" * 100_000, "(" * 100_000):
+        with pytest.raises(DefinitionError):
+            load_idl(text)
+
+
+def load_idl(text: str) -> Any:
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder), {"a_msgs/msg/A.idl": text})
+        return load(search_path([folder], ament=""), ["a_msgs"])
+
+
+def test_the_recursion_limit_is_not_touched() -> None:
+    assert sys.getrecursionlimit() == 1000

@@ -1,0 +1,242 @@
+"""Values, docstrings and line breaking: the three places where text of a definition becomes source text."""
+
+from __future__ import annotations
+
+import ast
+import math
+
+import pytest
+from compiler_worlds import assert_clean, write
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scale import examples
+
+from rosidl_py_gen.compiler.codegen.fold import WIDTH, Folder
+from rosidl_py_gen.compiler.codegen.literals import docstring, py_literal, py_string, visible
+from rosidl_py_gen.compiler.codegen.naming import Imports, Locals, singular, sort_key
+
+NASTY = st.text(st.sampled_from("ab \"'\\\n\r\t\0\x1b{}%#é ハ😀\u2028\u202e\ufeff\x85nxuN01"), max_size=30)
+TEXT = st.one_of(st.text(max_size=40), NASTY)
+
+
+@settings(max_examples=examples(500), deadline=None)
+@given(TEXT)
+def test_a_string_literal_means_the_string(text: str) -> None:
+    literal = py_string(text)
+    assert ast.literal_eval(literal) == text
+    assert literal.isprintable()
+    assert len(literal.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "literal"),
+    [
+        ("", '""'),
+        ("plain", '"plain"'),
+        ("it's", '"it\'s"'),
+        ('say "x"', "'say \"x\"'"),
+        ("both \" and '", '"both \\" and \'"'),
+        ("a\\b", '"a\\\\b"'),
+        ("tab\tline\n", '"tab\\tline\\n"'),
+        ("\0\x1b", '"\\x00\\x1b"'),
+        ("é ハ 😀", '"é ハ 😀"'),
+        ("\u202e\ufeff", '"\\u202e\\ufeff"'),
+        ("\U000e0041", '"\\U000e0041"'),
+        ("{{ x }} {% y %}", '"{{ x }} {% y %}"'),
+    ],
+)
+def test_string_literals_look_like_this(text: str, literal: str) -> None:
+    assert py_string(text) == literal
+
+
+@pytest.mark.parametrize(
+    ("value", "literal"),
+    [
+        (True, "True"),
+        (0, "0"),
+        (-5, "-5"),
+        (2**64 - 1, "18446744073709551615"),
+        (1.0, "1.0"),
+        (1e-5, "1e-05"),
+        (1e16, "1e16"),
+        (-1.5e300, "-1.5e300"),
+        (-0.0, "-0.0"),
+        (math.inf, 'float("inf")'),
+        (-math.inf, 'float("-inf")'),
+        (math.nan, 'float("nan")'),
+    ],
+)
+def test_other_literals_look_like_this(value: bool | int | float, literal: str) -> None:
+    assert py_literal(value) == literal
+
+
+@given(st.one_of(st.booleans(), st.integers(), st.floats(allow_nan=False)))
+def test_a_literal_means_the_value(value: bool | int | float) -> None:
+    found = eval(py_literal(value), {"__builtins__": {"float": float}})
+    assert (type(found), repr(found)) == (type(value), repr(value))
+
+
+def body(doc: str) -> ast.Module:
+    return ast.parse(f"class A:\n    {doc}\n    x = 1\n")
+
+
+@settings(max_examples=examples(500), deadline=None)
+@given(st.lists(TEXT, max_size=4))
+def test_a_docstring_stays_a_docstring(lines: list[str]) -> None:
+    (cls,) = body(docstring(lines, "    ")).body
+    assert isinstance(cls, ast.ClassDef)
+    text, assignment = cls.body
+    assert isinstance(assignment, ast.Assign)
+    assert isinstance(text, ast.Expr)
+    assert isinstance(text.value, ast.Constant)
+    assert isinstance(text.value.value, str)
+    for line in lines:
+        if line.isascii() and line.isprintable():
+            assert " ".join(line.split()) in " ".join(text.value.value.split())
+
+
+@pytest.mark.hypothesis  # the plugin marks only what is @given itself
+def test_docstrings_of_any_text_are_left_alone_by_the_formatter(tmp_path: object) -> None:
+    found: list[str] = []
+
+    @settings(max_examples=examples(300), deadline=None, database=None)
+    @given(
+        st.lists(
+            st.one_of(TEXT, st.sampled_from(["", " ", "  two", "    four", '"', '"a"', "\\", "'''", "a\\"])), max_size=4
+        )
+    )
+    def collect(lines: list[str]) -> None:
+        if visible(tuple(lines)):
+            found.append(docstring(lines, "    "))
+
+    collect()
+    from pathlib import Path
+
+    folder = Path(str(tmp_path)) / "out"
+    write(folder, {"docs.py": "\n\n".join(f"class A{i}:\n    {doc}\n\n    x = 1\n" for i, doc in enumerate(found))})
+    assert_clean(folder)
+
+
+# --- folding ----------------------------------------------------------------------------------------------------------
+
+LONG = "a_rather_long_name_for_a_field"
+
+FOLDED = [
+    ("x = 1", ["x = 1"]),
+    (
+        f"self.{LONG}, self.{LONG}_2, self.{LONG}_3 = unpack(raw, 4)",
+        ["(", f"    self.{LONG},", f"    self.{LONG}_2,", f"    self.{LONG}_3,", ") = unpack(raw, 4)"],
+    ),
+    (
+        f"return pack(self.{LONG}, self.{LONG}_2, self.{LONG}_3)",
+        ["return pack(", f"    self.{LONG},", f"    self.{LONG}_2,", f"    self.{LONG}_3,", ")"],
+    ),
+    # An index or slice takes no comma: that would make it a tuple.
+    (
+        f"message.{LONG}_and_more_and_more_and_more_and_more = raw[start : end - 1].decode()",
+        [f"message.{LONG}_and_more_and_more_and_more_and_more = raw[", "    start : end - 1", "].decode()"],
+    ),
+    (
+        f"from {LONG}.msg._{LONG} import {LONG.title()}",
+        [f"from {LONG}.msg._{LONG} import (", f"    {LONG.title()},", ")"],
+    ),
+    (
+        f"def _decode(cls, data: {LONG}, copy: bool = False) -> {LONG}_of_something:",
+        ["def _decode(", "    cls,", f"    data: {LONG},", "    copy: bool = False,", f") -> {LONG}_of_something:"],
+    ),
+    (
+        f'NAME: ClassVar[str] = "{"x" * 70}"',
+        ["NAME: ClassVar[str] = (", f'    "{"x" * 70}"', ")"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("line", "folded"), FOLDED)
+def test_long_lines_are_opened_up(line: str, folded: list[str]) -> None:
+    folder = Folder()
+    assert folder.line(line) == folded
+    assert not folder.overflow
+
+
+@pytest.mark.parametrize(("line", "folded"), FOLDED[:-3])
+def test_folding_does_not_change_the_meaning(line: str, folded: list[str]) -> None:
+    def tree(text: str) -> str:
+        inside = "\n".join("    " + part for part in text.splitlines())
+        return ast.dump(ast.parse(f"def f():\n{inside}\n"))
+
+    assert tree(line) == tree("\n".join(folded))
+
+
+def test_a_line_that_cannot_be_broken_is_reported() -> None:
+    folder = Folder()
+    line = f"x = {'y' * WIDTH}"
+    assert folder.line(line) == [line]
+    assert folder.overflow
+
+
+def test_brackets_inside_strings_do_not_count() -> None:
+    line = f'call("{"(" * 40}", "{"]" * 40}", 3)'
+    assert Folder().line(line) == ["call(", f'    "{"(" * 40}",', f'    "{"]" * 40}",', "    3,", ")"]
+
+
+# --- names inside a module --------------------------------------------------------------------------------------------
+
+
+def test_imports_step_aside_for_fields_and_classes() -> None:
+    imports = Imports("c_msgs", frozenset({"Time", "_Time"}), frozenset({"np", "int"}))
+    assert imports.use_numpy() == "_np"
+    assert imports.use("a_msgs.msg._time", "Time") == "_a_msgs_msg__time_Time"
+    assert imports.use("b_msgs.msg._date", "Date") == "Date"
+    assert imports.use("c_msgs.msg._date", "Date") == "_Date"
+    assert imports.use("b_msgs.msg._date", "Date") == "Date"
+    assert (imports.builtin("int"), imports.builtin("str")) == ("_int", "str")
+    assert imports.lines() == [
+        "from builtins import int as _int",
+        "",
+        "import numpy as _np",
+        "",
+        "# isort: split",
+        "from a_msgs.msg._time import Time as _a_msgs_msg__time_Time",
+        "from b_msgs.msg._date import Date",
+        "",
+        "# isort: split",
+        "from c_msgs.msg._date import Date as _Date",
+    ]
+
+
+def test_renamed_imports_stand_alone_in_the_order_of_formatters() -> None:
+    imports = Imports("a_msgs", frozenset({"Message", "Action"}), frozenset())
+    for name in ("recover", "Message", "TypeInfo", "Action", "CONSTANT"):
+        imports.use("rosidl_py_gen.cdr", name)
+    assert imports.lines() == [
+        "from rosidl_py_gen.cdr import CONSTANT, TypeInfo, recover",
+        "from rosidl_py_gen.cdr import Action as _Action",
+        "from rosidl_py_gen.cdr import Message as _Message",
+    ]
+
+
+def test_locals_hide_nothing() -> None:
+    names = Locals()
+    assert [names.name(word) for word in ("pose", "pose", "pose", "self", "len", "from", "raw", "x" * 99)] == [
+        "pose",
+        "pose_",
+        "pose_2",
+        "self_",
+        "len_",
+        "from_",
+        "raw_",
+        "x" * 28,
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "one"),
+    [("poses", "pose"), ("data", "data_item"), ("mass", "mass_item"), ("s", "s_item"), ("is", "is_item")],
+)
+def test_an_element_is_named_after_its_field(name: str, one: str) -> None:
+    assert singular(name) == one
+
+
+def test_names_are_sorted_as_formatters_do() -> None:
+    words = ["b", "a10", "a9", "Time", "UUID", "Int8", "A", "FLOAT64", "FLOAT8"]
+    assert sorted(words, key=sort_key) == ["FLOAT8", "FLOAT64", "UUID", "A", "Int8", "Time", "a9", "a10", "b"]

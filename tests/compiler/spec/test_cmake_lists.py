@@ -1,0 +1,376 @@
+"""Which files belong to a package: what its CMakeLists.txt lists, as CMake itself would read it where it is installed."""
+
+# ruff: noqa: E501 - in tables one case is one line
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from compiler_worlds import problems_of, run, write
+
+from rosidl_py_gen.compiler.spec.find import Package, search_path
+
+FILES = (
+    *("msg/A.msg", "msg/B.msg", "msg/C.msg", "msg/Stray.msg", "msg/ros1/A.msg", "msg/ros2/A.msg", "msg/ros2/D.msg"),
+    *("srv/Ask.srv", "action/Do.action", "msg/Given.idl", "elsewhere/msg/E.msg", "msg/notes.txt"),
+)
+CONTENT = {".msg": "uint8 x\n", ".srv": "---\n", ".action": "---\n---\n", ".txt": "", ".idl": ""}
+MANIFEST = {"package.xml": "<package><name>a_msgs</name></package>"}
+
+
+def package(folder: Path, cmake: str, more: dict[str, str] | None = None) -> Package:
+    content = {name: CONTENT[Path(name).suffix] for name in FILES}
+    write(folder / "a_msgs", {**content, **MANIFEST, "CMakeLists.txt": cmake, **(more or {})})
+    return search_path([folder], ament="", bundled=False).packages["a_msgs"]
+
+
+def taken(found: Package) -> set[str]:
+    return {path.relative_to(found.folder).as_posix() for path in found.files.values()}
+
+
+def notes(found: Package) -> list[str]:
+    assert found.listing is not None
+    return [str(note).replace(f"{found.folder}/", "") for note in found.listing.notes]
+
+
+A, B, C, ASK = "msg/A.msg", "msg/B.msg", "msg/C.msg", "srv/Ask.srv"
+FOUR = {A, B, C, "msg/Stray.msg"}
+CALL = "rosidl_generate_interfaces(${PROJECT_NAME} ${files})"
+
+# What a build can be said to list for certain: CMakeLists.txt behind project(a_msgs), and the files.
+CERTAIN = {
+    "literal names": ('rosidl_generate_interfaces(${PROJECT_NAME} "msg/A.msg" srv/Ask.srv)', {A, ASK}),
+    "comments": ("rosidl_generate_interfaces(a_msgs # msg/B.msg\n msg/A.msg #[[ msg/C.msg\n]] srv/Ask.srv)", {A, ASK}),
+    "capitals": ("ROSIDL_Generate_Interfaces (a_msgs msg/A.msg)", {A}),
+    "keywords": (
+        "rosidl_generate_interfaces(a_msgs msg/A.msg DEPENDENCIES std_msgs msg/B.msg LIBRARY_NAME x ADD_LINTER_TESTS)",
+        {A},
+    ),
+    "files behind flags and single words": (
+        "rosidl_generate_interfaces(a_msgs SKIP_INSTALL msg/A.msg LIBRARY_NAME x msg/B.msg DEPENDENCIES msg/C.msg)",
+        {A, B},
+    ),
+    "another target": ("set(t other)\nrosidl_generate_interfaces(${t} msg/A.msg LIBRARY_NAME ${PROJECT_NAME})", {A}),
+    "set": (f'set(files\n  "msg/A.msg" # one\n  msg/B.msg)\n{CALL}', {A, B}),
+    "a list in one text": (f'set(files "msg/A.msg;msg/B.msg;")\n{CALL}', {A, B}),
+    "brackets": (f"set(files [[msg/A.msg]] [=[msg/B.msg]=])\n{CALL}", {A, B}),
+    "a line that goes on": (f'set(files "msg/A.msg;\\\nmsg/B.msg")\n{CALL}', {A, B}),
+    "set twice": (f"set(files msg/C.msg)\nset(files msg/A.msg ${{files}})\n{CALL}", {A, C}),
+    "unset": (f"set(files msg/C.msg)\nunset(files)\nlist(APPEND files msg/A.msg)\n{CALL}", {A}),
+    "a name in a variable": (f"set(n files)\nset(${{n}} msg/A.msg)\nlist(APPEND ${{n}} msg/B.msg)\n{CALL}", {A, B}),
+    "append": (f"set(files msg/A.msg)\nlist(APPEND files msg/B.msg ${{none}})\n{CALL}\nset(none)", {A, B}),
+    "prepend and insert": (f"list(PREPEND files msg/A.msg)\nlist(INSERT files 0 msg/B.msg)\n{CALL}", {A, B}),
+    "sort": (f"set(files msg/B.msg msg/A.msg)\nlist(SORT files)\nlist(REMOVE_DUPLICATES files)\n{CALL}", {A, B}),
+    "glob": (f'file(GLOB files RELATIVE "${{CMAKE_CURRENT_SOURCE_DIR}}" msg/*.msg "srv/*.srv")\n{CALL}', {*FOUR, ASK}),
+    "glob with other names for here": (
+        'set(dir "${PROJECT_SOURCE_DIR}/msg")\nfile(GLOB files RELATIVE ${CMAKE_SOURCE_DIR} ${dir}/[AB].msg ${dir}/?.txt)\n' + CALL,
+        {A, B},
+    ),
+    "glob in all folders": (
+        f"file(GLOB_RECURSE files RELATIVE ${{CMAKE_CURRENT_SOURCE_DIR}} CONFIGURE_DEPENDS elsewhere/*.msg srv/*)\n{CALL}",
+        {"elsewhere/msg/E.msg", ASK},
+    ),
+    "a base in front": ('rosidl_generate_interfaces(a_msgs "${CMAKE_CURRENT_SOURCE_DIR}/elsewhere:msg/E.msg")', {"elsewhere/msg/E.msg"}),
+    "sub-folders": ("rosidl_generate_interfaces(a_msgs msg/ros2/A.msg msg/ros2/D.msg)", {"msg/ros2/A.msg", "msg/ros2/D.msg"}),
+    "idl": ("rosidl_generate_interfaces(a_msgs msg/Given.idl)", {"msg/Given.idl"}),
+    "PARENT_SCOPE at the top": (f"set(files msg/A.msg)\nset(files msg/B.msg PARENT_SCOPE)\n{CALL}", {A}),
+}  # fmt: skip
+MORE = {"more.cmake": "set(files msg/B.msg)\n"}
+
+
+@pytest.mark.parametrize("case", CERTAIN)
+def test_the_list_decides(tmp_path: Path, case: str) -> None:
+    cmake, wanted = CERTAIN[case]
+    found = package(tmp_path, f"project(a_msgs)\n{cmake}\n", MORE)
+    assert (taken(found), notes(found)) == (wanted, [])
+
+
+STUBS = r"""
+cmake_policy(VERSION 3.20)
+macro(project name)
+  set(PROJECT_NAME ${name})
+  set(PROJECT_SOURCE_DIR ${CMAKE_CURRENT_SOURCE_DIR})
+endmacro()
+macro(find_package name)
+  if(NOT ${name} STREQUAL catkin)
+    set(${name}_FOUND TRUE)
+  endif()
+endmacro()
+macro(rosidl_generate_interfaces target)
+  cmake_parse_arguments(_ARG "ADD_LINTER_TESTS;SKIP_INSTALL" "LIBRARY_NAME" "DEPENDENCIES" ${ARGN})
+  foreach(_file ${_ARG_UNPARSED_ARGUMENTS})
+    message("LISTED ${_file}")
+  endforeach()
+endmacro()
+"""
+
+
+@pytest.mark.skipif(
+    shutil.which("cmake") is None and os.environ.get("ROSIDL_TEST_REQUIRE_PEERS") != "1", reason="needs CMake"
+)
+@pytest.mark.parametrize("case", CERTAIN)
+def test_cmake_agrees(tmp_path: Path, case: str) -> None:
+    cmake, wanted = CERTAIN[case]
+    # A script is in another folder than what it reads, and has no configuring to repeat.
+    cmake = cmake.replace("CURRENT_LIST_DIR", "CURRENT_SOURCE_DIR").replace(" CONFIGURE_DEPENDS", "")
+    folder = package(tmp_path, cmake, MORE).folder
+    write(tmp_path, {"script.cmake": f"{STUBS}project(a_msgs)\n{cmake}\n"})
+    done = subprocess.run(
+        ["cmake", "-P", str(tmp_path / "script.cmake")],
+        cwd=folder,
+        env={**os.environ, "ROS_VERSION": "2"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    listed = re.findall("^LISTED (.*)$", done.stderr, re.MULTILINE)
+    assert {name.replace(f"{folder}/", "").replace(":", "/") for name in listed} == wanted
+
+
+ALL = {"msg/A.msg", "msg/B.msg", "msg/C.msg", "msg/Stray.msg", "srv/Ask.srv", "action/Do.action", "msg/Given.idl"}
+EVERYTHING = "all files in msg, srv and action are taken"
+
+# Where names are put together: CMakeLists.txt behind project(a_msgs).
+COMPOSED = {
+    "remove": "set(files msg/A.msg msg/B.msg)\nlist(REMOVE_ITEM files msg/B.msg)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "filter": 'file(GLOB files RELATIVE ${CMAKE_CURRENT_SOURCE_DIR} msg/*.msg)\nlist(FILTER files EXCLUDE REGEX "/Stray\\\\.msg$")\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})',
+    "transform": "set(files A B)\nlist(TRANSFORM files PREPEND msg/)\nlist(TRANSFORM files APPEND .msg)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "names in names": "set(a_msgs_list msg/A.msg)\nrosidl_generate_interfaces(a_msgs ${${PROJECT_NAME}_list})",
+    "glob of names put together": "set(d ${CMAKE_CURRENT_SOURCE_DIR}/elsewhere)\nfile(GLOB files RELATIVE ${d}/msg ${d}/msg/*.msg)\nlist(TRANSFORM files PREPEND ${d}:msg/)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "foreach": "foreach(n A B)\n list(APPEND files msg/${n}.msg)\nendforeach()\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "foreach in lists": "set(n A B C)\nforeach(i IN LISTS n ITEMS D)\nif(i STREQUAL C)\nbreak()\nendif()\nif(i STREQUAL A)\ncontinue()\nendif()\nlist(APPEND files msg/${i}.msg)\nendforeach()\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+    "a function": "function(add_files)\n set(inner msg/C.msg)\n foreach(f ${ARGN})\n  list(APPEND all msg/${f}.msg)\n endforeach()\n set(files ${all} PARENT_SCOPE)\nendfunction()\nadd_files(A B)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files} ${inner})\nset(inner)\nset(all)",
+    "a macro": "macro(make first)\n rosidl_generate_interfaces(${PROJECT_NAME} msg/${first}.msg ${ARGN})\nendmacro()\nmake(A msg/B.msg)",
+    "a file of the package": "include(more.cmake)\ninclude(${CMAKE_CURRENT_LIST_DIR}/more.cmake)\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})",
+}
+
+
+# What another file or a function adds to a list, behind set(files msg/A.msg): the list, and more.
+ADDED = {
+    "a file of the package": "include(add.cmake)",
+    "a file of the package, with its folder": 'include("${CMAKE_CURRENT_LIST_DIR}/add.cmake")',
+    "a folder of the package": "add_subdirectory(lists)",
+    "a function of a name that is harmless elsewhere": (
+        "function(add_b x)\nset(files ${files} msg/B.msg PARENT_SCOPE)\nendfunction()\nset(files msg/A.msg)\nadd_b(files)"
+    ),
+    "a variable of a name nobody can know": "list(APPEND ${CMAKE_ARGV0} msg/B.msg)",
+    "a variable that a function is given": (
+        "function(add_b x)\nlist(APPEND ${x} msg/B.msg)\nset(${x} ${${x}} PARENT_SCOPE)\nendfunction()\nadd_b(files)"
+    ),
+    "a command that is given its name in a variable": "set(n files)\ncollect(${n} msg/B.msg)",
+}
+ADDING = {
+    "add.cmake": "list(APPEND files msg/B.msg)\n",
+    "lists/CMakeLists.txt": "list(APPEND files msg/B.msg)\nset(files ${files} PARENT_SCOPE)\n",
+}
+
+
+@pytest.mark.parametrize("case", ADDED)
+def test_what_is_added_where_it_cannot_be_followed_is_never_lost_without_a_note(tmp_path: Path, case: str) -> None:
+    cmake = f"project(a_msgs)\nset(files msg/A.msg)\n{ADDED[case]}\n{CALL}\n"
+    found = package(tmp_path, cmake, ADDING)
+    assert taken(found) == ALL
+    assert [note.partition(": ")[2] for note in notes(found)] == [
+        f"what ${{files}} brings cannot be known from this file; {EVERYTHING}"
+    ]
+
+
+def test_other_files_that_do_not_name_a_list_leave_it_as_it_is(tmp_path: Path) -> None:
+    more = {"add.cmake": "find_package(std_msgs)\n", "src/CMakeLists.txt": "add_library(b b.cpp)\n"}
+    cmake = f"set(files msg/A.msg)\ninclude(add.cmake)\ninclude(CTest)\nadd_subdirectory(src)\n{CALL}"
+    found = package(tmp_path, f"project(a_msgs)\n{cmake}\n", more)
+    assert (taken(found), notes(found)) == ({A}, [])
+
+
+@pytest.mark.parametrize("case", COMPOSED)
+def test_where_names_are_put_together_the_folders_count_and_a_note_says_so(tmp_path: Path, case: str) -> None:
+    found = package(tmp_path, f"project(a_msgs)\n{COMPOSED[case]}\n", MORE)
+    assert taken(found) >= ALL
+    assert any(note.endswith(f" brings cannot be known from this file; {EVERYTHING}") for note in notes(found))
+
+
+# What no reading of the text can tell: CMakeLists.txt behind project(a_msgs), the files, and the notes.
+UNCERTAIN = {
+    "a variable of another package": (
+        "rosidl_generate_interfaces(a_msgs ${other_msgs_FILES} msg/ros2/D.msg)",
+        {*ALL, "msg/ros2/D.msg"},
+        ["CMakeLists.txt:2:35: what ${other_msgs_FILES} brings cannot be known from this file; " + EVERYTHING],
+    ),
+    "a listed file counts more than one of the folders": (
+        "rosidl_generate_interfaces(a_msgs ${other_msgs_FILES} msg/ros2/A.msg)",
+        {*ALL - {A}, "msg/ros2/A.msg"},
+        ["CMakeLists.txt:2:35: what ${other_msgs_FILES} brings cannot be known from this file; " + EVERYTHING],
+    ),
+    "a generator expression": (
+        "rosidl_generate_interfaces(a_msgs $<TARGET_OBJECTS:x>)",
+        ALL,
+        ["CMakeLists.txt:2:35: what $<TARGET_OBJECTS:x> brings cannot be known from this file; " + EVERYTHING],
+    ),
+    "a command of another package sets it": (
+        f"set(files msg/A.msg)\ncollect_files(files msg)\n{CALL}",
+        ALL,
+        ["CMakeLists.txt:4:44: what ${files} brings cannot be known from this file; " + EVERYTHING],
+    ),
+    "files that are copied first": (
+        f"file(COPY ros2/ DESTINATION msg)\nfile(GLOB files msg/A*)\n{CALL}",
+        ALL,
+        ["CMakeLists.txt:4:44: what ${files} brings cannot be known from this file; " + EVERYTHING],
+    ),
+    "a filter that could run away": (
+        f'set(files msg/A.msg msg/B.msg)\nlist(FILTER files INCLUDE REGEX "(a*)*b")\n{CALL}',
+        ALL,
+        ["CMakeLists.txt:4:44: what ${files} brings cannot be known from this file; " + EVERYTHING],
+    ),
+    "not CMake at all": (
+        'rosidl_generate_interfaces(a_msgs "msg/A.msg)',
+        ALL,
+        [f"CMakeLists.txt:2:35: a quotation mark is not closed; {EVERYTHING}"],
+    ),
+    "a condition that cannot be decided": (
+        f"set(files msg/A.msg)\nif(WIN32)\nlist(APPEND files msg/B.msg msg/C.msg msg/Missing.msg)\nendif()\n{CALL}",
+        {A, B, C},
+        ['CMakeLists.txt:4:19: whether "msg/B.msg" and 1 more is built depends on a condition; taken in'],
+    ),
+    "a condition around the only call": (
+        'if(ROS_EDITION STREQUAL "ROS1")\nelse()\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nendif()',
+        {A},
+        [],
+    ),
+    "the call in a loop nobody can count": (
+        "while(x)\nrosidl_generate_interfaces(a_msgs msg/A.msg)\nendwhile()",
+        {A},
+        [],
+    ),
+    "the call in a file beside it": (
+        "include(rosidl_generate_interfaces.cmake)",
+        ALL,
+        [
+            f"CMakeLists.txt: what rosidl_generate_interfaces() is called with cannot be known from this file; {EVERYTHING}"
+        ],
+    ),
+    "both ways of a condition": (
+        f"if(BUILD_BIG)\nset(files msg/A.msg msg/B.msg)\nelse()\nset(files msg/A.msg msg/C.msg)\nendif()\n{CALL}",
+        {A, B, C},
+        ['CMakeLists.txt:3:11: whether "msg/A.msg" and 2 more is built depends on a condition; taken in'],
+    ),
+    "one of two files of one name": (
+        f"if(ROS_1)\nset(files msg/ros1/A.msg)\nelse()\nset(files msg/ros2/A.msg)\nendif()\n{CALL}",
+        {"msg/ros1/A.msg"},
+        [
+            'CMakeLists.txt:3:11: "msg/ros2/A.msg" and "msg/ros1/A.msg" would both be a_msgs/msg/A; the latter is taken',
+            'CMakeLists.txt:3:11: whether "msg/ros1/A.msg" is built depends on a condition; taken in',
+        ],
+    ),
+    "more where they are replaced in a block": (
+        f"set(files msg/A.msg msg/B.msg)\nif(X)\nset(files ${{files}} msg/C.msg)\nendif()\n{CALL}",
+        {A, B, C},
+        ['CMakeLists.txt:4:20: whether "msg/C.msg" is built depends on a condition; taken in'],
+    ),
+    "two calls": ("rosidl_generate_interfaces(a msg/A.msg)\nrosidl_generate_interfaces(b msg/B.msg)", {A, B}, []),
+    "a call for the package's own tests": (
+        "rosidl_generate_interfaces(a_msgs msg/A.msg)\nif(BUILD_TESTING)\n"
+        "rosidl_generate_interfaces(t msg/B.msg SKIP_INSTALL)\nendif()",
+        {A},
+        [],
+    ),
+    "two files of one name": (
+        "rosidl_generate_interfaces(a_msgs msg/A.msg msg/ros2/A.msg msg/A.msg)",
+        {A},
+        ['CMakeLists.txt:2:45: "msg/ros2/A.msg" and "msg/A.msg" would both be a_msgs/msg/A; the latter is taken'],
+    ),
+    "files outside of the package": (
+        "rosidl_generate_interfaces(a_msgs msg/A.msg ../../etc/X.msg /etc/Y.msg msg/../../Z.msg)",
+        {A},
+        [
+            f'CMakeLists.txt:2:{column}: "{name}" is not in the package folder; it is left out'
+            for column, name in ((45, "../../etc/X.msg"), (61, "/etc/Y.msg"), (72, "msg/../../Z.msg"))
+        ],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", UNCERTAIN)
+def test_what_may_be_built_is_taken_in_and_told(tmp_path: Path, case: str) -> None:
+    cmake, wanted, told = UNCERTAIN[case]
+    found = package(tmp_path, f"project(a_msgs)\n{cmake}\n")
+    assert (taken(found), notes(found)) == (wanted, told)
+
+
+def test_a_listed_file_belongs_to_the_kind_its_suffix_says(tmp_path: Path) -> None:
+    found = package(tmp_path, "rosidl_generate_interfaces(a_msgs msg/ros2/A.msg elsewhere/msg/E.msg)")
+    assert [str(name) for name in found.files] == ["a_msgs/msg/A", "a_msgs/msg/E"]
+
+
+@pytest.mark.parametrize(
+    ("cmake", "problem"),
+    [
+        (
+            "set(files\n  msg/A.msg\n  msg/Mising.msg)\nrosidl_generate_interfaces(a_msgs ${files})",
+            'a_msgs/CMakeLists.txt:3:3: "msg/Mising.msg" is listed here, but there is no such file',
+        ),
+        (
+            "set(names Cc.msg)\nset(files msg/${names})\nrosidl_generate_interfaces(a_msgs ${files})",
+            'a_msgs/CMakeLists.txt:1:11: "msg/Cc.msg" is listed here, but there is no such file; did you mean "C.msg"?',
+        ),
+        (
+            "rosidl_generate_interfaces(a_msgs msg/notes.txt)",
+            'a_msgs/CMakeLists.txt:1:35: "msg/notes.txt" is not an interface file; expected .msg, .srv, .action or .idl',
+        ),
+    ],
+)
+def test_a_wrong_entry_is_an_error_at_its_place(tmp_path: Path, cmake: str, problem: str) -> None:
+    package(tmp_path / "in", cmake)
+    assert problems_of(tmp_path / "in") == [problem]
+
+
+def test_a_wrong_entry_bothers_nobody_who_wants_another_interface(tmp_path: Path) -> None:
+    package(tmp_path / "in", "rosidl_generate_interfaces(a_msgs msg/A.msg msg/Missing.msg)")
+    assert problems_of(tmp_path / "in", ["a_msgs/msg/A"]) == []
+
+
+def test_a_stray_file_that_is_wrong_does_no_harm(tmp_path: Path) -> None:
+    package(tmp_path / "in", "rosidl_generate_interfaces(a_msgs msg/A.msg)", {"msg/Stray.msg": "Header wrong\n"})
+    assert [str(name) for name in run(tmp_path / "in", tmp_path / "out").names] == ["a_msgs/msg/A"]
+
+
+def test_who_uses_a_file_that_is_not_listed_is_told_so(tmp_path: Path) -> None:
+    package(tmp_path / "in", "rosidl_generate_interfaces(a_msgs msg/A.msg)", {"msg/A.msg": "Stray x\n"})
+    why = "msg/Stray.msg is there, but CMakeLists.txt does not list it"
+    assert problems_of(tmp_path / "in") == [f'a_msgs/msg/A.msg:1:1: unknown type "a_msgs/Stray"; {why}']
+    (problem,) = problems_of(tmp_path / "in", ["a_msgs/msg/Stray"])
+    assert problem.startswith(f"a_msgs/msg/Stray: no interface of this name; {why}")
+
+
+def test_links_in_msg_lead_elsewhere_as_they_do_without_a_list(tmp_path: Path) -> None:
+    shared = write(tmp_path / "shared", {"msg/L.msg": ""}) / "msg" / "L.msg"
+    found = package(tmp_path / "in", "rosidl_generate_interfaces(a_msgs msg/A.msg msg/L.msg msg/ros2/L.msg)")
+    for place in ("msg/L.msg", "msg/ros2/L.msg"):
+        (found.folder / place).symlink_to(shared)
+    assert taken(found) == {A, "msg/L.msg"}
+    assert notes(found) == ['CMakeLists.txt:1:55: "msg/ros2/L.msg" is not in the package folder; it is left out']
+
+
+def test_a_package_may_have_its_files_in_other_folders_only(tmp_path: Path) -> None:
+    cmake = "rosidl_generate_interfaces(b_msgs topics/msg/T.msg)"
+    files = {"package.xml": "<package><name>b_msgs</name></package>", "CMakeLists.txt": cmake, "topics/msg/T.msg": ""}
+    found = search_path([write(tmp_path / "b", files)], ament="", bundled=False)
+    assert [str(name) for name in found.packages["b_msgs"].files] == ["b_msgs/msg/T"]
+
+
+@pytest.mark.parametrize("cmake", ["add_message_files(FILES A.msg)", "# rosidl\n", ""])
+def test_without_a_list_the_folders_decide(tmp_path: Path, cmake: str) -> None:
+    found = package(tmp_path, cmake)
+    assert (found.listing, taken(found)) == (None, ALL)
+
+
+def test_installed_packages_and_folders_without_a_manifest_have_no_list(tmp_path: Path) -> None:
+    cmake = "rosidl_generate_interfaces(a_msgs msg/A.msg)"
+    installed = write(tmp_path / "prefix/share/a_msgs", {A: "", B: "", **MANIFEST, "CMakeLists.txt": cmake})
+    plain = write(tmp_path / "plain/b_msgs", {A: "", B: "", "CMakeLists.txt": cmake})
+    found = search_path([plain], ament=str(tmp_path / "prefix"), bundled=False)
+    assert {name: len(one.files) for name, one in found.packages.items()} == {"a_msgs": 2, "b_msgs": 2}
+    assert installed != plain

@@ -1,0 +1,50 @@
+"""Definitions written for bags: read again, they are the same type."""
+
+from __future__ import annotations
+
+import pytest
+from bundled import message, message_names
+
+from rosidl_py_gen import compile_text, get_service, type_description, type_hash
+from rosidl_py_gen.errors import TypeNotFoundError
+from rosidl_py_gen.types.from_description import definition_text
+
+ELSEWHERE = ("test_msgs/", "test_interface_files/", "ros2cli_test_interfaces/")  # not on the search path
+BUNDLED = [name for name in message_names() if not name.startswith(ELSEWHERE)]
+OTHERS = [name for name in message_names() if name.startswith(ELSEWHERE) and "/msg/" in name]
+
+
+@pytest.mark.parametrize("name", BUNDLED[::4])
+def test_a_bundled_type_comes_back_as_itself(name: str) -> None:
+    cls = message(name)
+    assert compile_text(name, definition_text(cls)) is cls
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_type_from_elsewhere_comes_back_with_its_fields_and_defaults(name: str) -> None:
+    cls = message(name)
+    again = compile_text(name, definition_text(cls))
+    assert type_hash(again) == type_hash(cls)
+    assert type_description(again) == type_description(cls)
+
+
+def test_a_class_that_no_file_defines_is_written_anew() -> None:
+    text = "uint8 ONE=1\nint32[3] fixed [1, 2, 3]\nstring<=5[<=4] few\nlocal/Inner inner\nwstring wide\n"
+    inner = f"{'=' * 80}\nMSG: local/Inner\nstd_msgs/Header[] headers\nbool ok true\n"
+    cls = compile_text("local/msg/Outer", text + inner)
+    written = definition_text(cls)
+    assert "string<=5[<=4] few" in written and "MSG: std_msgs/Header" in written
+    again = compile_text("local/msg/Outer", written)
+    assert type_hash(again) == type_hash(cls)
+    assert type_description(again) == type_description(cls)
+
+
+def test_messages_that_ros_derives_are_written_anew() -> None:
+    event = get_service("std_srvs/srv/SetBool").Event
+    again = compile_text("std_srvs/srv/SetBool_Event", definition_text(event))
+    assert type_hash(again) == type_hash(event)
+
+
+def test_what_is_no_message_is_refused() -> None:
+    with pytest.raises(TypeNotFoundError):
+        definition_text(int)

@@ -1,0 +1,380 @@
+"""Where packages are found, which one counts, what a selection takes along, and how broken references are reported."""
+
+# ruff: noqa: E501 - in tables one case is one line
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from compiler_worlds import problems_of, write
+
+from rosidl_py_gen.base.names import RosName, split_ros_name
+from rosidl_py_gen.compiler.generate import load
+from rosidl_py_gen.compiler.spec.find import SearchPath, search_path
+from rosidl_py_gen.compiler.spec.resolve import Library, select, split_filter
+from rosidl_py_gen.errors import DefinitionError, InvalidNameError
+
+POINT = {"a_msgs/msg/Point.msg": "float64 x"}
+
+
+def packages(search: SearchPath) -> dict[str, str]:
+    return {name: one.origin for name, one in search.packages.items()}
+
+
+def only(folder: Path) -> SearchPath:
+    return search_path([folder], ament="", bundled=False)
+
+
+# --- what a --path may be -----------------------------------------------------------------------------------------------
+
+
+def test_a_package_folder(tmp_path: Path) -> None:
+    write(tmp_path, POINT)
+    assert packages(only(tmp_path / "a_msgs")) == {"a_msgs": str(tmp_path / "a_msgs")}
+
+
+def test_a_folder_of_packages(tmp_path: Path) -> None:
+    write(tmp_path, {**POINT, "b_msgs/srv/Ask.srv": "---", "c/action/Do.action": "---\n---"})
+    assert set(packages(only(tmp_path))) == {"a_msgs", "b_msgs", "c"}
+
+
+def test_a_workspace_with_packages_at_any_depth(tmp_path: Path) -> None:
+    files = {
+        "repository/interfaces/a_msgs/package.xml": "<package><name>a_msgs</name></package>",
+        "repository/interfaces/a_msgs/msg/Point.msg": "float64 x",
+        "repository/driver/package.xml": "<package><name>driver</name></package>",
+        "repository/driver/src/msg/NotAPackage.msg": "float64 x",  # below a package there are no packages
+        ".hidden/b_msgs/msg/Point.msg": "float64 x",
+    }
+    found = only(write(tmp_path, files))
+    assert set(packages(found)) == {"a_msgs"}
+
+
+@pytest.mark.parametrize(
+    "copy",
+    [
+        {"gen/a_msgs/msg/__init__.py": "", "gen/a_msgs/msg/_point.py": "", "gen/a_msgs/msg/__pycache__/x.pyc": ""},
+        {"install/include/a_msgs/a_msgs/msg/point.hpp": "", "lib/python3/site-packages/a_msgs/msg/_point.py": ""},
+        {"venv/pyvenv.cfg": "", "venv/lib/site-packages/rosidl_py_gen/interfaces/a_msgs/msg/Point.msg": "int8 x"},
+        {"out/CMakeCache.txt": "", "out/rosidl_adapter/a_msgs/msg/Point.idl": ""},
+        {"web/action/__init__.py": "", "web/action/Handler.py": ""},
+    ],
+)
+def test_copies_that_tools_make_are_no_packages(tmp_path: Path, copy: dict[str, str]) -> None:
+    found = only(write(tmp_path, {**{f"src/{name}": text for name, text in POINT.items()}, **copy}))
+    assert {name: one.folder for name, one in found.packages.items()} == {"a_msgs": tmp_path / "src" / "a_msgs"}
+
+
+def test_a_virtual_environment_may_be_named_itself(tmp_path: Path) -> None:
+    write(tmp_path, {"pyvenv.cfg": "", **POINT})
+    assert set(packages(only(tmp_path))) == {"a_msgs"}
+
+
+def test_other_files_among_interfaces_do_not_matter(tmp_path: Path) -> None:
+    write(tmp_path, {**POINT, "a_msgs/msg/Aaa.py": "", "a_msgs/msg/README.md": "", "a_msgs/msg/__init__.py": ""})
+    assert list(only(tmp_path).packages["a_msgs"].files) == [RosName("a_msgs", "msg", "Point")]
+
+
+def test_the_manifest_names_the_package_not_the_folder(tmp_path: Path) -> None:
+    manifest = (
+        "<?xml version='1.0'?><!-- <name>wrong</name> --><package format='3'>\n<name> real_msgs </name></package>"
+    )
+    found = only(write(tmp_path, {"checkout/package.xml": manifest, "checkout/msg/Point.msg": "float64 x"}))
+    assert set(packages(found)) == {"real_msgs"}
+
+
+@pytest.mark.parametrize("mark", ["COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE"])
+def test_ignored_folders_hold_nothing(tmp_path: Path, mark: str) -> None:
+    found = only(write(tmp_path, {**POINT, "old/b_msgs/msg/Point.msg": "float64 x", f"old/{mark}": ""}))
+    assert set(packages(found)) == {"a_msgs"}
+
+
+@pytest.mark.parametrize(
+    ("files", "text"),
+    [
+        ({"readme.txt": ""}, "expected a package"),
+        ({"2bad/msg/A.msg": ""}, '"2bad" is not a legal package name'),
+        ({"pkg/package.xml": "<name>../../etc</name>", "pkg/msg/A.msg": ""}, '"../../etc" is not a legal package name'),
+        ({"pkg/package.xml": "<name>/abs</name>", "pkg/msg/A.msg": ""}, '"/abs" is not a legal package name'),
+        ({"pkg/package.xml": "<name>a__b</name>", "pkg/msg/A.msg": ""}, '"a__b" is not a legal package name'),
+    ],
+)
+def test_a_folder_that_holds_no_usable_package_is_refused(tmp_path: Path, files: dict[str, str], text: str) -> None:
+    with pytest.raises(DefinitionError) as caught:
+        load(only(write(tmp_path, files)), [])
+    assert text in str(caught.value)
+
+
+def test_a_package_with_an_illegal_name_stops_only_who_asks_for_it(tmp_path: Path) -> None:
+    found = only(write(tmp_path, {**POINT, "2bad/msg/A.msg": ""}))
+    assert [str(name) for name in load(found, ["a_msgs"])[1]] == ["a_msgs/msg/Point"]
+    with pytest.raises(DefinitionError, match="is not a legal package name"):
+        load(found, ["2bad"])
+
+
+def test_a_folder_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DefinitionError, match="expected a folder with interface packages, found none"):
+        only(tmp_path / "nowhere")
+
+
+def test_two_packages_of_one_name_in_one_place_are_refused(tmp_path: Path) -> None:
+    write(tmp_path, {"one/a_msgs/msg/A.msg": "", "two/a_msgs/msg/A.msg": ""})
+    with pytest.raises(DefinitionError, match='two packages are called "a_msgs"'):
+        only(tmp_path)
+
+
+def test_loops_of_links_end(tmp_path: Path) -> None:
+    write(tmp_path, POINT)
+    (tmp_path / "loop").symlink_to(tmp_path)
+    (tmp_path / "self").symlink_to(tmp_path / "self")
+    (tmp_path / "a_msgs" / "again").symlink_to(tmp_path / "a_msgs")
+    (tmp_path / "a_msgs" / "msg" / "Loop.msg").symlink_to(tmp_path / "a_msgs" / "msg" / "Loop.msg")
+    found = only(tmp_path)
+    assert [str(name) for name in found.packages["a_msgs"].files] == ["a_msgs/msg/Point"]
+
+
+def test_a_linked_package_is_found_once(tmp_path: Path) -> None:
+    write(tmp_path, POINT)
+    (tmp_path / "link").symlink_to(tmp_path / "a_msgs")
+    assert set(packages(only(tmp_path))) == {"a_msgs"}
+
+
+def test_very_deep_folders_end(tmp_path: Path) -> None:
+    deep = tmp_path / "/".join("d" * 60) / "a_msgs" / "msg"
+    deep.mkdir(parents=True)
+    write(tmp_path, {"b_msgs/msg/A.msg": ""})
+    assert set(packages(only(tmp_path))) == {"b_msgs"}
+
+
+def test_files_of_other_kinds_are_no_interfaces(tmp_path: Path) -> None:
+    files = {
+        "a_msgs/msg/Point.msg": "",
+        "a_msgs/msg/Point.idl": "",  # hidden by the .msg
+        "a_msgs/msg/Other.idl": "",
+        "a_msgs/msg/Ask.srv": "",
+        "a_msgs/msg/notes.txt": "",
+        "a_msgs/msg/Point.msg.orig": "",
+        "a_msgs/srv/Ask.srv": "",
+        "a_msgs/msg/folder.msg/x": "",
+    }
+    found = only(write(tmp_path, files)).packages["a_msgs"].files
+    assert {str(name): path.name for name, path in found.items()} == {
+        "a_msgs/msg/Other": "Other.idl",
+        "a_msgs/msg/Point": "Point.msg",
+        "a_msgs/srv/Ask": "Ask.srv",
+    }
+
+
+# --- order ------------------------------------------------------------------------------------------------------------
+
+
+def test_first_hit_wins_paths_then_ament_then_bundled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write(tmp_path, {"one/std_msgs/msg/A.msg": "", "two/std_msgs/msg/A.msg": "", "two/b_msgs/msg/A.msg": ""})
+    for prefix in ("first", "second"):
+        share = tmp_path / prefix / "share"
+        write(share, {f"{name}/msg/A.msg": "" for name in ("std_msgs", "b_msgs", "c_msgs")})
+        write(share, {"not_interfaces/package.xml": "<name>x</name>", "Not-A-Package/msg/A.msg": ""})
+    prefixes = [str(tmp_path / prefix) for prefix in ("first", "second")]
+    monkeypatch.setenv("AMENT_PREFIX_PATH", os.pathsep.join([*prefixes, "", "/does/not/exist"]))
+    found = search_path([tmp_path / "one", tmp_path / "two"])
+    origins = packages(found)
+    assert origins["std_msgs"] == str(tmp_path / "one")
+    assert origins["b_msgs"] == str(tmp_path / "two")
+    assert origins["c_msgs"] == str(tmp_path / "first")
+    assert origins["sensor_msgs"] == "bundled"
+    assert "not_interfaces" not in origins
+    assert [one.origin for one in found.hidden if one.name == "std_msgs"] == [
+        str(tmp_path / "two"),
+        *prefixes,
+        "bundled",
+    ]
+
+
+# --- selection --------------------------------------------------------------------------------------------------------
+
+WORLD = {
+    "a_msgs/msg/Point.msg": "float64 x",
+    "a_msgs/msg/Line.msg": "Point[2] ends",
+    "a_msgs/msg/Lone.msg": "uint8 x",
+    "b_msgs/msg/Map.msg": "a_msgs/Line[] lines",
+    "b_msgs/msg/Note.msg": "string text",
+    "c_msgs/srv/Ask.srv": "b_msgs/Note note\n---",
+    "d_msgs/action/Do.action": "---\n---",
+}
+
+
+def chosen(folder: Path, *wanted: str) -> set[str]:
+    library = Library(search_path([write(folder, WORLD)], ament=""))
+    return {str(name) for name in select(library, list(wanted))}
+
+
+def test_a_package_takes_the_packages_it_needs(tmp_path: Path) -> None:
+    assert chosen(tmp_path, "b_msgs") == {
+        "a_msgs/msg/Point",
+        "a_msgs/msg/Line",
+        "a_msgs/msg/Lone",
+        "b_msgs/msg/Map",
+        "b_msgs/msg/Note",
+    }
+
+
+def test_one_interface_takes_only_the_interfaces_it_needs(tmp_path: Path) -> None:
+    assert chosen(tmp_path, "b_msgs/msg/Map") == {"a_msgs/msg/Point", "a_msgs/msg/Line", "b_msgs/msg/Map"}
+
+
+def test_the_short_form_means_a_message(tmp_path: Path) -> None:
+    assert chosen(tmp_path, "a_msgs/Lone") == {"a_msgs/msg/Lone"}
+
+
+def test_a_service_takes_what_its_event_needs(tmp_path: Path) -> None:
+    assert chosen(tmp_path, "c_msgs/srv/Ask") == {
+        "b_msgs/msg/Note",
+        "builtin_interfaces/msg/Time",
+        "c_msgs/srv/Ask",
+        "service_msgs/msg/ServiceEventInfo",
+    }
+
+
+def test_an_action_package_takes_every_implied_package(tmp_path: Path) -> None:
+    found = {name.split("/")[0] for name in chosen(tmp_path, "d_msgs")}
+    assert found == {"d_msgs", "action_msgs", "builtin_interfaces", "service_msgs", "unique_identifier_msgs"}
+
+
+def test_nothing_selected_means_everything(tmp_path: Path) -> None:
+    found = chosen(tmp_path)
+    assert {name.split("/")[0] for name in found} >= {"a_msgs", "b_msgs", "c_msgs", "d_msgs", "std_msgs", "sensor_msgs"}
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [("a:b;c", ["a", "b", "c"]), (" a ; ;b:", ["a", "b"]), ("", []), ("a/msg/B:c", ["a/msg/B", "c"])],
+)
+def test_a_filter_is_split_at_colons_and_semicolons(text: str, parts: list[str]) -> None:
+    assert split_filter(text) == parts
+
+
+@pytest.mark.parametrize(
+    ("wanted", "problem"),
+    [
+        ("b_msg", 'b_msg: no package; did you mean "b_msgs"? (searched: '),
+        ("b_msgs/msg/Mapp", 'b_msgs/msg/Mapp: no interface of this name; did you mean "b_msgs/msg/Map"? (searched: '),
+        ("nothing_like_it", "nothing_like_it: no package (searched: "),
+        ("..", "..: no package (searched: "),
+    ],
+)
+def test_a_selection_that_stands_for_nothing_is_refused(tmp_path: Path, wanted: str, problem: str) -> None:
+    with pytest.raises(DefinitionError) as caught:
+        chosen(tmp_path, wanted)
+    assert str(caught.value).startswith(problem)
+    assert str(tmp_path) in str(caught.value)
+    assert "bundled" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "name", ["a/b/c/d", "../../etc/passwd", "/etc", "a_msgs/../../x", "A/msg/B", "a/foo/B", "a/msg/b"]
+)
+def test_a_name_of_another_shape_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises((InvalidNameError, DefinitionError)):
+        chosen(tmp_path, name)
+
+
+@pytest.mark.parametrize(
+    "text", ["a/msg/B", "a_b/srv/Bc", "a/action/D", "a/srv/X_Request", "a/action/D_SendGoal_Event"]
+)
+def test_full_names_are_taken_apart(text: str) -> None:
+    assert str(split_ros_name(text)) == text
+
+
+def test_the_short_name_needs_a_kind() -> None:
+    assert split_ros_name("a/B", "msg") == RosName("a", "msg", "B")
+    with pytest.raises(InvalidNameError, match="is not an interface name"):
+        split_ros_name("a/B")
+
+
+# --- references -------------------------------------------------------------------------------------------------------
+
+BROKEN: list[tuple[dict[str, str | bytes], list[str]]] = [
+    (
+        {"a_msgs/msg/A.msg": "uint8 x\nstd_msgs/Heder header"},
+        ['a_msgs/msg/A.msg:2:1: unknown type "std_msgs/Heder"; did you mean "std_msgs/Header"?'],
+    ),
+    (
+        {"a_msgs/msg/A.msg": "Piont p", "a_msgs/msg/Point.msg": "uint8 x"},
+        ['a_msgs/msg/A.msg:1:1: unknown type "a_msgs/Piont"; did you mean "a_msgs/Point"?'],
+    ),
+    (
+        {"a_msgs/msg/A.msg": "sensor_msg/Image i"},
+        [
+            'a_msgs/msg/A.msg:1:1: unknown package "sensor_msg" for sensor_msg/Image; did you mean "sensor_msgs"? (searched: '
+        ],
+    ),
+    ({"a_msgs/msg/A.msg": "A a"}, ["a_msgs/msg/A.msg:1:3: a_msgs/msg/A contains itself through this field"]),
+    ({"a_msgs/msg/A.msg": "A[] a"}, ["a_msgs/msg/A.msg:1:5: a_msgs/msg/A contains itself through this field"]),
+    (
+        {"a_msgs/msg/A.msg": "B b", "a_msgs/msg/B.msg": "C c", "a_msgs/msg/C.msg": "A a"},
+        ["a_msgs/msg/C.msg:1:3: a_msgs/msg/A contains itself through this field"],
+    ),
+    # A broken file is reported where it is broken, not at everyone who uses it.
+    ({"a_msgs/msg/A.msg": "B b", "a_msgs/msg/B.msg": "int x"}, ['a_msgs/msg/B.msg:1:1: "int" is neither']),
+    # Everything in one go, in file and line order.
+    (
+        {"a_msgs/msg/A.msg": "int x\nNo y", "a_msgs/srv/S.srv": "uint8 X\n---\nint8 y 200"},
+        [
+            'a_msgs/msg/A.msg:1:1: "int" is neither',
+            'a_msgs/msg/A.msg:2:1: unknown type "a_msgs/No"',
+            'a_msgs/srv/S.srv:1:7: "X" is not a field name',
+            "a_msgs/srv/S.srv:3:8: expected an integer in -128..127",
+        ],
+    ),
+    ({"a_msgs/srv/Two_Words.srv": "---"}, ['a_msgs/srv/Two_Words.srv:1:1: "Two_Words" is not an interface name']),
+    ({"a_msgs/srv/Ask_Request.srv": "---"}, ['a_msgs/srv/Ask_Request.srv:1:1: "Ask_Request" is not an interface name']),
+    ({"a_msgs/msg/bad_name.msg": "uint8 x"}, ['a_msgs/msg/bad_name.msg:1:1: "bad_name" is not an interface name']),
+    ({"a_msgs/msg/A.msg": b"uint8 x\n# caf\xe9"}, ["a_msgs/msg/A.msg:2:6: expected UTF-8, found the byte 0xe9"]),
+    ({"a_msgs/msg/A.msg": b"\xef\xbb\xbfuint8 x"}, ["a_msgs/msg/A.msg:1:1: found a byte order mark"]),
+    ({"a_msgs/msg/A.msg": "uint8 x".encode("utf-16")}, ["a_msgs/msg/A.msg:1:1: expected UTF-8, found the byte 0xff"]),
+    # Two files for one module, two classes of one name.
+    (
+        {"a_msgs/msg/UInt8.msg": "", "a_msgs/msg/Uint8.msg": "", "a_msgs/msg/UINT8.msg": ""},
+        ["would both be the module a_msgs.msg._uint8"],
+    ),
+    ({"json/msg/A.msg": ""}, ['a package called "json" cannot be generated: Python needs that name itself']),
+    ({"numpy/msg/A.msg": ""}, ['a package called "numpy" cannot be generated']),
+    ({"rosidl_py_gen/msg/A.msg": ""}, ['a package called "rosidl_py_gen" cannot be generated']),
+    ({"class/msg/A.msg": ""}, ['a package called "class" cannot be generated']),
+]
+
+
+@pytest.mark.parametrize(("files", "expected"), BROKEN, ids=range(len(BROKEN)))
+def test_what_is_broken_is_said_located_and_nothing_is_written(
+    tmp_path: Path, files: dict[str, str | bytes], expected: list[str]
+) -> None:
+    found = problems_of(write(tmp_path / "in", files))
+    assert len(found) == len(expected), found
+    for problem, text in zip(found, expected, strict=True):
+        assert text in problem
+        assert problem.startswith(text) or not text.startswith("a_msgs/")
+
+
+def test_a_file_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
+    write(tmp_path / "in", POINT)
+    (tmp_path / "in" / "a_msgs" / "msg" / "Gone.msg").symlink_to(tmp_path / "nowhere")
+    search = search_path([tmp_path / "in"], ament="")
+    assert [str(name) for name in search.packages["a_msgs"].files] == ["a_msgs/msg/Point"]
+
+
+def chain(length: int) -> dict[str, str]:
+    files = {f"a_msgs/msg/T{i}.msg": f"T{i + 1} x" for i in range(length)}
+    return {**files, f"a_msgs/msg/T{length}.msg": "uint8 x"}
+
+
+def test_types_nested_deeper_than_a_hundred_levels_are_refused(tmp_path: Path) -> None:
+    found = problems_of(write(tmp_path / "in", chain(150)))
+    assert found
+    assert all("deeper than" in one and "levels" in one for one in found)
+
+
+def test_types_nested_ninety_levels_are_fine(tmp_path: Path) -> None:
+    search = search_path([write(tmp_path, chain(90))], ament="", bundled=False)
+    _, names = load(search, ["a_msgs"])
+    assert len(names) == 91

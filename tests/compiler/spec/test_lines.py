@@ -1,0 +1,511 @@
+"""The line algorithm and the value rules of .msg text (docs/internals/protocol.md 1.1 to 1.6), one case a line."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from compiler_worlds import message, parse, read
+
+from rosidl_py_gen.base.names import (
+    is_constant_name,
+    is_field_name,
+    is_interface_name,
+    is_package_name,
+    py_name,
+    snake_case,
+)
+from rosidl_py_gen.compiler.spec.model import ActionDef, ConstantDef, FieldDef, ServiceDef, messages_of
+
+PRIMITIVE = [
+    "bool",
+    "byte",
+    "char",
+    "int8",
+    "uint8",
+    "int16",
+    "uint16",
+    "int32",
+    "uint32",
+    "int64",
+    "uint64",
+    "float32",
+    "float64",
+    "string",
+    "wstring",
+]
+
+# --- types ------------------------------------------------------------------------------------------------------------
+
+TYPES = [
+    *[(name, name) for name in PRIMITIVE],
+    *[(f"{name}[]", f"{name}[]") for name in PRIMITIVE],
+    *[(f"{name}[7]", f"{name}[7]") for name in PRIMITIVE],
+    *[(f"{name}[<=7]", f"{name}[<=7]") for name in PRIMITIVE],
+    ("string<=5", "string<=5"),
+    ("wstring<=5[]", "wstring<=5[]"),
+    ("string<=3[<=4]", "string<=3[<=4]"),
+    ("string<=3[4]", "string<=3[4]"),
+    ("uint8[+3]", "uint8[3]"),
+    ("uint8[03]", "uint8[3]"),
+    ("uint8[4294967295]", "uint8[4294967295]"),
+    ("string<=03", "string<=3"),
+    ("Other", "a_msgs/msg/Other"),
+    ("Other[]", "a_msgs/msg/Other[]"),
+    ("Other[2]", "a_msgs/msg/Other[2]"),
+    ("Other[<=2]", "a_msgs/msg/Other[<=2]"),
+    ("b_msgs/Other", "b_msgs/msg/Other"),
+    ("b_msgs/Other[]", "b_msgs/msg/Other[]"),
+]
+
+
+@pytest.mark.parametrize(("text", "kind"), TYPES)
+def test_a_type_is_read(text: str, kind: str) -> None:
+    (item,) = message(f"{text} x").fields
+    assert str(item.type) == kind
+
+
+@pytest.mark.parametrize("kind", ["srv", "action"])
+def test_names_without_package_mean_messages_of_the_own_package_everywhere(kind: str) -> None:
+    interface = parse("Other x\n---\nOther y" + "\n---" * (kind == "action"), f"a_msgs/{kind}/Sample")
+    first = messages_of(interface)[0]
+    assert str(first.fields[0].type) == "a_msgs/msg/Other"
+
+
+# --- what is refused: text, where, what is said -----------------------------------------------------------------------
+
+REFUSED = [
+    # the shape of a line
+    ("uint8", "1:6: expected a type, a space and a name, found no name"),
+    (" uint8 x", "1:1: expected the element to begin in column 1, found blanks before it"),
+    ("\tuint8 x", "1:1: expected the element to begin in column 1, found blanks before it"),
+    ("\ufeffuint8 x", "1:1: found a byte order mark; save the file as UTF-8 without one"),
+    ("@key uint8 x", "1:1: annotations exist in .idl files only"),
+    ("uint8 # only a type", "1:6: expected a type, a space and a name, found no name"),
+    ("uint8 x\nuint8\nuint8 y", "2:6: expected "),
+    # types
+    ("int x", '1:1: "int" is neither a primitive type nor a message name'),
+    ("flaot32 x", 'did you mean "float32"?'),
+    ("uint128 x", '1:1: "uint128" is neither a primitive type nor a message name'),
+    ("time x", '1:1: "time" is a ROS 1 type; use builtin_interfaces/Time'),
+    ("duration[] x", '1:1: "duration" is a ROS 1 type; use builtin_interfaces/Duration'),
+    ("a/b/C x", '1:4: expected "<=" or "[" or a space, found "/'),
+    ("b_msgs/msg/Other x", '1:11: expected "<=" or "[" or a space, found "/'),
+    ("B_msgs/Other x", '1:1: "B_msgs" is not a package name; expected lower case letters'),
+    ("b_msgs/other x", '1:8: "other" is neither a primitive type nor a message name'),
+    ("../../etc/Passwd x", "1:6: expected"),
+    ("b-msgs/Other x", '1:1: "b-msgs" is not a package name'),
+    ("uint8[0] x", '1:7: expected a whole number above 0, found "0"'),
+    ("uint8[-1] x", '1:7: expected a whole number above 0, found "-1"'),
+    ("uint8[0x3] x", '1:7: expected a whole number above 0, found "0x3"'),
+    ("uint8[<=0] x", '1:9: expected a whole number above 0, found "0"'),
+    ("uint8[<=] x", '1:9: expected a number, found "]'),
+    ("uint8[99999999999999999999999] x", "1:7: expected a whole number above 0, found"),
+    ("uint8[18446744073709551616] x", "1:7: expected a whole number above 0, found"),
+    ("uint8[" + "9" * 5000 + "] x", "1:7: expected a whole number above 0, found"),
+    ("uint8[3][3] x", '1:9: expected a space, found "['),
+    ("uint8<=3 x", '1:8: only string and wstring take a bound, not "uint8"'),
+    ("Other<=3 x", '1:8: only string and wstring take a bound, not "a_msgs/msg/Other"'),
+    ("string<=0 x", '1:9: expected a whole number above 0, found "0"'),
+    ("string<=x x", '1:9: expected a whole number above 0, found "x"'),
+    # names
+    ("uint8 aB", '1:7: "aB" is not a field name; expected lower case letters, digits and single underscores'),
+    ("uint8 a_", '1:7: "a_" is not a field name'),
+    ("uint8 a__b", '1:7: "a__b" is not a field name'),
+    ("uint8 _a", '1:7: "_a" is not a field name'),
+    ("uint8 9a", '1:7: "9a" is not a field name'),
+    ("uint8 ä", '1:7: "ä" is not a field name'),
+    ("uint8 ../x", '1:7: "../x" is not a field name'),
+    ("uint8 a=1", '1:7: "a" is not a constant name; expected upper case letters'),
+    ("uint8 A_=1", '1:7: "A_" is not a constant name'),
+    ("uint8 A__B=1", '1:7: "A__B" is not a constant name'),
+    ("uint8 __CLASS__=1", '1:7: "__CLASS__" is not a constant name'),
+    ("uint8 x\nint8 x", '2:6: "x" is already defined in line 1'),
+    ("uint8 X=1\nint8 X=2", '2:6: "X" is already defined in line 1'),
+    # a default with "=" makes the line a constant
+    ("string x a=b", '1:11: a "=" makes the line a constant'),
+    ("uint8 x =1", '1:7: "x" is not a constant name'),
+    # constants
+    ("uint8[] X=1", '1:1: expected a primitive type or string for a constant, found "uint8[]"'),
+    ("string<=3 X=a", '1:1: expected a primitive type or string for a constant, found "string<=3"'),
+    ("Other X=1", '1:1: expected a primitive type or string for a constant, found "a_msgs/msg/Other"'),
+    ("uint8 X=", "1:7: expected an integer in 0..255 for uint8, found ''"),
+    ("uint8 X=256", "1:9: expected an integer in 0..255 for uint8, found '256'"),
+    ("uint8 X = -1", "1:11: expected an integer in 0..255 for uint8, found '-1'"),
+    ("int8 X=128", "1:8: expected an integer in -128..127 for int8, found '128'"),
+    # values
+    ("bool x yes", "1:8: expected true, false, 1 or 0, found 'yes'"),
+    ("byte x 256", "1:8: expected an integer in 0..255 for byte, found '256'"),
+    ("char x 'a'", "1:8: expected an integer in 0..255 for char, found \"'a'\""),
+    ("int32 x 1.0", "1:9: expected an integer in -2147483648..2147483647 for int32, found '1.0'"),
+    ("int64 x 9223372036854775808", "1:9: expected an integer in -9223372036854775808..9223372036854775807 for int64"),
+    ("int64 x " + "9" * 100_000, "1:9: expected an integer in "),
+    ("float32 x 0x1", "1:11: expected a floating point number, found '0x1'"),
+    ("float32 x __import__('os')", "1:11: expected a floating point number, found \"__import__('os')\""),
+    ("string<=3 x abcd", "1:13: expected at most 3 characters, found 4"),
+    ('string x "a"b"', "1:10: expected inner quotes to be escaped"),
+    ('string x "a\\nb"', "1:10: expected text whose escapes leave no line break or open quote"),
+    ('string x "\\x4"', "1:10: expected text with valid escapes"),
+    ('wstring x "\\u00fc"', "1:11: expected text with valid escapes"),
+    ("uint8[3] x [1,2]", "1:12: expected exactly 3 values for uint8[3], found 2"),
+    ("uint8[<=1] x [1,2]", "1:14: expected at most 1 values for uint8[<=1], found 2"),
+    ("uint8[] x 1,2", "1:11: expected values in brackets [..] for uint8[], found '1,2'"),
+    ("uint8[] x [1,,2]", "1:11: expected an integer in 0..255 for uint8, found ''"),
+    ("string[] x [a,,b]", "1:12: expected a string at character 3 of the list, found nothing"),
+    ("string[] x ['a]", "1:12: expected a closing ', found the end of the list"),
+    ("Other x 3", '1:9: a field of type "a_msgs/msg/Other" cannot have a default'),
+    ("Other[] x []", '1:11: a field of type "a_msgs/msg/Other[]" cannot have a default'),
+]
+
+
+@pytest.mark.parametrize(("text", "problem"), REFUSED, ids=[row[0][:40] for row in REFUSED])
+def test_what_is_wrong_is_said_and_located(text: str, problem: str) -> None:
+    _, problems = read(text)
+    assert len(problems) == 1, problems
+    assert problem in problems[0]
+    if problem[0].isdigit():
+        assert problems[0].startswith(problem)
+
+
+def test_every_problem_of_a_file_is_found_in_one_go() -> None:
+    _, problems = read("int a\nuint8 x\nuint8 B_=1\nuint8 x 300\n  uint8 y")
+    assert [one.split(" ")[0] for one in problems] == ["1:1:", "3:7:", "4:9:", "5:1:"]
+
+
+# --- values -----------------------------------------------------------------------------------------------------------
+
+VALUES = [
+    ("bool", "true", True),
+    ("bool", "FALSE", False),
+    ("bool", "1", True),
+    ("bool", "0", False),
+    ("byte", "0x41", 65),
+    ("char", "255", 255),
+    ("int8", "-128", -128),
+    ("int32", "0x1f", 31),
+    ("int32", "0o17", 15),
+    ("int32", "0b101", 5),
+    ("int32", "1_000", 1000),
+    ("int32", "+7", 7),
+    ("int32", "007", 7),
+    ("uint64", "18446744073709551615", 2**64 - 1),
+    ("int64", "-9223372036854775808", -(2**63)),
+    ("float64", "1", 1.0),
+    ("float64", "-1.5e-3", -0.0015),
+    ("float32", "0.1", 0.1),
+    ("float64", "inf", math.inf),
+    ("float64", "-inf", -math.inf),
+    ("string", "plain", "plain"),
+    ("string", "two words", "two words"),
+    ("string", '"quoted"', "quoted"),
+    ("string", "'quoted'", "quoted"),
+    ("string", '" blanks "', " blanks "),
+    ("string", '""', ""),
+    ("string", '"a\\"b"', 'a"b'),
+    ("string", "'it\\'s'", "it's"),
+    ("string", '"it\'s"', "it's"),
+    ("string", '"a\\tb"', "a\tb"),
+    ("string", '"a\\\\nb"', "a\nb"),
+    ("string", "Hellö ハ 😀", "Hellö ハ 😀"),
+    ("wstring", '"Hellö"', "Hellö"),
+    ("string<=3", "abc", "abc"),
+    ("uint8[3]", "[1, 2 ,3]", (1, 2, 3)),
+    ("uint8[]", "[]", ()),
+    ("uint8[<=3]", "[0x1]", (1,)),
+    ("bool[]", "[true, 0]", (True, False)),
+    ("float64[]", "[1, .5]", (1.0, 0.5)),
+    ("string[]", "['a,b', c]", ("a,b", "c")),
+    ("string[]", "[\"a\", 'b']", ("a", "b")),
+    ("string<=2[2]", "[ab, c]", ("ab", "c")),
+]
+
+
+@pytest.mark.parametrize(("kind", "text", "value"), VALUES)
+def test_a_default_has_its_value(kind: str, text: str, value: object) -> None:
+    (item,) = message(f"{kind} x  {text}").fields
+    assert repr(item.default) == repr(value)
+
+
+@pytest.mark.parametrize(("kind", "text", "value"), [row for row in VALUES if "[" not in row[0] and "<=" not in row[0]])
+@pytest.mark.parametrize("equals", ["=", " = ", "= ", " ="])
+def test_a_constant_has_its_value(kind: str, text: str, value: object, equals: str) -> None:
+    (item,) = message(f"{kind} X_1{equals}{text}").constants
+    assert repr(item.value) == repr(value)
+
+
+def test_nan_is_a_default() -> None:
+    (item,) = message("float32 x nan").fields
+    assert isinstance(item.default, float)
+    assert math.isnan(item.default)
+
+
+def test_no_default_is_not_an_empty_default() -> None:
+    first, second, third = message('string x\nstring y ""\nuint8[] z []').fields
+    assert (first.default, second.default, third.default) == (None, "", ())
+
+
+CONSTANT_LINES = [
+    ("string X=", ""),
+    ("string X= # nothing", ""),
+    ("string X=a=b", "a=b"),
+    ('string X="a # b"', '"a'),
+    ("string X=a#b", "a"),
+    ("string X='", None),  # the one quote is first and last character
+    ("string X=  lead", "lead"),
+    ("string X=trail  ", "trail"),
+    ("uint8 X=1#2", 1),
+]
+
+
+@pytest.mark.parametrize(("line", "value"), [row for row in CONSTANT_LINES if row[1] is not None])
+def test_a_line_with_an_equals_sign_is_a_constant(line: str, value: object) -> None:
+    (item,) = message(line).constants
+    assert item.value == value
+
+
+def test_fields_and_constants_keep_their_order() -> None:
+    found = message("uint8 b\nuint8 B=1\nuint8 a\nuint8 A=2")
+    assert [one.name for one in found.fields] == ["b", "a"]
+    assert [one.name for one in found.constants] == ["B", "A"]
+
+
+def test_locations_are_lines_and_columns_of_names() -> None:
+    found = message("# head\n\nuint8   first\nstring<=3[] second\nuint8 C = 3")
+    elements: list[FieldDef | ConstantDef] = [*found.fields, *found.constants]
+    places = [(one.name, one.location.line, one.location.column) for one in elements]
+    assert places == [("first", 3, 9), ("second", 4, 13), ("C", 5, 7)]
+
+
+def test_tabs_count_as_one_column() -> None:
+    (item,) = message("uint8\t\tx").fields
+    assert item.location.column == 8
+
+
+# --- comments and units -----------------------------------------------------------------------------------------------
+
+
+def field(text: str) -> FieldDef:
+    return message(text).fields[-1]
+
+
+def test_the_leading_comment_is_the_messages() -> None:
+    found = message("# What it is.\n#   Indented.\n#\n# More.\n\n# Of x.\nuint8 x")
+    assert found.comment == ("What it is.", "  Indented.", "", "More.")
+    assert found.fields[0].comment == ("Of x.",)
+
+
+def test_a_comment_directly_above_the_first_field_is_the_messages() -> None:
+    found = message("# What it is.\nuint8 x")
+    assert (found.comment, found.fields[0].comment) == (("What it is.",), ())
+
+
+COMMENTS = [
+    ("\nuint8 x # behind", ("behind",), ""),
+    ("\n# above\nuint8 x # behind", ("above", "behind"), ""),
+    ("\nuint8 x # behind\n   # below", ("behind", "below"), ""),
+    ("\nuint8 x\n   # below\n\n   # further", ("below", "further"), ""),
+    ("\n# above\n\n# more\nuint8 x", ("above", "more"), ""),
+    ("\nuint8 x ## two marks", ("two marks",), ""),
+    ("\nuint8 x #no blank", ("no blank",), ""),
+    ("\n# a\n#   b\nuint8 x", ("a", "  b"), ""),
+    ("\n#\n#\n# a\n#\n#\n# b\n#\nuint8 x", ("a", "", "b"), ""),
+    ("\nuint8 x #", (), ""),
+    # units: exactly one [..] without a comma
+    ("\nuint8 x # distance [m]", ("distance",), "m"),
+    ("\nuint8 x # [m/s^2]", (), "m/s^2"),
+    ("\nuint8 x # range [0, 1]", ("range [0, 1]",), ""),
+    ("\nuint8 x # [m] or [s]", ("[m] or [s]",), ""),
+    ("\n# speed [ m/s ] of it\nuint8 x", ("speed of it",), "m/s"),
+    ("\n# first\nuint8 x # second [rad]", ("first", "second"), "rad"),
+    ("\nuint8 x # []", ("[]",), ""),
+    ('\nuint8 x # it\'s "quoted" \\ {{ }} {% %}', ('it\'s "quoted" \\ {{ }} {% %}',), ""),
+]
+
+
+@pytest.mark.parametrize(("text", "comment", "unit"), COMMENTS)
+def test_a_field_has_its_comment_and_unit(text: str, comment: tuple[str, ...], unit: str) -> None:
+    item = field(text)
+    assert (item.comment, item.unit) == (comment, unit)
+
+
+def test_a_constant_has_comment_and_unit_too() -> None:
+    (item,) = message("\n# the most\nfloat64 LIMIT=2.5 # allowed [m]").constants
+    assert (item.comment, item.unit, item.value) == (("the most", "allowed"), "m", 2.5)
+
+
+def test_a_comment_before_the_first_element_is_not_lost_to_an_indented_one() -> None:
+    found = message("\n   # belongs to nothing\n# of x\nuint8 x\n# of nothing")
+    assert found.fields[0].comment == ("of x",)
+
+
+# --- names ------------------------------------------------------------------------------------------------------------
+
+NAMES = [
+    # text, package or field, constant, interface
+    ("a", True, False, False),
+    ("abc_1", True, False, False),
+    ("a_b_c", True, False, False),
+    ("a__b", False, False, False),
+    ("a_", False, False, False),
+    ("_a", False, False, False),
+    ("1a", False, False, False),
+    ("aB", False, False, False),
+    ("A", False, True, True),
+    ("A1", False, True, True),
+    ("A_B", False, True, False),
+    ("A__B", False, False, False),
+    ("A_", False, False, False),
+    ("AB1_2", False, True, False),
+    ("Abc", False, False, True),
+    ("AbcDef2", False, False, True),
+    ("Sample_Abc", False, False, True),
+    ("Abc_Request", False, False, True),
+    ("Abc_Event", False, False, False),
+    ("Abc_X", False, False, False),
+    ("", False, False, False),
+    ("ä", False, False, False),
+    ("Ä", False, False, False),
+    ("a\n", False, False, False),
+    ("A\n", False, False, False),
+    ("a/b", False, False, False),
+    ("..", False, False, False),
+]
+
+
+@pytest.mark.parametrize(("text", "lower", "constant", "interface"), NAMES)
+def test_which_names_are_legal(text: str, lower: bool, constant: bool, interface: bool) -> None:
+    assert is_package_name(text) == is_field_name(text) == lower
+    assert is_constant_name(text) == constant
+    assert is_interface_name(text) == interface
+
+
+def test_a_hostile_name_is_checked_in_linear_time() -> None:
+    assert not is_constant_name("A" * 100_000 + "!")
+    assert not is_field_name("a" * 100_000 + "!")
+
+
+@pytest.mark.parametrize(
+    ("name", "module"),
+    [
+        ("AddTwoInts", "add_two_ints"),
+        ("WStrings", "w_strings"),
+        ("Imu", "imu"),
+        ("PointCloud2", "point_cloud2"),
+        ("TFMessage", "tf_message"),
+        ("UUID", "uuid"),
+        ("NavSatFix", "nav_sat_fix"),
+        ("UInt8MultiArray", "u_int8_multi_array"),
+        ("HTTPServer2Go", "http_server2_go"),
+    ],
+)
+def test_module_names_are_those_of_rosidl(name: str, module: str) -> None:
+    assert snake_case(name) == module
+
+
+@pytest.mark.parametrize(("name", "spelling"), [("from", "from_"), ("in", "in_"), ("None", "None_"), ("self", "self")])
+def test_keywords_get_an_underscore(name: str, spelling: str) -> None:
+    assert py_name(name) == spelling
+
+
+@pytest.mark.parametrize(
+    "name", ["module", "struct", "from", "in", "true", "uint8", "self", "string", "const", "class"]
+)
+def test_keywords_of_any_language_are_field_names(name: str) -> None:
+    assert field(f"uint8 {name}").name == name
+
+
+# --- empty, services, actions -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["", "\n\n", "# only a comment", "uint8 A=1", "   # indented"])
+def test_a_definition_without_fields_is_an_empty_message(text: str) -> None:
+    assert message(text).fields == ()
+
+
+def rows(interface: ServiceDef | ActionDef) -> dict[str, list[str]]:
+    return {one.name.name: [f"{item.type} {item.name}" for item in one.fields] for one in interface.messages}
+
+
+def test_a_service_has_request_response_and_event() -> None:
+    service = parse("int64 a\n---\nint64 sum", "a_msgs/srv/Add")
+    assert isinstance(service, ServiceDef)
+    assert rows(service) == {
+        "Add_Request": ["int64 a"],
+        "Add_Response": ["int64 sum"],
+        "Add_Event": [
+            "service_msgs/msg/ServiceEventInfo info",
+            "a_msgs/srv/Add_Request[<=1] request",
+            "a_msgs/srv/Add_Response[<=1] response",
+        ],
+    }
+
+
+def test_an_action_has_its_messages_and_two_services() -> None:
+    action = parse("int32 order\n---\nint32[] sequence\n---\nint32[] partial", "a_msgs/action/Count")
+    assert isinstance(action, ActionDef)
+    uuid, info = "unique_identifier_msgs/msg/UUID goal_id", "service_msgs/msg/ServiceEventInfo info"
+    assert rows(action) == {
+        "Count_Goal": ["int32 order"],
+        "Count_Result": ["int32[] sequence"],
+        "Count_Feedback": ["int32[] partial"],
+        "Count_FeedbackMessage": [uuid, "a_msgs/action/Count_Feedback feedback"],
+        "Count_SendGoal_Request": [uuid, "a_msgs/action/Count_Goal goal"],
+        "Count_SendGoal_Response": ["bool accepted", "builtin_interfaces/msg/Time stamp"],
+        "Count_SendGoal_Event": [
+            info,
+            "a_msgs/action/Count_SendGoal_Request[<=1] request",
+            "a_msgs/action/Count_SendGoal_Response[<=1] response",
+        ],
+        "Count_GetResult_Request": [uuid],
+        "Count_GetResult_Response": ["int8 status", "a_msgs/action/Count_Result result"],
+        "Count_GetResult_Event": [
+            info,
+            "a_msgs/action/Count_GetResult_Request[<=1] request",
+            "a_msgs/action/Count_GetResult_Response[<=1] response",
+        ],
+    }
+
+
+SEPARATORS = [
+    ("srv", "uint8 x", '1:1: expected 1 line "---" in a .srv file, found 0'),
+    (
+        "srv",
+        "uint8 x\n--- \nuint8 y",
+        '3:1: expected 1 line "---" in a .srv file, found 0; line 2 has blanks around its',
+    ),
+    ("srv", "---\n---", '2:1: expected 1 line "---" in a .srv file, found 2'),
+    ("srv", "", '1:1: expected 1 line "---" in a .srv file, found 0'),
+    ("action", "---", '1:1: expected 2 lines "---" in a .action file, found 1'),
+    ("action", "---\n---\n---", '3:1: expected 2 lines "---" in a .action file, found 3'),
+    ("msg", "uint8 x\n---\nuint8 y", '2:4: a separator is exactly "---", and only in .srv and .action files'),
+]
+
+
+@pytest.mark.parametrize(("kind", "text", "problem"), SEPARATORS)
+def test_separators_are_counted(kind: str, text: str, problem: str) -> None:
+    _, problems = read(text, f"a_msgs/{kind}/Sample")
+    assert len(problems) == 1
+    assert problems[0].startswith(problem)
+
+
+def test_lines_of_later_sections_are_located_in_the_file() -> None:
+    _, problems = read("uint8 x\n---\nuint8 y\n\nint z", "a_msgs/srv/Sample")
+    assert problems[0].startswith("5:1: ")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("['\\c']", "\\c"),
+        ("[\\c]", "\\c"),
+        ("[\\8]", "\\8"),
+        ("[\\\\c]", "\\c"),
+        ("[\\400]", "\u0100"),
+        ("[\\u00e9]", "é"),
+        ("[\\x41]", "A"),
+    ],
+)
+def test_escapes_in_arrays_mean_what_they_mean_without_warnings(text: str, value: str) -> None:
+    (item,) = message(f"string[] x {text}").fields
+    assert item.default == (value,)
