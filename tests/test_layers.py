@@ -123,8 +123,7 @@ SEAMS = {
     "mcap": ("bags",),
     "zstandard": ("bags.chunks", "bags.compressed"),
     "lz4": ("bags.chunks",),
-    "foxglove": ("tools.foxglove.server",),
-    "websockets": ("tools.foxglove.own_viewer", "tools.foxglove.front"),
+    "websockets": ("tools.foxglove.server", "tools.foxglove.viewer"),
     "pytest": ("runtime.pytest_plugin",),
 }
 # Who may ask the machine what time it is; everybody else asks the loop, or the clocks of the transport, which stand

@@ -1,4 +1,7 @@
-"""A viewer for tests: the Foxglove WebSocket protocol, as the Foxglove app speaks it, with the library `websockets`."""
+"""A viewer for tests: the Foxglove WebSocket protocol, as the Foxglove app speaks it, with the library `websockets`.
+
+And a server without anything to see.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
+
+from rosidl_py_gen.tools.foxglove.access import Access
+from rosidl_py_gen.tools.foxglove.server import Listening, Server
+from rosidl_py_gen.tools.foxglove.viewer import Handlers
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Callable
@@ -88,18 +95,13 @@ class Viewer:
         await self.connection.send(json.dumps({"op": op, **fields}))
 
     async def subscribe(self, topic: str, subscription: int = 1) -> dict[str, Any]:
-        """Watch a topic as soon as it is there; the channel.
-
-        The SDK advertises a channel a moment before it knows it: who is quicker than that has to ask again.
-        """
-        while True:
-            channel: dict[str, Any] = await self.until(lambda: self.channels.get(topic))
-            before = len(self.said)
-            await self.send("subscribe", subscriptions=[{"id": subscription, "channelId": channel["id"]}])
-            await self.send("fetchAsset", uri="", requestId=0)  # refused, but in its turn
-            await self.until(lambda known=before: any("assets" in text for text in self._warned(known)))
-            if f"Unknown channel ID: {channel['id']}" not in self._warned(before):
-                return channel
+        """Watch a topic as soon as it is there; the channel."""
+        channel: dict[str, Any] = await self.until(lambda: self.channels.get(topic))
+        before = len(self.said)
+        await self.send("subscribe", subscriptions=[{"id": subscription, "channelId": channel["id"]}])
+        await self.send("fetchAsset", uri="", requestId=0)  # refused, but in its turn
+        await self.until(lambda: any("assets" in text for text in self._warned(before)))
+        return channel
 
     def _warned(self, since: int = 0) -> list[str]:
         return [said["message"] for said in self.said[since:] if said["op"] == "status"]
@@ -146,3 +148,20 @@ async def viewer(address: str, **how: Any) -> AsyncIterator[Viewer]:
         await asyncio.gather(made.reading, return_exceptions=True)
         with suppress(AttributeError):  # asyncio's, for a transport that was closed while much was to be written
             await connection.close()
+
+
+@asynccontextmanager
+async def served(access: Access | None = None, **limits: int) -> AsyncIterator[tuple[Server, str]]:
+    """A server and its address."""
+
+    async def nothing(_: Any) -> dict[str, Any]:
+        return {}
+
+    server = Server(access or Access())
+    usual: dict[str, Any] = {"queue": 256, "most_bytes": 1 << 20, "per_s": 1000, **limits}
+    handlers = Handlers(lambda: None, lambda key, data: None, nothing, nothing)
+    port = await server.start(Listening("127.0.0.1", 0, has_time=False, is_read_only=False, **usual), handlers)
+    try:
+        yield server, f"ws://127.0.0.1:{port}"
+    finally:
+        await server.stop()

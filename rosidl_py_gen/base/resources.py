@@ -26,7 +26,6 @@ _EXTRA_OF = {
     "mcap": "mcap",
     "zstandard": "mcap",
     "lz4": "mcap",
-    "foxglove": "foxglove",
     "websockets": "foxglove",
     "zenoh": "zenoh",
     "xxhash": "zenoh",

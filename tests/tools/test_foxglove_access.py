@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
-import sys
 import time
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from viewer import viewer
+from viewer import served, viewer
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.foxglove.access import Access, Pace
-from rosidl_py_gen.tools.foxglove.front import _BAD_PORTS, Front, start_hidden
-from rosidl_py_gen.tools.foxglove.server import Handlers, Listening, Server
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -52,29 +47,12 @@ HOSTILE = [
     "file:///home/x.html",
 ]
 
-BACKLOG = 1024
-"""Messages that wait for one viewer: more than any test makes the server say at once, as it lets go who has more."""
-
-
-async def nothing(*_: Any) -> dict[str, Any]:
-    return {}
-
 
 @asynccontextmanager
 async def front(access: Access | None = None, **limits: int) -> AsyncIterator[str]:
-    """The address of a server behind a front."""
-    server = Server()
-    handlers = Handlers(lambda: None, nothing, nothing, nothing)
-    behind = start_hidden(
-        lambda host, port: server.start(Listening(host, port, BACKLOG, False, False), handlers, "token")
-    )
-    made = Front(access or Access(), **{"most_bytes": 1 << 20, "per_s": 1000, **limits})
-    port = await made.start("127.0.0.1", 0, behind)
-    try:
-        yield f"ws://127.0.0.1:{port}"
-    finally:
-        await server.stop()
-        await made.stop()
+    """The address of a server."""
+    async with served(access, **limits) as (_, address):
+        yield address
 
 
 async def visit(address: str, origin: str | None, **how: Any) -> str:
@@ -176,40 +154,13 @@ async def test_what_the_server_sends_comes_in_its_order_whole() -> None:
     async def call(data: bytes) -> bytes:
         return data * 3
 
-    server = Server()
-    handlers = Handlers(lambda: None, nothing, nothing, nothing)
-    behind = start_hidden(
-        lambda host, port: server.start(Listening(host, port, BACKLOG, False, False), handlers, "token")
-    )
-    made = Front(Access(), most_bytes=1 << 20, per_s=1000)
-    port = await made.start("127.0.0.1", 0, behind)
-    server.add_service("/x", "std_srvs/srv/Trigger", ("", ""), call)
-    async with viewer(f"ws://127.0.0.1:{port}") as seen:
+    async with served() as (server, address), viewer(address) as seen:
+        server.add_service("/x", "std_srvs/srv/Trigger", ("", ""), call)
         for number in range(1, 20):
             data = bytes([number]) * 40_000
             assert await seen.call("/x", data, number) == data * 3
-    await server.stop()
-    await made.stop()
     with pytest.raises((OSError, ConnectionClosed)):
-        await visit(f"ws://127.0.0.1:{port}", None)
-
-
-def test_the_server_of_the_sdk_listens_where_browsers_let_no_page_connect() -> None:
-    told: list[tuple[str, int]] = []
-
-    def start(host: str, port: int) -> int:
-        told.append((host, port))
-        if len(told) < 3:
-            raise ToolError("taken")
-        with socket.create_server((host, 0)):
-            return port
-
-    assert start_hidden(start) == told[-1]
-    assert {port for _, port in told} <= set(_BAD_PORTS)
-    if sys.platform == "linux":
-        assert len({host for host, _ in told}) == 3
-    with pytest.raises(ToolError, match="no address of this machine is free"):
-        start_hidden(lambda host, port: (_ for _ in ()).throw(ToolError("taken")))
+        await visit(address, None)
 
 
 def test_a_viewer_may_send_so_many_at_once_and_then_at_its_pace(monkeypatch: pytest.MonkeyPatch) -> None:

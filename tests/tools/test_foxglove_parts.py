@@ -17,10 +17,10 @@ from rosidl_py_gen.tools.foxglove import publishing
 from rosidl_py_gen.tools.foxglove.clock import Clock
 from rosidl_py_gen.tools.foxglove.connections import Connections
 from rosidl_py_gen.tools.foxglove.parameters import Parameters
+from rosidl_py_gen.tools.foxglove.protocol import Offer
 from rosidl_py_gen.tools.foxglove.publishing import Publishing
 from rosidl_py_gen.tools.foxglove.services import Services
 from rosidl_py_gen.tools.foxglove.topics import Topics
-from rosidl_py_gen.tools.foxglove.wishes import Offer, Wishes
 
 if TYPE_CHECKING:
     from worlds import World
@@ -39,21 +39,21 @@ class Told:
     """A server without viewers, which keeps what it is told."""
 
     def __init__(self) -> None:
-        self.wishes = Wishes()
-        self.channels: list[str] = []
+        self.offers: dict[tuple[int, int], Offer] = {}
+        self.channels: dict[str, Any] = {}
         self.calls: dict[str, Any] = {}
         self.warnings: list[str] = []
         self.graph: tuple[Any, ...] = ()
 
-    async def turn(self) -> None:
+    def open_channel(self, topic: str, type_name: str, definition: str) -> Any:
+        made = self.channels[topic] = SimpleNamespace(viewers=frozenset(), send=print)
+        return made
+
+    def close_channel(self, channel: Any) -> None:
         pass
 
-    def open_channel(self, topic: str, type_name: str, definition: str) -> Any:
-        self.channels.append(topic)
-        return SimpleNamespace(id=len(self.channels), send=print, close=lambda: None)
-
     def watch(self, topic: str) -> None:
-        self.wishes.watchers[self.channels.index(topic) + 1] = {1}
+        self.channels[topic].viewers = frozenset({1})
 
     def add_service(self, name: str, type_name: str, texts: Any, call: Any) -> None:
         self.calls[name] = call
@@ -191,7 +191,7 @@ async def test_viewers_can_define_so_many_types_and_no_more(
 
     async def refusal(number: int, name: str, schema: bytes) -> str:
         topic = f"/many{number}"
-        told.wishes.offers[1, number] = Offer(topic, "cdr", f"viewers/msg/{name}", "ros2msg", schema)
+        told.offers[1, number] = Offer(topic, "cdr", f"viewers/msg/{name}", "ros2msg", schema)
         publisher.serve()
         await until(lambda: node.count_publishers(topic) > 0 or any(topic in text for text in told.warnings))
         return "".join(text for text in told.warnings if topic in text)

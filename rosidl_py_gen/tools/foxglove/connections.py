@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime import validate_full_name
+from rosidl_py_gen.tools.foxglove.protocol import NO_GRAPH, Graph, Names
 from rosidl_py_gen.tools.names import is_hidden, is_hidden_node
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime import Node, NodeInfo
     from rosidl_py_gen.tools.foxglove.server import Server
-
-Names = dict[str, list[str]]
 
 
 class Connections:
@@ -22,7 +21,7 @@ class Connections:
         self._node = node
         self._server = server
         self._hidden = hidden
-        self._told: tuple[Names, Names, Names] | None = None
+        self._told: Graph = NO_GRAPH
 
     def look(self) -> None:
         """Follow the graph."""

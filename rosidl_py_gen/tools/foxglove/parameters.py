@@ -95,7 +95,7 @@ class Parameters:
         if is_first and self._fresh:
             self._changed()
 
-    async def refreshed(self) -> dict[str, Any]:
+    def refreshed(self) -> dict[str, Any]:
         """What has changed since the last time."""
         fresh, self._fresh = self._fresh, set()
         return self._some(fresh)

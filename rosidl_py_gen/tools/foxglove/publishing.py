@@ -24,8 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rosidl_py_gen.runtime import Publisher
+    from rosidl_py_gen.tools.foxglove.protocol import Offer
     from rosidl_py_gen.tools.foxglove.server import Server
-    from rosidl_py_gen.tools.foxglove.wishes import Offer, OfferKey
+    from rosidl_py_gen.tools.foxglove.viewer import OfferKey
     from rosidl_py_gen.tools.session import Session
 
 _ENCODINGS = ("cdr", "json")
@@ -56,7 +57,7 @@ class _Offered:
 
 
 class Publishing:
-    """Publishes what viewers send: `serve` after something came."""
+    """Publishes what viewers send: `serve` after they offer something else, `take` with each message."""
 
     def __init__(self, session: Session, server: Server, *, paths: Sequence[str]) -> None:
         self._session = session
@@ -67,10 +68,8 @@ class Publishing:
         """Hashes of names and schemas."""
 
     def serve(self) -> None:
-        """Follow what viewers offer, and publish what they sent."""
-        messages, lost = self._server.wishes.take_messages()
-        with self._server.wishes.lock:
-            offers = dict(self._server.wishes.offers)
+        """Follow what viewers offer."""
+        offers = self._server.offers
         for key in [*self._offered]:
             if offers.get(key) is not self._offered[key].offer:
                 self._offered.pop(key).close()
@@ -78,14 +77,13 @@ class Publishing:
             if key not in self._offered:
                 offered = self._offered[key] = _Offered(offer)
                 offered.opening = asyncio.ensure_future(self._open(offered))
-        for key, offer, data in messages:
-            known = self._offered.get(key)
-            if known is not None and known.offer is offer:
-                self._take(known, data)
-        if lost:
-            self._server.tell("lost", f"{lost} messages of viewers were not published: too many at once")
 
-    def _take(self, offered: _Offered, data: bytes) -> None:
+    def take(self, key: OfferKey, data: bytes) -> None:
+        """Publish what a viewer sent, now or when its type is known."""
+        offered = self._offered.get(key)
+        if offered is None or offered.offer is not self._server.offers[key]:  # it was offered in this moment
+            self.serve()
+            offered = self._offered[key]
         if offered.publisher is not None:
             self._publish(offered, data)
         elif offered.opening is not None and not offered.opening.done():

@@ -15,13 +15,12 @@ from rosidl_py_gen.tools.foxglove.access import Access
 from rosidl_py_gen.tools.foxglove.clock import TOPIC as CLOCK
 from rosidl_py_gen.tools.foxglove.clock import Clock
 from rosidl_py_gen.tools.foxglove.connections import Connections
-from rosidl_py_gen.tools.foxglove.front import Front, start_hidden
-from rosidl_py_gen.tools.foxglove.own_viewer import OwnViewer, new_token, own_viewer
 from rosidl_py_gen.tools.foxglove.parameters import Parameters
 from rosidl_py_gen.tools.foxglove.publishing import Publishing
-from rosidl_py_gen.tools.foxglove.server import Handlers, Listening, Server
+from rosidl_py_gen.tools.foxglove.server import Listening, Server
 from rosidl_py_gen.tools.foxglove.services import Services
 from rosidl_py_gen.tools.foxglove.topics import Topics
+from rosidl_py_gen.tools.foxglove.viewer import Handlers
 from rosidl_py_gen.tools.session import Network, Session, first_of
 
 _APP = "https://app.foxglove.dev"
@@ -52,11 +51,10 @@ class _View:
         self._options = options
         self._node = session.node
         self._clock = Clock()
-        self._server = server = Server()
-        access = Access(options.origins, options.token)
-        self._front = Front(access, most_bytes=options.most_mib << 20, per_s=options.per_s)
-        self._changed = asyncio.Event()
-        self._has_clock = self._has_noted_clock = self._is_closed = False
+        self._server = server = Server(Access(options.origins, options.token))
+        self._changed, self._wanted = asyncio.Event(), asyncio.Event()
+        """Parameters have changed, and what viewers want."""
+        self._has_clock = self._has_noted_clock = False
         shown: dict[str, Any] = {"paths": options.paths, "hidden": options.hidden}
         self._topics = Topics(session, server, self._clock, **shown)
         self._services = Services(session, server, **shown)
@@ -70,24 +68,18 @@ class _View:
         Raises:
             ToolError: the address cannot be used.
         """
-        options, token = self._options, new_token()
+        options = self._options
         self._has_clock = options.use_sim_time or self._node.count_publishers(CLOCK) > 0
-        parameters = self._parameters
-        handlers = Handlers(self._serve, parameters.get, parameters.set_, parameters.refreshed)
-
-        def start(host: str, port: int) -> int:
-            listening = Listening(host, port, options.queue, self._has_clock, options.is_read_only)
-            return self._server.start(listening, handlers, token)
-
-        behind = start_hidden(start)
-        port = await self._front.start(options.host, options.port, behind)
+        handlers = Handlers(self._wanted.set, self._publishing.take, self._parameters.get, self._parameters.set_)
+        listening = Listening(
+            *(options.host, options.port, options.queue, options.most_mib << 20, options.per_s),
+            *(self._has_clock, options.is_read_only),
+        )
+        port = await self._server.start(listening, handlers)
         if self._has_clock:
             self._clock.follow(self._node, self._server)
         self._say_where(port)
-        while True:
-            async with own_viewer(*behind, token) as own:
-                # until it is lost: the graph may not be published without it
-                await first_of(own.read_on(), self._follow(), self._follow_parameters(own))
+        await first_of(self._follow(), self._follow_viewers(), self._follow_parameters())
 
     async def _follow(self) -> None:
         """Follow the graph, for ever."""
@@ -109,17 +101,16 @@ class _View:
             self._has_noted_clock = True
             printing.note(f"{CLOCK} has appeared; viewers are told its time when this is started again")
 
-    def _serve(self) -> None:
-        """Follow the viewers; the server may still ask for that when all is over."""
-        if self._is_closed:
-            return
-        self._topics.serve()
-        self._publishing.serve()
+    async def _follow_viewers(self) -> None:
+        while await self._wanted.wait():
+            self._wanted.clear()
+            self._topics.serve()
+            self._publishing.serve()
 
-    async def _follow_parameters(self, own: OwnViewer) -> None:
+    async def _follow_parameters(self) -> None:
         while await self._changed.wait():
             self._changed.clear()
-            await own.publish_parameters()
+            self._server.publish_parameters(self._parameters.refreshed())
             await asyncio.sleep(_PAUSE_S)
 
     def _say_where(self, port: int) -> None:
@@ -135,7 +126,5 @@ class _View:
     async def close(self) -> None:
         """Let go of viewers, and of everything that was opened for them."""
         await self._server.stop()
-        await self._front.stop()
-        self._is_closed = True
         for part in (self._topics, self._services, self._publishing, self._parameters):
             await part.close()

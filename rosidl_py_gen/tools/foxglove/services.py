@@ -91,7 +91,6 @@ class Services:
         async def call(data: bytes) -> bytes:
             return await self._call(name, shown, cls, data)
 
-        await self._server.turn()
         self._server.add_service(name, shown.type_name, texts, call)
         shown.is_open = True
 

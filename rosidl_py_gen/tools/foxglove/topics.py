@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
     from rosidl_py_gen.runtime import TopicEndpointInfo
     from rosidl_py_gen.tools.foxglove.clock import Clock
-    from rosidl_py_gen.tools.foxglove.server import Channel, Server
+    from rosidl_py_gen.tools.foxglove.server import Server
+    from rosidl_py_gen.tools.foxglove.viewer import Channel
     from rosidl_py_gen.tools.session import Session
 
 _AT_A_TIME = 8
@@ -67,7 +68,6 @@ class Topics:
         self._paths = paths
         self._hidden = hidden
         self._shown: dict[_Key, _Shown] = {}
-        self._closing: set[asyncio.Task[None]] = set()
         self._turns = asyncio.Semaphore(_AT_A_TIME)
 
     def look(self) -> None:
@@ -75,9 +75,7 @@ class Topics:
         there = self._there()
         for key in [*self._shown]:
             if key not in there:
-                closing = asyncio.ensure_future(self._close(self._shown.pop(key)))
-                self._closing.add(closing)
-                closing.add_done_callback(self._closing.discard)
+                self._close(self._shown.pop(key))
         for key in there:
             if key not in self._shown:
                 shown = self._shown[key] = _Shown()
@@ -103,14 +101,12 @@ class Topics:
     async def _open(self, key: _Key, shown: _Shown) -> None:
         async with self._turns:
             text = await self._definition(key)
-        await self._server.turn()
         shown.channel = self._server.open_channel(key.topic, key.type_name, text)
 
-    async def _close(self, shown: _Shown) -> None:
+    def _close(self, shown: _Shown) -> None:
         shown.end()
-        await self._server.turn()
         if shown.channel is not None:
-            shown.channel.close()
+            self._server.close_channel(shown.channel)
 
     async def _definition(self, key: _Key) -> str:
         """Empty when it cannot be found: the topic is seen, but not what is in it."""
@@ -123,10 +119,8 @@ class Topics:
 
     def serve(self) -> None:
         """Subscribe to what is watched, with what its publishers offer now, and to nothing else."""
-        with self._server.wishes.lock:
-            watchers = {channel: frozenset(viewers) for channel, viewers in self._server.wishes.watchers.items()}
         for key, shown in self._shown.items():
-            before, shown.viewers = shown.viewers, watchers.get(shown.channel.id if shown.channel else 0, frozenset())
+            before, shown.viewers = shown.viewers, shown.channel.viewers if shown.channel else frozenset()
             has_newcomer = bool(shown.viewers - before)
             if not shown.viewers:
                 shown.unsubscribe()
@@ -155,7 +149,7 @@ class Topics:
 
     async def close(self) -> None:
         """Let go of everything."""
-        tasks = [*self._closing, *(shown.opening for shown in self._shown.values() if shown.opening is not None)]
+        tasks = [shown.opening for shown in self._shown.values() if shown.opening is not None]
         for shown in self._shown.values():
             shown.end()
         self._shown.clear()
