@@ -68,6 +68,7 @@ def test_workflows_run_what_readme_and_ci_run() -> None:
     """Lines of theirs; what is left is what only a workflow has to do."""
     known = (ROOT / "README.md").read_text(encoding="utf-8") + (ROOT / ".ci/run").read_text(encoding="utf-8")
     known += prose(ROOT / "CONTRIBUTING.md").replace("\n", " ")
+    known += (ROOT / "packaging/libddsc/README.md").read_text(encoding="utf-8")
     words = " ".join(known.split())
     lines = [line for _, step in steps() for line in step.get("run", "").splitlines()]
     assert [line for line in lines if line not in words] == [
@@ -75,7 +76,13 @@ def test_workflows_run_what_readme_and_ci_run() -> None:
         "pip install '.[zenoh]'",
         "pip install -e '.[${{ env.HAS_DDS == 'true' && 'test' || 'test-without-dds' }}]'",
         "pytest tests/runtime/endpoints/test_services.py tests/runtime/transport/test_fast_dds_rules.py",
-        "pip install build",
+        "sed -i 's/^Types: deb$/Types: deb deb-src/' /etc/apt/sources.list.d/debian.sources",
+        "apt-get update -qq && apt-get install -y -qq --no-install-recommends dpkg-dev ca-certificates",
+        "tar -cf cyclonedds.tar cyclonedds",
+        "tar -xf cyclonedds.tar",
+        "pip install cibuildwheel==4.3.5",
+        'cibuildwheel --only "$ONLY" packaging/libddsc',
+        'test "$(ls dist/rosidl_libddsc-"${GITHUB_REF_NAME#libddsc-v}"-*.whl | wc -l)" = 7',
         'test -f "dist/rosidl_py_gen-${GITHUB_REF_NAME#v}.tar.gz"',
     ]
 
