@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from environments import cache_folder
 from hypothesis import HealthCheck, settings
 from scale import examples
 
@@ -41,6 +42,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Let SIGINT interrupt. A shell starts background jobs with SIGINT ignored, and every child inherits that."""
     if _is_quick(config):
         os.environ.setdefault("ROSIDL_TEST_EXAMPLES", "0.1")
+    # Of several mypys the first reads the stubs of numpy; two at a time may not share what they have read.
+    os.environ.setdefault("MYPY_CACHE_DIR", f"{cache_folder()}/mypy-{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}")
     settings.register_profile(
         "project",
         max_examples=examples(100),

@@ -1,4 +1,5 @@
-"""Virtual environments for peers that tests talk to and must not import: other ROS tools and nodes from PyPI.
+"""Virtual environments for peers that tests talk to and must not import: other ROS tools and nodes from PyPI. And
+programs that tests compile.
 
 An environment is made once and kept between runs in ``$ROSIDL_TEST_CACHE`` (by default a folder in the user's cache),
 below a name made of what is in it: another list of requirements or another Python is another environment, so checkouts
@@ -17,7 +18,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
@@ -45,7 +46,7 @@ def environment(name: str, requirements: Sequence[str]) -> Path:
         requirements: as pip takes them; pin them, because an environment is never updated.
     """
     wanted = "\n".join([sys.implementation.cache_tag, *requirements]) + "\n"
-    folder = _cache() / f"{name}-{hashlib.sha256(wanted.encode()).hexdigest()[:12]}"
+    folder = cache_folder() / f"{name}-{hashlib.sha256(wanted.encode()).hexdigest()[:12]}"
     if not _whole(folder, wanted):
         held = lock(folder.name, wait=True)
         try:
@@ -57,6 +58,28 @@ def environment(name: str, requirements: Sequence[str]) -> Path:
     return folder / _PYTHON
 
 
+def kept(name: str, sources: Sequence[Path], make: Callable[[Path], None]) -> Path:
+    """A folder that `make` has filled, now or in an earlier run with the same sources, compiler and headers."""
+    compiler = subprocess.run(["g++", "--version"], capture_output=True).stdout
+    headers = [Path("/usr/include", one) for one in ("dds", "fastcdr", "fastrtps")]
+    stamps = [(one.name, one.stat().st_mtime_ns if one.exists() else 0) for one in headers]
+    content = b"".join(one.read_bytes() for one in sources) + compiler + repr(stamps).encode()
+    folder = cache_folder() / f"{name}-{hashlib.sha256(content).hexdigest()[:12]}"
+    held = lock(folder.name, wait=True)
+    try:
+        if not folder.exists():
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=folder.parent) as beside:
+                made = Path(beside) / "new"
+                made.mkdir()
+                make(made)
+                made.rename(folder)
+    finally:
+        if held is not None:
+            os.close(held)
+    return folder
+
+
 def _make(folder: Path, name: str, requirements: Sequence[str], wanted: str) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{name}-", dir=folder.parent, ignore_cleanup_errors=True) as beside:
@@ -66,7 +89,8 @@ def _make(folder: Path, name: str, requirements: Sequence[str], wanted: str) -> 
         _move(built, folder, wanted, Path(beside) / "old")
 
 
-def _cache() -> Path:
+def cache_folder() -> Path:
+    """Where all that is kept between runs lies."""
     if chosen := os.environ.get("ROSIDL_TEST_CACHE"):
         return Path(chosen).expanduser().absolute()
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rosidl-py-gen-tests"

@@ -7,6 +7,7 @@ messages, and messages of so many fields that their code is not printed in line.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 import struct
@@ -95,6 +96,10 @@ class World:
 # --- values -----------------------------------------------------------------------------------------------------------
 
 
+# Strategies are made once: making one takes longer than drawing from it.
+
+
+@functools.cache
 def numbers(kind: str) -> st.SearchStrategy[Any]:
     """A scalar of a primitive type."""
     if kind == "bool":
@@ -105,21 +110,60 @@ def numbers(kind: str) -> st.SearchStrategy[Any]:
     return st.one_of(st.integers(low, high), st.sampled_from((low, high)))
 
 
+@functools.cache
 def texts(bound: int = 0) -> st.SearchStrategy[str]:
     """A string: NULs, quotes and characters outside the basic plane included, lone surrogates not."""
     return st.text(st.characters(exclude_categories=("Cs",)), max_size=min(bound, 12) if bound else 12)
 
 
 @st.composite
-def many_numbers(draw: st.DrawFn, kind: str, count: int | None, most: int) -> list[Any]:
-    """A numeric list: short ones element by element, long ones from raw bytes."""
-    size = draw(st.integers(0, min(most, 9))) if count is None else count
+def _many_numbers(draw: st.DrawFn, kind: str, count: int | None, most: int) -> list[Any]:
+    size = draw(_up_to(min(most, 9))) if count is None else count
     letter, width = NUMBERS[kind]
     if size <= 9:
         return [draw(numbers(kind)) for _ in range(size)]
-    block = draw(st.binary(min_size=width * 8, max_size=width * 8))
+    block = draw(_bytes(width * 8))
     items = [value != 0 for value in block[:8]] if kind == "bool" else list(struct.unpack(f"<8{letter}", block))
     return (items * (size // 8 + 1))[:size]
+
+
+@functools.cache
+def many_numbers(kind: str, count: int | None, most: int) -> st.SearchStrategy[list[Any]]:
+    """A numeric list: short ones element by element, long ones from raw bytes."""
+    return _many_numbers(kind, count, most)
+
+
+@functools.cache
+def _up_to(most: int, least: int = 0) -> st.SearchStrategy[int]:
+    return st.integers(least, most)
+
+
+@functools.cache
+def _some(of: st.SearchStrategy[Any], least: int, most: int) -> st.SearchStrategy[list[Any]]:
+    return st.lists(of, min_size=least, max_size=most)
+
+
+@functools.cache
+def _bytes(size: int) -> st.SearchStrategy[bytes]:
+    return st.binary(min_size=size, max_size=size)
+
+
+@functools.cache
+def _one_of(*what: Any) -> st.SearchStrategy[Any]:
+    return st.sampled_from(what)
+
+
+@functools.cache
+def _different(of: tuple[str, ...], count: int) -> st.SearchStrategy[list[str]]:
+    return st.lists(st.sampled_from(of), min_size=count, max_size=count, unique=True)
+
+
+@functools.cache
+def _in_any_order(of: tuple[str, ...]) -> st.SearchStrategy[list[str]]:
+    return st.permutations(of)
+
+
+_YES_OR_NO = st.booleans()
 
 
 @st.composite
@@ -139,7 +183,8 @@ def _value(reference: Reference, kind: FieldType) -> st.SearchStrategy[Any]:
     one = texts(kind.string_bound) if kind.is_string else values(reference, kind.base)
     if kind.arity is Arity.SCALAR:
         return one
-    return st.lists(one, min_size=count or 0, max_size=count if count is not None else min(most, 3))
+    some = _some if kind.is_string else _some.__wrapped__  # those of messages are drawn from once
+    return some(one, count or 0, count if count is not None else min(most, 3))
 
 
 # --- definitions ------------------------------------------------------------------------------------------------------
@@ -166,9 +211,9 @@ def worlds(draw: st.DrawFn, *, nasty: bool = True, wide: bool = True, exotic: bo
     bodies: list[str] = []
     owners: list[str] = []
     defaults: dict[str, Any] = {}
-    type_names = draw(st.permutations(TYPE_NAMES if nasty else SAFE_TYPE_NAMES))
-    for index in range(draw(st.integers(1, 4))):
-        package = draw(st.sampled_from(_PACKAGES))
+    type_names = draw(_in_any_order(tuple(TYPE_NAMES if nasty else SAFE_TYPE_NAMES)))
+    for index in range(draw(_up_to(4, 1))):
+        package = draw(_one_of(*_PACKAGES))
         body, leaves, defaults = draw(_body(package, made, nasty, wide, exotic))
         name = type_names[index // 2] if nasty and index and owners[-1] != package else type_names[index + 1]
         if any(one.name == f"{package}/{name}" for one in made):
@@ -189,31 +234,31 @@ def worlds(draw: st.DrawFn, *, nasty: bool = True, wide: bool = True, exotic: bo
 def _body(
     draw: st.DrawFn, package: str, made: list[_Made], nasty: bool, wide: bool, exotic: bool
 ) -> tuple[str, int, dict[str, Any]]:
-    heavy = draw(st.integers(0, 9)) == 9
-    count = draw(st.integers(0 if exotic else 1, 7)) + (50 if heavy else 0)
-    pool = [*NASTY, *SAFE] if nasty else list(SAFE)
-    names = draw(st.lists(st.sampled_from(pool), min_size=min(count, 7), max_size=min(count, 7), unique=True))
+    heavy = draw(_up_to(9)) == 9
+    count = draw(_up_to(7, 0 if exotic else 1)) + (50 if heavy else 0)
+    names = draw(_different((*NASTY, *SAFE) if nasty else tuple(SAFE), min(count, 7)))
     names += [f"more_{number}" for number in range(count - len(names))]
     lines: list[str] = []
     leaves = 1
     defaults: dict[str, Any] = {}
-    if nasty and draw(st.booleans()):
-        lines += [draw(_comment()), f"uint8 {draw(st.sampled_from(CONSTANTS))}=7"]
+    if nasty and draw(_YES_OR_NO):
+        lines += [draw(_comment()), f"uint8 {draw(_one_of(*CONSTANTS))}=7"]
     for position, name in enumerate(names):
         if position >= 7:  # the bulk of a heavy message
-            lines.append(f"{draw(st.sampled_from(('uint8', 'float64', 'int16', 'bool')))} {name}")
+            lines.append(f"{draw(_one_of('uint8', 'float64', 'int16', 'bool'))} {name}")
             leaves += 1
             continue
         text, one, default, value = draw(_field(package, made, leaves, wide, exotic))
         lines.append(f"{text} {name}{' ' if default else ''}{default}")
         if default:
             defaults[name] = value
-        if nasty and draw(st.integers(0, 7)) == 7:
+        if nasty and draw(_up_to(7)) == 7:
             lines[-1] += "  " + draw(_comment())
         leaves += one
     return "\n".join(lines) + "\n", leaves, defaults
 
 
+@functools.cache
 def _comment() -> st.SearchStrategy[str]:
     pieces = (
         '"""',
@@ -239,38 +284,39 @@ def _field(
     draw: st.DrawFn, package: str, made: list[_Made], used: int, wide: bool, exotic: bool
 ) -> tuple[str, int, str, Any]:
     """The text of a type, the leaves it adds, the text of its default and what that means."""
-    arity = draw(st.sampled_from(("", "", "[n]", "[]", "[<=n]")))
+    arity = draw(_one_of("", "", "[n]", "[]", "[<=n]"))
     small = [one for one in made if one.leaves <= 40]
-    what = draw(st.integers(0, 9))
+    what = draw(_up_to(9))
     if small and what >= 6:
-        target = draw(st.sampled_from(small))
+        target = small[draw(_up_to(len(small) - 1))]
         most = max(1, min(3, 60 // target.leaves))
-        size = draw(st.integers(1, most))
+        size = draw(_up_to(most, 1))
         owner, _, short = target.name.partition("/")
-        base = short if owner == package and draw(st.booleans()) else f"{owner}/{short}"
+        base = short if owner == package and draw(_YES_OR_NO) else f"{owner}/{short}"
         return base + arity.replace("n", str(size)), target.leaves * (size if arity == "[n]" else 1), "", None
     if what >= 4:
-        base = draw(st.sampled_from(("string", "wstring") if wide else ("string",)))
-        bound = draw(st.sampled_from((0, 0, 1, 5))) if exotic else 0
-        size = draw(st.integers(1, 3))
+        base = draw(_one_of("string", "wstring") if wide else _one_of("string"))
+        bound = draw(_one_of(0, 0, 1, 5)) if exotic else 0
+        size = draw(_up_to(3, 1))
         text = f"{base}<={bound}" if bound else base
-        if exotic and not arity and not bound and draw(st.booleans()):
-            value = draw(st.sampled_from(("", "plain", "it's {x} %s", "é€")))
+        if exotic and not arity and not bound and draw(_YES_OR_NO):
+            value = draw(_one_of("", "plain", "it's {x} %s", "é€"))
             return text, 1, f'"{value}"', value
         return text + arity.replace("n", str(size)), size, "", None
-    base = draw(st.sampled_from(tuple(NUMBERS)))
-    size = draw(st.sampled_from((1, 2, 3, 3, 5, 9, 16, 129, 1025)))
+    base = draw(_one_of(*NUMBERS))
+    size = draw(_one_of(1, 2, 3, 3, 5, 9, 16, 129, 1025))
     text = base + arity.replace("n", str(size))
-    if exotic and size <= 5 and draw(st.booleans()):
+    if exotic and size <= 5 and draw(_YES_OR_NO):
         if not arity:
             value = draw(_finite(base))
             return text, 1, _spelled(value), value
-        number = size if arity == "[n]" else draw(st.integers(0, size))
+        number = size if arity == "[n]" else draw(_up_to(size))
         value = [draw(_finite(base)) for _ in range(number)]
         return text, 1, "[" + ", ".join(map(_spelled, value)) + "]", value
     return text, 1, "", None
 
 
+@functools.cache
 def _finite(kind: str) -> st.SearchStrategy[Any]:
     return numbers(kind).filter(lambda value: not isinstance(value, float) or math.isfinite(value))
 

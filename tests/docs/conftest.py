@@ -21,7 +21,7 @@ __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 def run_page(tmp_path: Path) -> Callable[[Path], subprocess.CompletedProcess[str]]:
     """Run a page's code in an empty folder, which is also its home."""
 
-    def run(page: Path) -> subprocess.CompletedProcess[str]:
+    def run(page: Path, transport: str = "") -> subprocess.CompletedProcess[str]:
         theirs = ("ROS_", "CYCLONEDDS", "AMENT")
         kept = {name: value for name, value in os.environ.items() if not name.startswith(theirs)}
         environment = {
@@ -30,6 +30,7 @@ def run_page(tmp_path: Path) -> Callable[[Path], subprocess.CompletedProcess[str
             "PYTHONPATH": os.pathsep.join(map(str, (ROOT, ROOT / "tests", "generated", GENERATED.name))),
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": str(domain_id()),
+            "PAGE_TRANSPORT": transport,
         }
         command = [sys.executable, str(Path(__file__).with_name("run_page.py")), str(page)]
         return subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)

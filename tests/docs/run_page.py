@@ -5,6 +5,9 @@ background, so that a server of one block answers the client of the next. Shell 
 ``rosidl-py-gen`` and ``rosidl-py``, and to Python and pytest about files of the page. A text block says what the block
 before it prints; behind a shell block it makes the examples named there, and commands that go on `_ENDLESS`, run
 until the last one has printed it; then they end by themselves or by Ctrl-C.
+
+With PAGE_TRANSPORT=memory nodes and commands of the page meet in this process, on a loop on which waiting takes no
+time.
 """
 
 from __future__ import annotations
@@ -28,6 +31,10 @@ from typing import TYPE_CHECKING, Any
 from doc_pages import ROOT, Block, blocks
 
 import rosidl_py_gen.runtime as runtime
+from rosidl_py_gen.runtime import MemoryTransport
+from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
+from rosidl_py_gen.runtime.node import core
+from rosidl_py_gen.tools.topic import figures
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine
@@ -50,6 +57,8 @@ class Page:
         sys.modules["page"] = self.module
         self.programs: list[asyncio.Future[Any]] = []
         self.output = io.StringIO()
+        self.world: Any = None
+        """For pages in memory."""
         runtime.run = self.run  # type: ignore[assignment]
         runtime.spin = lambda *nodes: None
 
@@ -129,10 +138,19 @@ class Page:
 
     async def command(self, command: list[str], ends_with: int = 0) -> None:
         """Run a program to its end, while the page's own programs go on."""
-        process = await asyncio.create_subprocess_exec(
-            *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
-        )
-        output, _ = await asyncio.wait_for(process.communicate(), PATIENCE_S)
+        process: Any
+        if self.world is None:
+            process = await asyncio.create_subprocess_exec(
+                *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
+            )
+            output, _ = await asyncio.wait_for(process.communicate(), PATIENCE_S)
+        else:
+            assert command[1:3] == [*_COMMANDS["rosidl-py"]], f"{command} needs a process"
+            import in_process
+            import pytest
+
+            process = in_process.start(self.world, pytest.MonkeyPatch(), tuple(command[3:]), "")
+            output = b"".join(await asyncio.wait_for(process.communicate(), PATIENCE_S))
         self.output.write(output.decode())
         importlib.invalidate_caches()  # it may have made packages
         if process.returncode != ends_with:
@@ -190,13 +208,20 @@ class Tee(io.TextIOBase):
         return self.page.output.write(text)
 
 
-async def main() -> None:
-    """Run the page that the command line names."""
-    page = Page(Path(sys.argv.pop(1)).resolve())
+async def main(page: Page) -> None:
+    """Run it."""
     sys.path[:0] = [os.getcwd(), str(Path("generated").resolve())]
     with contextlib.redirect_stdout(Tee(page)):
         await page.run_all()
 
 
 if __name__ == "__main__":
-    asyncio.run(main())
+    the_page = Page(Path(sys.argv.pop(1)).resolve())
+    if os.environ.get("PAGE_TRANSPORT") == "memory":
+        loop = VirtualTimeLoop(limit_s=100)
+        the_page.world = types.SimpleNamespace(transport=MemoryTransport(loop.clocks), contexts=[])
+        figures.time_ns = loop.clocks.system_ns
+        core.chosen_transport = lambda *_: the_page.world.transport  # type: ignore[assignment]
+        loop.run(main(the_page))
+    else:
+        asyncio.run(main(the_page))

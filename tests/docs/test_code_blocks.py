@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,14 +13,25 @@ from doc_pages import PAGES, ROOT, blocks
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    RunPage = Callable[[Path], subprocess.CompletedProcess[str]]
+    RunPage = Callable[..., subprocess.CompletedProcess[str]]
 
 WITH_CODE = [page for page in PAGES if blocks(page)]
+OF_NETWORKS = {"README.md", "doctor.md", "network.md", "zenoh.md"}
+
+
+def transport_of(page: Path) -> str:
+    """Memory, unless the page starts processes or is about the network."""
+    found = [block for block in blocks(page) if not block.title]
+    lines = [line for block in found if block.language == "sh" for line in block.text.splitlines() if line.strip()]
+    starts_others = any(re.match(r"python |rosidl-py-gen|.*# until Ctrl-C", line) for line in lines)
+    is_test = any(Path(block.title).name.startswith("test_") for block in blocks(page))
+    return "" if starts_others or is_test or page.name in OF_NETWORKS else "memory"
 
 
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: str(page.relative_to(ROOT)))
-def test_the_code_of_a_page_runs(page: Path, run_page: RunPage) -> None:
-    done = run_page(page)
+def test_the_code_of_a_page_runs(page: Path, run_page: RunPage, request: pytest.FixtureRequest) -> None:
+    everywhere = request.config.getoption("--all-transports")
+    done = run_page(page, "" if everywhere else transport_of(page))
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
 
 
@@ -53,5 +65,5 @@ def test_a_page_that_is_wrong_fails(
     page = tmp_path / "page.md"
     page.write_text("<!-- test\nfrom rosidl_py_gen.runtime import run\n-->\n\n" + text + "\n", encoding="utf-8")
     monkeypatch.setenv("PAGE_PATIENCE_S", "5")
-    done = run_page(page)
+    done = run_page(page, transport_of(page))
     assert done.returncode == 1 and error in done.stderr, done.stderr

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from environments import kept
 from worlds import dds, domain_id, only_loopback, pytest_pyfunc_call
 
 if TYPE_CHECKING:
@@ -25,7 +26,8 @@ SOURCES = Path(__file__).parent / "peers"
 _CYCLONE_XML = (
     "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo'/></Interfaces>"
     "<AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
-    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address='localhost'/></Peers></Discovery>"
+    "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><Peers><Peer address='localhost'/></Peers>"
+    "<LeaseDuration>{lease_s}s</LeaseDuration></Discovery>"
     "</Domain></CycloneDDS>"
 )
 
@@ -37,46 +39,57 @@ def _require(*programs: str) -> None:
         pytest.skip(f"needs {', '.join(missing)}")
 
 
+def _compiled(name: str, make: Callable[[Path], None]) -> Path:
+    return kept(name, [*sorted(SOURCES.iterdir()), Path(__file__)], make) / "peer"
+
+
 @pytest.fixture(scope="session")
-def cyclone_peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def cyclone_peer() -> Path:
     """The C program on Cyclone DDS 0.10.2; `-t`: like ROS endpoints it announces no XTypes information."""
     _require("idlc", "gcc")
-    folder = tmp_path_factory.mktemp("cyclone_peer")
-    subprocess.run(["idlc", "-t", str(SOURCES / "types.idl")], cwd=folder, check=True, capture_output=True)
-    command = ["gcc", "-O1", "-I.", "types.c", str(SOURCES / "cyclone_peer.c"), "-lddsc", "-o", "peer"]
-    subprocess.run(command, cwd=folder, check=True)
-    return folder / "peer"
+
+    def make(folder: Path) -> None:
+        subprocess.run(["idlc", "-t", str(SOURCES / "types.idl")], cwd=folder, check=True, capture_output=True)
+        command = ["gcc", "-O1", "-I.", "types.c", str(SOURCES / "cyclone_peer.c"), "-lddsc", "-o", "peer"]
+        subprocess.run(command, cwd=folder, check=True)
+
+    return _compiled("cyclone-peer", make)
 
 
 @pytest.fixture(scope="session")
-def fastdds_peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fastdds_peer() -> Path:
     """The C++ program on Fast DDS 2.9."""
     _require("fastddsgen", "g++")
-    folder = tmp_path_factory.mktemp("fastdds_peer")
-    shutil.copy(SOURCES / "types.idl", folder)
-    subprocess.run(["fastddsgen", "types.idl"], cwd=folder, check=True, capture_output=True)
-    sources = [str(path) for path in folder.glob("*.cxx")]
-    command = ["g++", "-I.", *sources, str(SOURCES / "fastdds_peer.cpp"), "-lfastrtps", "-lfastcdr", "-o", "peer"]
-    subprocess.run(command, cwd=folder, check=True)
-    return folder / "peer"
+
+    def make(folder: Path) -> None:
+        shutil.copy(SOURCES / "types.idl", folder)
+        subprocess.run(["fastddsgen", "types.idl"], cwd=folder, check=True, capture_output=True)
+        sources = [str(path) for path in folder.glob("*.cxx")]
+        command = ["g++", "-I.", *sources, str(SOURCES / "fastdds_peer.cpp"), "-lfastrtps", "-lfastcdr", "-o", "peer"]
+        subprocess.run(command, cwd=folder, check=True)
+
+    return _compiled("fastdds-peer", make)
 
 
 @pytest.fixture(scope="session")
-def fastdds_service_peer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fastdds_service_peer() -> Path:
     """The C++ program on Fast DDS 2.9 that has a service server and a client, as rmw_fastrtps of Humble makes them."""
     _require("fastddsgen", "g++")  # the generator stands for the Debian packages of Fast DDS
-    program = tmp_path_factory.mktemp("fastdds_service_peer") / "peer"
-    source = str(SOURCES / "fastdds_service_peer.cpp")
-    subprocess.run(["g++", "-std=c++17", source, "-lfastrtps", "-lfastcdr", "-o", str(program)], check=True)
-    return program
+
+    def make(folder: Path) -> None:
+        source = str(SOURCES / "fastdds_service_peer.cpp")
+        command = ["g++", "-std=c++17", source, "-lfastrtps", "-lfastcdr", "-o", "peer"]
+        subprocess.run(command, cwd=folder, check=True)
+
+    return _compiled("fastdds-service-peer", make)
 
 
 @contextmanager
-def running(program: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """Start a peer, wait until it is ready, and kill it at the end."""
+def running(program: Path, *arguments: str, lease_s: int = 10) -> Iterator[subprocess.Popen[str]]:
+    """Start a peer, wait until it is ready, and kill it at the end; on Cyclone DDS it is missed after `lease_s`."""
     environment = {
         **os.environ,
-        "CYCLONEDDS_URI": _CYCLONE_XML.replace("<Domain>", f"<Domain Id='{domain_id()}'>"),
+        "CYCLONEDDS_URI": _CYCLONE_XML.replace("<Domain>", f"<Domain Id='{domain_id()}'>").format(lease_s=lease_s),
     }
     process = subprocess.Popen([str(program), *arguments], env=environment, stdout=subprocess.PIPE, text=True)
     try:

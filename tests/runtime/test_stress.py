@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from example_interfaces.srv import AddTwoInts
 from std_msgs.msg import Int32, String, UInt8MultiArray
-from worlds import ROOT, until, wait_until
+from worlds import ROOT, SHORT_LEASE, until, wait_until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, Context, Node, QoSProfile, WaitTimeoutError
@@ -137,7 +137,8 @@ async def test_a_killed_server_leaves_and_its_pending_calls_time_out(dds: World)
     )
     node = dds.node("client")
     client = node.create_client(AddTwoInts, "add")
-    server = subprocess.Popen([sys.executable, "-c", program], env={**os.environ, "PYTHONPATH": str(ROOT)})
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), **SHORT_LEASE}
+    server = subprocess.Popen([sys.executable, "-c", program], env=environment)
     try:
         assert await client.wait_for_service(timeout_s=10)
         call = asyncio.create_task(client.call(AddTwoInts.Request(), timeout_s=1))
@@ -145,7 +146,6 @@ async def test_a_killed_server_leaves_and_its_pending_calls_time_out(dds: World)
         server.kill()
         with pytest.raises(CallTimeoutError):
             await call
-        # The participant's lease is 10 s.
         await until(lambda: not client.service_is_available() and "/server" not in node.get_node_names(), 60)
         assert client.pending_count == 0
     finally:
@@ -252,8 +252,8 @@ def test_nodes_in_threads_publish_until_they_are_closed(world: World) -> None:
 
 @pytest.fixture
 def soak_s(request: pytest.FixtureRequest) -> float:
-    """Seconds of traffic: 20, or what SOAK_MINUTES says."""
-    return float(os.environ.get("SOAK_MINUTES", "0")) * 60 or 20.0
+    """Seconds of traffic: 8, or what SOAK_MINUTES says."""
+    return float(os.environ.get("SOAK_MINUTES", "0")) * 60 or 8.0
 
 
 @pytest.mark.timeout(300 + 90 * float(os.environ.get("SOAK_MINUTES", "0")))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from peer_process import Fibonacci, open_context
-from worlds import ROOT, domain_id, run
+from worlds import ROOT, SHORT_LEASE, domain_id, run
 
 from rosidl_py_gen import type_hash
 from rosidl_py_gen.runtime import ActionServerLostError, GoalStatus, Node
@@ -19,14 +19,14 @@ from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEv
 from rosidl_py_gen.runtime.parameters.store import SetResult
 
 
-@pytest.fixture
-def peer(monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[bytes]]:
+@pytest.fixture(params=[{}])
+def peer(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[bytes]]:
     """The other process, ready."""
     for name in ("CYCLONEDDS_URI", "ROS_STATIC_PEERS", "ROS_LOCALHOST_ONLY", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
         monkeypatch.delenv(name, raising=False)
     script = Path(__file__).with_name("peer_process.py")
     root = str(ROOT)
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")])}
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]), **request.param}
     command = [sys.executable, str(script), str(domain_id())]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=env)
     try:
@@ -96,6 +96,7 @@ def test_parameters_and_type_descriptions(peer: subprocess.Popen[bytes]) -> None
     run(main, 60)
 
 
+@pytest.mark.parametrize("peer", [SHORT_LEASE], ids=[""], indirect=True)
 def test_a_server_that_is_killed_is_noticed(peer: subprocess.Popen[bytes]) -> None:
     async def main() -> None:
         with open_context(domain_id()) as context:
@@ -103,7 +104,6 @@ def test_a_server_that_is_killed_is_noticed(peer: subprocess.Popen[bytes]) -> No
             client = node.create_action_client(Fibonacci, "fib", server_lost_after_s=1.0)
             handle = await client.send_goal(Fibonacci.Goal(order=100_000), timeout_s=10)
             peer.kill()
-            # The lease of a participant that says nothing any more is 10 s.
             with pytest.raises(ActionServerLostError):
                 await handle.result(timeout_s=40)
             assert client._goals == {} and client._result.pending_count == 0
