@@ -7,16 +7,19 @@ differ, or we differ from them on purpose, a table in the tests says so.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
+import sqlite3
 import subprocess
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from environments import environment
+from environments import cache_folder, environment
+from hypothesis import currently_in_test_context
 
 from rosidl_py_gen.base.descriptions import individual
 from rosidl_py_gen.base.names import split_ros_name
@@ -67,49 +70,92 @@ def _quiet() -> dict[str, str]:
     return {**inherited, "PYTHONHASHSEED": "0"}
 
 
-class Rosidl:
-    """All releases of the tool chain; see rosidl_server.py."""
+class _Release:
+    """One release: a process that is started when the first question comes that was not answered in an earlier run.
 
-    def __init__(self) -> None:
-        pythons = {release: environment(f"rosidl-{release}", requirements(release)) for release in RELEASES}
-        self._processes = {
-            release: subprocess.Popen(
-                [str(python), "-s", str(_SERVER)],
+    Answers are kept by release, server and question. Not those to examples at random: no other run asks for them.
+    """
+
+    def __init__(self, release: str, context: str) -> None:
+        self._python = environment(f"rosidl-{release}", requirements(release))
+        self._context = context
+        self._process: subprocess.Popen[str] | None = None
+        what = "\n".join((*requirements(release), _SERVER.read_text(encoding="utf-8"), context))
+        name = f"rosidl-{release}-{hashlib.sha256(what.encode()).hexdigest()[:12]}.sqlite"
+        self._kept = sqlite3.connect(cache_folder() / name, timeout=60, isolation_level=None)
+        self._kept.execute("PRAGMA synchronous=OFF")
+        self._kept.execute("CREATE TABLE IF NOT EXISTS replies (question BLOB PRIMARY KEY, reply TEXT)")
+
+    def kept(self, line: str) -> str | None:
+        """The answer of an earlier run."""
+        found = self._kept.execute("SELECT reply FROM replies WHERE question = ?", (_key(line),)).fetchone()
+        return None if found is None else str(found[0])
+
+    def ask(self, line: str) -> None:
+        """Send a question; `answer` waits for what comes back."""
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [str(self._python), "-s", str(_SERVER)],
                 env=_quiet(),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
                 encoding="utf-8",
             )
-            for release, python in pythons.items()
-        }
-        implied = [(name, (interfaces_dir() / f"{name}.msg").read_text(encoding="utf-8"), "msg") for name in _IMPLIED]
-        self.compile([*implied, *OTHERS], keep=True)
+            self.ask(self._context)
+            self.answer(self._context)
+        assert self._process.stdin is not None
+        self._process.stdin.write(line)
+        self._process.stdin.flush()
 
-    def compile(self, definitions: Sequence[Definition], keep: bool = False) -> dict[str, Reply]:
-        """By release, what the tool chain makes of definitions that belong together; `keep`: it knows them later."""
-        rows = []
-        for name, text, format in definitions:
-            package, kind, stem = name.split("/")
-            rows.append({"package": package, "kind": kind, "name": stem, "format": format, "text": text})
-        line = json.dumps({"definitions": rows, "keep": keep}) + "\n"
-        for process in self._processes.values():
-            assert process.stdin is not None
-            process.stdin.write(line)
-            process.stdin.flush()
-        return {release: self._reply(process) for release, process in self._processes.items()}
-
-    @staticmethod
-    def _reply(process: subprocess.Popen[str]) -> Reply:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line, "the rosidl process ended"
-        reply: Reply = json.loads(line)
+    def answer(self, line: str) -> str:
+        """The answer to what was asked last."""
+        assert self._process is not None and self._process.stdout is not None
+        reply = self._process.stdout.readline()
+        assert reply, "the rosidl process ended"
+        if not currently_in_test_context() or "ROSIDL_TEST_REQUIRE_PEERS" in os.environ:
+            self._kept.execute("INSERT OR REPLACE INTO replies VALUES (?, ?)", (_key(line), reply))
         return reply
 
     def close(self) -> None:
-        for process in self._processes.values():
-            process.communicate(timeout=10)
+        self._kept.close()
+        if self._process is not None:
+            self._process.communicate(timeout=60)
+
+
+def _key(line: str) -> bytes:
+    return hashlib.sha256(line.encode()).digest()
+
+
+def _question(definitions: Sequence[Definition], keep: bool = False) -> str:
+    rows = []
+    for name, text, format in definitions:
+        package, kind, stem = name.split("/")
+        rows.append({"package": package, "kind": kind, "name": stem, "format": format, "text": text})
+    return json.dumps({"definitions": rows, "keep": keep}) + "\n"
+
+
+class Rosidl:
+    """All releases of the tool chain; see rosidl_server.py."""
+
+    def __init__(self) -> None:
+        implied = [(name, (interfaces_dir() / f"{name}.msg").read_text(encoding="utf-8"), "msg") for name in _IMPLIED]
+        context = _question([*implied, *OTHERS], keep=True)
+        self._releases = {release: _Release(release, context) for release in RELEASES}
+
+    def compile(self, definitions: Sequence[Definition]) -> dict[str, Reply]:
+        """By release, what the tool chain makes of definitions that belong together."""
+        line = _question(definitions)
+        replies = {name: release.kept(line) for name, release in self._releases.items()}
+        missing = [name for name, reply in replies.items() if reply is None]
+        for name in missing:
+            self._releases[name].ask(line)
+        replies.update((name, self._releases[name].answer(line)) for name in missing)
+        return {name: json.loads(reply) for name, reply in replies.items() if reply is not None}
+
+    def close(self) -> None:
+        for release in self._releases.values():
+            release.close()
 
 
 # --- our side, in the form the oracle answers in ----------------------------------------------------------------------

@@ -27,7 +27,7 @@ def test_a_day_of_waiting_takes_no_time(ros_loop: VirtualTimeLoop) -> None:
 
 def test_time_stands_still_while_code_runs(ros_loop: VirtualTimeLoop) -> None:
     async def main() -> None:
-        time.sleep(0.01)
+        time.sleep(0.01)  # what the test is about: code that takes long
         await asyncio.sleep(0)
 
     ros_loop.run(main())
@@ -88,7 +88,7 @@ def test_while_a_thread_works_time_passes_as_on_the_wall(ros_loop: VirtualTimeLo
         done = loop.create_future()
 
         def work() -> None:
-            time.sleep(0.2)
+            time.sleep(0.2)  # what the test is about: a thread that takes long
             loop.call_soon_threadsafe(done.set_result, loop.time())
 
         if way == "thread":

@@ -65,7 +65,7 @@ SERVER = f"""{AS_FAST_DDS}
 async def main():
     async with Node("server") as node:
         node.create_service(Types, "types", answer)
-        await asyncio.sleep(60)
+        await asyncio.Event().wait()
 
 asyncio.run(main())
 """
