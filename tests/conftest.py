@@ -24,10 +24,22 @@ NOT_QUICK = re.compile(
     r"|forked_child|broken_cyclonedds_uri|cyclonedds_itself|ctrl_c|prototypes_survive|comes_from_standard_input"
     r"|needs_neither_lark|foreign_package_of_the_same_name|clean_code|formatted_and_clean|left_alone_by_the_formatter"
     r"|every_byte|need_little_memory|ten_thousand_fields|every_error_class|bytes_of_a_database_may_be_wrong"
-    r"|without_the_extra|without_network_or_proc|forgotten_node_lives|starts_without_what|killed_server|during_a_flood"
+    r"|without_the_extra|without_network_or_proc|forgotten_node_lives|starts_without_what|killed_server|during_a_flood|pages_hide_nothing"
+    r"|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
 )
 """Tests and files of tests that start processes, or take long by themselves."""
-OF_PROCESSES = {"dds", "network", "start_peer", "topic_peer", "run_page", "clean", "tool", "run_here", "pytester"}
+OF_PROCESSES = {
+    "dds",
+    "network",
+    "rosidl",
+    "start_peer",
+    "topic_peer",
+    "run_page",
+    "clean",
+    "tool",
+    "run_here",
+    "pytester",
+}
 """Fixtures that do."""
 NOT_EVERYWHERE = {
     "cyclonedds": r"cyclonedds|rosidl_py_gen\.runtime\.transport\.cyclone",
@@ -42,6 +54,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Let SIGINT interrupt. A shell starts background jobs with SIGINT ignored, and every child inherits that."""
     if _is_quick(config):
         os.environ.setdefault("ROSIDL_TEST_EXAMPLES", "0.1")
+        config.pluginmanager.register(WithoutSlowFiles())
     # Of several mypys the first reads the stubs of numpy; two at a time may not share what they have read.
     os.environ.setdefault("MYPY_CACHE_DIR", f"{cache_folder()}/mypy-{os.environ.get('PYTEST_XDIST_WORKER', 'alone')}")
     settings.register_profile(
@@ -57,6 +70,14 @@ def pytest_configure(config: pytest.Config) -> None:
     settings.load_profile("project")
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+class WithoutSlowFiles:
+    """Leaves out files none of whose tests are quick: what is not imported takes no time either."""
+
+    def pytest_ignore_collect(self, collection_path: Path, config: pytest.Config) -> bool | None:
+        inside = collection_path.is_relative_to(config.rootpath)
+        return True if inside and NOT_QUICK.search(collection_path.relative_to(config.rootpath).as_posix()) else None
 
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
