@@ -107,7 +107,7 @@ def test_a_checkout_names_itself(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_programs_are_told_the_command(missing: str, program: str, extra: str) -> None:
     lines = [
-        f"import sys; sys.modules[{missing!r}] = None",
+        f"import os, sys; sys.modules[{missing!r}] = None; os.environ['ROSIDL_LIBDDSC'] = 'libnowhere.so'",
         "from rosidl_py_gen import ExtraMissingError",
         f"try: {program}",
         "except ExtraMissingError as error: print(error.name, error)",

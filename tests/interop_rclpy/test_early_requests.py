@@ -10,9 +10,9 @@ from rclpy_worlds import fresh, service
 from worlds import until
 
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone import functions
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writers
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.greeting import ask_writers
 from rosidl_py_gen.runtime.transport.discovered import Channel
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rclpy_peer import Peer
 
 KIND = "std_srvs/srv/Trigger"
-_Listener = ct.CFUNCTYPE(None, ct.c_int32, abi.MatchedStatus, ct.c_void_p)
+_Listener = ct.CFUNCTYPE(None, ct.c_int32, functions.MatchedStatus, ct.c_void_p)
 
 
 def connect_late(reader: Any, delay_s: float) -> Any:

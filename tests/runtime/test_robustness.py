@@ -77,14 +77,14 @@ def test_a_take_in_the_middle_of_a_take_mixes_nothing_up(dds: World) -> None:
             publisher.publish(String(data=f"{publisher.topic} {number} {'x' * number}"))
     cyclone_endpoints._local_readers.update(known)
     reader: Any = first._reader
-    free = reader._free_small
+    unref = reader._unref
 
-    def interrupted(pointer: int) -> None:
+    def interrupted(sample: int) -> None:
         assert not reader.fetch()  # newer samples must not overtake
         other._reader.fetch()
-        free(pointer)
+        unref(sample)
 
-    reader._free_small = interrupted
+    reader._unref = interrupted
     assert reader.fetch()
     for subscription, topic in ((first, "/first"), (other, "/other")):
         texts = [String.decode(sample[0]).data for sample in subscription._items]

@@ -11,6 +11,7 @@ from numbers import Integral
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def middleware(environ: Mapping[str, str], warn: Callable[[str], None]) -> str:
         return _MEANT[wanted]
     if wanted:
         warn(f"RMW_IMPLEMENTATION={wanted!r:.100} is not known and has no effect; known are {', '.join(_MEANT)}")
-    return ZENOH if find_spec("cyclonedds") is None and find_spec("zenoh") is not None else DDS
+    return ZENOH if find_spec("zenoh") is not None and not library.is_found() else DDS
 
 
 def _domain_variable(text: str) -> int:

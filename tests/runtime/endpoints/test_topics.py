@@ -435,7 +435,7 @@ async def test_peers_take_a_publisher_for_dead_unless_it_says_that_it_is_alive(d
     subscription = bob.create_subscription(String, "alive", qos=manual)
     assert await publisher.wait_for_subscribers(timeout_s=5)
     assert await subscription.wait_for_publishers(timeout_s=5)
-    get_status = cyclone._library.dds_get_liveliness_changed_status
+    get_status = cyclone._api.library.dds_get_liveliness_changed_status
     get_status.argtypes = (ctypes.c_int32, ctypes.c_void_p)
 
     def counts() -> tuple[int, int]:

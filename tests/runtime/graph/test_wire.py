@@ -1,4 +1,4 @@
-"""Recorded facts of the protocol as bytes: names, USER_DATA, the graph message, the opaque type."""
+"""Recorded facts of the protocol as bytes: names, USER_DATA, the graph message."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.msgs.hashes import HASHES
 from rosidl_py_gen.msgs.rmw_dds_common.msg import Gid, NodeEntitiesInfo, ParticipantEntitiesInfo
 from rosidl_py_gen.runtime.graph.state import BARE_DDS_NODE, UNKNOWN_NODE, Graph
-from rosidl_py_gen.runtime.transport.cyclone.topics import OPAQUE
 from rosidl_py_gen.runtime.transport.dds import names as ddsnames
 from rosidl_py_gen.runtime.transport.dds import nodes_message
 from rosidl_py_gen.runtime.transport.discovered import Lost, NodeEntities, ParticipantFound
@@ -131,16 +130,6 @@ def test_both_gid_sizes_are_understood(gid_bytes: int, pad: bytes) -> None:
 def test_other_bytes_are_refused(data: bytes) -> None:
     with pytest.raises(DecodeError):
         nodes_message.decode(data, PREFIX)
-
-
-def test_the_opaque_type_is_what_cyclonedds_itself_would_announce() -> None:
-    from cyclonedds.idl import make_idl_struct
-    from cyclonedds.idl.types import uint8
-
-    reference = make_idl_struct("opaque", "opaque", {"data": uint8})
-    reference.__idl__.populate()
-    reference.__idl__.fill_type_data()
-    assert tuple(reference.__idl__._xt_bytedata) == OPAQUE
 
 
 def test_endpoints_find_their_node_or_a_placeholder() -> None:

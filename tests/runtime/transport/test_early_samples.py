@@ -5,7 +5,6 @@ in `tests/interop_rclpy/test_early_requests.py`.
 from __future__ import annotations
 
 import ctypes as ct
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -13,8 +12,9 @@ from std_msgs.msg import String
 
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone.catchup import EarlySamples
-from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+from rosidl_py_gen.runtime.transport.cyclone import structures
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.catchup import EarlySamples
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
 
 if TYPE_CHECKING:
     from worlds import World
@@ -31,10 +31,10 @@ KINDS = [
 
 def flags_of(entity: int) -> int:
     """What Cyclone has noted of a reader."""
-    api, layout, pinned = cyclone._api, cyclone._fast_dds.layout, ct.c_void_p()
-    assert api.entity_pin(entity, ct.byref(pinned)) == 0 and pinned.value
-    reader = ct.c_uint64.from_address(pinned.value + layout.entity_reader).value
-    flags = ct.c_ubyte.from_address(reader + layout.reader_flags).value
+    api, layout, pinned = cyclone._api, cyclone._fast_dds.reader_place, ct.c_void_p()
+    assert layout is not None and api.entity_pin(entity, ct.byref(pinned)) == 0 and pinned.value
+    reader = ct.c_uint64.from_address(pinned.value + layout.entity).value
+    flags = ct.c_ubyte.from_address(reader + layout.flags).value
     api.entity_unpin(pinned)
     return flags
 
@@ -59,7 +59,7 @@ def test_a_reader_wants_all_before_the_first_writer_is_connected(dds: World, mon
     node.create_publisher(String, "topic")
     participant: Any = node._scope.participant
     early = participant._early
-    monkeypatch.setattr(early, "create_reader", lambda create: create(early._during_creation))
+    monkeypatch.setattr(early, "create_reader", lambda create, is_reliable: create(early._during_creation))
     node.create_subscription(String, "topic")
     assert flags_of(newest_reader(node).entity) & ALL
     node.create_subscription(String, "nobody_writes_here")
@@ -72,21 +72,26 @@ def early_samples(dds: World, fast_dds: FastDds) -> tuple[EarlySamples, Any]:
     return EarlySamples(cyclone._api, fast_dds, participant._listener), participant
 
 
-def test_readers_are_left_alone_with_an_unknown_build(dds: World) -> None:
-    unknown = FastDds(SimpleNamespace(_name="/somewhere/libddsc.so.12"))  # type: ignore[arg-type]
+def test_readers_are_left_alone_where_they_do_not_look_as_known(dds: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    unknown = FastDds(cyclone._api)
     early, participant = early_samples(dds, unknown)
+    monkeypatch.setattr(structures, "find_reader", lambda *_: None)
+    early.learn(participant.discovery.entities[0])
+    assert unknown.capabilities().early_samples == "readers do not look as known in this library"
     listeners: list[int] = []
-    assert early.create_reader(lambda listener: (listeners.append(listener), 7)[1]) == 7
+    assert early.create_reader(lambda listener: (listeners.append(listener), 7)[1], is_reliable=True) == 7
     assert listeners == [participant._listener]
     early.close()
 
 
 def test_a_reader_that_is_not_as_known_is_left_alone_and_ends_it(dds: World) -> None:
-    fast_dds = FastDds(cyclone._library)
-    fast_dds.layout = fast_dds.layout._replace(entity_reader=fast_dds.layout.entity_reader - 16)  # its topic
+    fast_dds = FastDds(cyclone._api)
+    known = cyclone._fast_dds.reader_place
     early, participant = early_samples(dds, fast_dds)
+    assert known is not None
+    fast_dds.reader_place = known._replace(entity=known.entity - 16)  # its topic
     participant._early = early
     node = dds.nodes[-1]
     node.create_subscription(String, "topic")
-    assert fast_dds.refusal is not None and "a reader, " in fast_dds.refusal
+    assert "a reader, " in fast_dds.early_refusal
     assert not flags_of(newest_reader(node).entity) & ALL

@@ -16,7 +16,6 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import on_wire
@@ -28,8 +27,9 @@ from worlds import ROOT
 from rosidl_py_gen.msgs.rcl_interfaces.srv import GetParameterTypes
 from rosidl_py_gen.runtime import ForeignServiceError
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
-from rosidl_py_gen.runtime.transport.cyclone import rtps
-from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+from rosidl_py_gen.runtime.transport.cyclone import structures
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds import rtps
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
 from rosidl_py_gen.runtime.transport.dds import correlation, services
 from rosidl_py_gen.runtime.transport.discovered import Lost, ParticipantFound
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
@@ -134,7 +134,7 @@ def as_fast_dds(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 def table_of(type_object: int) -> Any:
     """The functions for samples of a type."""
-    address = ct.c_void_p.from_address(type_object + 8).value
+    address = ct.c_void_p.from_address(type_object + structures.SAMPLE_FUNCTIONS).value
     assert address is not None
     return (ct.c_void_p * 17).from_address(address)
 
@@ -142,7 +142,7 @@ def table_of(type_object: int) -> Any:
 def type_object(node: Node, dds_type: str) -> int:
     """What stands for a type in the node's domain."""
     participant: Any = node._scope.participant
-    found: int = participant.type_object(dds_type)
+    found: int = participant.type_object(dds_type).address
     return found
 
 
@@ -314,29 +314,55 @@ def test_processes_start_stop_and_fork() -> None:
 # --------------------------------------------------------------------------------------------------- what is not known
 
 
-def unknown() -> FastDds:
-    """As with another build of the library."""
-    return FastDds(SimpleNamespace(_name="/somewhere/libddsc.so.12"))  # type: ignore[arg-type]
+NOT_FOUND = {"find_slots": None, "are_samples_as_known": False}
 
 
-def test_an_unknown_build_is_refused_and_left_alone(dds: World) -> None:
+@pytest.mark.parametrize("probe", NOT_FOUND)
+def test_a_library_that_is_not_as_known_is_refused_and_left_alone(
+    dds: World, probe: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     node = with_service(dds.node("ours"))
-    place = ct.c_void_p.from_address(type_object(node, REQUEST) + 8)
+    participant: Any = node._scope.participant
+    place = ct.c_void_p.from_address(type_object(node, REQUEST) + structures.SAMPLE_FUNCTIONS)
     before = place.value
-    fast_dds = unknown()
-    fast_dds.prepare(type_object(node, REQUEST), "std_srvs::srv::dds_::SetBool_Request_")
+    monkeypatch.setattr(structures, probe, lambda *_: NOT_FOUND[probe])
+    fast_dds = FastDds(cyclone._api)
+    fast_dds.prepare(participant.type_object(REQUEST), REQUEST)
     assert place.value == before
-    assert fast_dds.refusal is not None and "libddsc.so.12" in fast_dds.refusal
+    assert fast_dds.refusal is not None and "in this library" in fast_dds.refusal
+    assert fast_dds.capabilities().services == fast_dds.refusal
+
+
+def test_samples_with_bytes_elsewhere_are_copied_and_services_of_fast_dds_refused(dds: World) -> None:
+    participant: Any = with_service(dds.node("ours"))._scope.participant
+    known = participant.type_object(REQUEST)
+    fast_dds = FastDds(cyclone._api)
+    fast_dds.prepare(known._replace(content=None), REQUEST)
+    assert fast_dds.refusal == "the bytes of samples do not lie in one place"
+    node = dds.node("other")
+    publisher, subscription = node.create_publisher(String, "topic"), node.create_subscription(String, "topic")
+    reader: Any = subscription._reader
+    reader._content = None
+    for text in ("small", "x" * 100_000):
+        publisher.publish(String(data=text))
+        assert String.decode(subscription._items.popleft()[0]).data == text
+
+
+def test_a_process_of_32_bits_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(structures, "WORD", 4)
+    assert FastDds(cyclone._api).refusal == "that was never tried on Linux with 32 bits, little-endian"
 
 
 def test_a_refusal_is_told_once_and_only_where_fast_dds_peers_are() -> None:
-    fast_dds = unknown()
+    fast_dds = FastDds(cyclone._api)
+    fast_dds.refusal = "a test"
     fast_dds.settle(READER, [ParticipantFound(CYCLONE_GUID, None)])
-    assert fast_dds.complaint() is None
+    assert fast_dds.complaints() == []
     fast_dds.settle(READER, [ParticipantFound(FAST_GUID, None)])
-    told = fast_dds.complaint()
-    assert told is not None and told.startswith("services of Fast DDS nodes cannot be used here, topics can: ")
-    assert fast_dds.complaint() is None
+    assert fast_dds.complaints() == ["services of Fast DDS nodes cannot be used here, topics can: a test"]
+    assert fast_dds.complaints() == []
+    fast_dds.lookup_refusal = "another"
+    assert [one.endswith("may end this process: another") for one in fast_dds.complaints()] == [True]
 
 
 async def test_topics_work_and_services_of_fast_dds_are_refused_with_an_unknown_build(
@@ -390,7 +416,7 @@ WRITTEN = bytes(8) + b"\0\0\0\0" + WRITER + bytes(8)
     ids=["DATA", "DATA_FRAG", "another submessage", "of another writer", "another head"],
 )
 def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: Packet, is_known: bool) -> None:
-    fast_dds = FastDds(cyclone._library)
+    fast_dds = FastDds(cyclone._api)
     before = packet.data.raw
     assert fast_dds.announce_parameters(packet.iov, WRITER) is is_known
     changed = [index for index, (old, new) in enumerate(zip(before, packet.data.raw, strict=True)) if old != new]
@@ -400,7 +426,7 @@ def test_only_packets_as_known_are_changed_and_one_that_is_not_ends_it(packet: P
 
 @pytest.mark.parametrize(("word", "value"), [(1, 1), (3, 1), (4, 1)], ids=["room", "other parameters", "has a message"])
 def test_what_is_no_packet_being_made_is_left_alone_without_distrust(word: int, value: int) -> None:
-    fast_dds = FastDds(cyclone._library)
+    fast_dds = FastDds(cyclone._api)
     packet = Packet(bytes(12) + bytes((rtps.DATA, 1)) + WRITTEN[2:])
     packet.words[word] = value
     before = packet.data.raw

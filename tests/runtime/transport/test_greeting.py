@@ -8,7 +8,7 @@ import socket
 
 import pytest
 
-from rosidl_py_gen.runtime.transport.cyclone.greeting import addresses, ask_writers, greet, question
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.greeting import addresses, ask_writers, greet, question
 
 OURS, THEIRS = bytes.fromhex("01100102030405060708090a000001c1"), bytes.fromhex("010f1112131415161718191a000001c1")
 UDP4, UDP6 = socket.AF_INET, socket.AF_INET6

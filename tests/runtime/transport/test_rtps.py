@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.cyclone import rtps
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds import rtps
 from rosidl_py_gen.runtime.transport.dds.correlation import identified, identity_of
 from rosidl_py_gen.runtime.transport.samples import in_fours
 

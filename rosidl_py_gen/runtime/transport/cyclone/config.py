@@ -1,5 +1,5 @@
 """The configuration of Cyclone that follows from a context's settings, as XML text
-(docs/internals/protocol.md 10.6, 11.6).
+(docs/internals/protocol.md 10.6, 11.6). What the loaded library does not know is left out, as it would end the domain.
 
 Why localhost mode binds to the loopback interface, which rmw_cyclonedds (Jazzy) does not do: turning multicast off
 stops discovery from leaving the host, but not data to a locator that some discovered peer announces. A transmit socket
@@ -11,14 +11,28 @@ stays compatible with ROS peers in LOCALHOST range, although they bind to the fi
 - we announce only 127.0.0.1, and Cyclone accepts loopback locators from a peer that announces nothing else.
 
 A static peer on another host is an explicit wish to leave the host: then we do not bind. Neither do we when
-CYCLONEDDS_URI chooses interfaces.
+CYCLONEDDS_URI chooses interfaces, nor with Cyclone before 11, which does not answer so and would not find peers on
+Fast DDS: there data may go to whatever address a discovered peer announces (docs/internals/dds.md 8).
 """
 
 from __future__ import annotations
 
+import re
+from typing import TYPE_CHECKING
+
 from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
 
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
 MAX_PARTICIPANT_INDEX = 32
+IGNORES_TYPES = "IgnoreTypeInformation"
+"""An element of Cyclone from 11 on."""
+ELEMENTS = frozenset(
+    {"SocketReceiveBufferSize", "HeartbeatInterval", "NackDelay", IGNORES_TYPES, "SPDPInterval"}
+    | {"InitialLocatorPruneDelay"}
+)
+"""Elements of ours that a library may do without; of 0.10 to 11, 0.10 does not know two."""
 TUNING = (
     '<Internal><SocketReceiveBufferSize max="32MiB"/><HeartbeatInterval>20ms</HeartbeatInterval>'
     "<NackDelay>20ms</NackDelay></Internal><Compatibility><IgnoreTypeInformation>"
@@ -39,28 +53,39 @@ TUNING = (
 _LOOPBACK_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
 
 
-def cyclone_xml(settings: DomainSettings, *, process_id: int, extra: str = "") -> str:
+def cyclone_xml(
+    settings: DomainSettings, *, process_id: int, extra: str = "", last: str = "", lacks: Collection[str] = ()
+) -> str:
     """The configuration text for Cyclone: ours, then CYCLONEDDS_URI, whose elements win.
 
-    `extra` is XML below ``<Domain>`` that our transport wants to add (tuning); it comes before the user's. In
-    localhost and off mode multicast is turned off once more at the end, so that a CYCLONEDDS_URI written for another
+    In localhost and off mode multicast is turned off once more at the end, so that a CYCLONEDDS_URI written for another
     mode cannot turn it on. Empty when there is nothing to say.
+
+    Args:
+        extra: XML below ``<Domain>`` that our transport wants to add (tuning); it comes before the user's.
+        last: the same, behind the user's.
+        lacks: elements that the library does not know, of those in `ELEMENTS`.
 
     Source: docs/internals/protocol.md 10.6, 11.6.
     """
     fragments = []
-    body = _domain_elements(settings, process_id) + extra
+    body = _domain_elements(settings, process_id, IGNORES_TYPES not in lacks) + extra
+    for name in lacks:
+        body = re.sub(rf"<{name}\b[^>]*(/>|>.*?</{name}>)", "", body)
     if body:
         fragments.append(f'<CycloneDDS><Domain Id="any">{body}</Domain></CycloneDDS>')
     if settings.cyclonedds_uri:
         fragments.append(settings.cyclonedds_uri)
         if settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF):
-            fragments.append(f'<CycloneDDS><Domain Id="any">{_general("")}</Domain></CycloneDDS>')
+            last = _general("") + last
+        if last:
+            fragments.append(f'<CycloneDDS><Domain Id="any">{last}</Domain></CycloneDDS>')
     return ",".join(fragments)
 
 
-def _domain_elements(settings: DomainSettings, process_id: int) -> str:
-    interfaces = _LOOPBACK_INTERFACE if _binds_to_loopback(settings) else ""
+def _domain_elements(settings: DomainSettings, process_id: int, can_bind: bool) -> str:
+    is_bound = _binds_to_loopback(settings) and (can_bind or settings.discovery_range is DiscoveryRange.OFF)
+    interfaces = _LOOPBACK_INTERFACE if is_bound else ""
     match settings.discovery_range:
         case DiscoveryRange.SYSTEM_DEFAULT:
             return ""

@@ -16,7 +16,8 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone import functions
+from rosidl_py_gen.runtime.transport.cyclone.functions import DCPS_PARTICIPANT, endpoint_at, participant_at
 from rosidl_py_gen.runtime.transport.cyclone.pipe import putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import read_profile, read_property, read_user_data
 from rosidl_py_gen.runtime.transport.dds.correlation import FAST_DDS_VENDOR
@@ -27,15 +28,15 @@ from rosidl_py_gen.runtime.transport.type_names import ros_type
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
 
 _BATCH = 64
+"""Of all arrays that a builtin reader is given: 0.10 fills in as many pointers as it has ever lent."""
 _REMEMBERED = 4096
 """Handles of lost endpoints that are still known: their last samples may lie in a queue."""
 _ALIVE = 16
 _PREFIX_BYTES = 12
-_FEW = 8
 _NEW = 2 | 4 | 8 | _ALIVE
 """Samples that were not read yet, of whatever view, that have data."""
 _info = struct.Struct("=8xI?3x8xQ32x").unpack_from
@@ -44,7 +45,7 @@ _ADDRESSES = b"__NetworkAddresses"
 """A property that Cyclone adds to what a participant said of itself."""
 _OF_DDS = "DCPS"
 """Begins the names of the topics by which DDS itself works."""
-_TOPICS = (abi.DCPS_PARTICIPANT, abi.DCPS_PUBLICATION, abi.DCPS_SUBSCRIPTION)
+_TOPICS = (DCPS_PARTICIPANT, functions.DCPS_PUBLICATION, functions.DCPS_SUBSCRIPTION)
 
 
 class DiscoveryReaders:
@@ -52,7 +53,7 @@ class DiscoveryReaders:
 
     def __init__(
         self,
-        api: abi.Api,
+        api: functions.Api,
         fast_dds: FastDds,
         participant: int,
         listener: int,
@@ -73,13 +74,13 @@ class DiscoveryReaders:
         self._readers: dict[int, int] = {}
         try:
             for topic in _TOPICS:
-                own = of_participants if topic == abi.DCPS_PARTICIPANT else listener
+                own = of_participants if topic == DCPS_PARTICIPANT else listener
                 code = api.create_reader(participant, topic, None, own)
                 self._readers[topic] = api.check(code, "create a discovery reader")
         finally:
             api.delete_listener(of_participants)
         self.entities = tuple(self._readers.values())
-        fast_dds.notice(self._readers[abi.DCPS_PARTICIPANT])
+        fast_dds.notice(self._readers[DCPS_PARTICIPANT])
         self.sink: Callable[[list[DiscoveryEvent]], None] | None = None
         self._lock = threading.Lock()
         self._pointers = (ct.c_void_p * _BATCH)()
@@ -98,16 +99,16 @@ class DiscoveryReaders:
             putw(reader, stream)
 
     def _greet_new(self, reader: int) -> None:
-        pointers, infos = (ct.c_void_p * _FEW)(), (ct.c_ubyte * (64 * _FEW))()
-        count = _FEW
-        while count == _FEW:
+        pointers, infos = (ct.c_void_p * _BATCH)(), (ct.c_ubyte * (64 * _BATCH))()
+        count = _BATCH
+        while count == _BATCH:
             pointers[0] = None
-            count = self._api.read_mask(reader, pointers, infos, _FEW, _FEW, _NEW)
+            count = self._api.read_mask(reader, pointers, infos, _BATCH, _BATCH, _NEW)
             if count <= 0:
                 return
             try:
                 for index in range(count):
-                    participant = abi.BuiltinParticipant.from_address(pointers[index] or 0)
+                    participant = participant_at(pointers[index] or 0)
                     self._meet(bytes(participant.key), participant.qos)
             finally:
                 self._api.return_loan(reader, pointers, count)
@@ -126,7 +127,7 @@ class DiscoveryReaders:
     def fetch(self) -> None:
         """Move all news into the list of events."""
         with self._lock:
-            participants = self._readers[abi.DCPS_PARTICIPANT]
+            participants = self._readers[DCPS_PARTICIPANT]
             self._fast_dds.look(participants)
             for topic, reader in self._readers.items():
                 news: list[DiscoveryEvent] = []
@@ -139,8 +140,7 @@ class DiscoveryReaders:
     def report(self) -> None:
         """Pass all news to the sink."""
         self.fetch()
-        complaint = self._fast_dds.complaint()
-        if complaint is not None:
+        for complaint in self._fast_dds.complaints():
             get_root_logger().warning(complaint)
         events = [self._events.popleft() for _ in range(len(self._events))]
         if events and self.sink is not None:
@@ -161,28 +161,28 @@ class DiscoveryReaders:
                 news.append(event)
                 if valid and state != _ALIVE:  # came and went since the last look; nothing else will tell
                     self._forget_later(handle)
-                    self._addresses.pop(event.guid[:_PREFIX_BYTES] if topic == abi.DCPS_PARTICIPANT else b"", None)
+                    self._addresses.pop(event.guid[:_PREFIX_BYTES] if topic == DCPS_PARTICIPANT else b"", None)
                     news.append(Lost(event.guid))
         finally:
             self._api.return_loan(reader, pointers, count)
         return count
 
     def _event(self, topic: int, pointer: int, handle: int, valid: bool) -> DiscoveryEvent:
-        if topic == abi.DCPS_PARTICIPANT:
-            participant = abi.BuiltinParticipant.from_address(pointer)
+        if topic == DCPS_PARTICIPANT:
+            participant = participant_at(pointer)
             guid = bytes(participant.key)
             if not valid:
                 self._addresses.pop(guid[:_PREFIX_BYTES], None)
                 return Lost(guid)
             self._meet(guid, participant.qos)  # perhaps before Cyclone's thread has come to it
             return ParticipantFound(guid, parse_user_data(read_user_data(self._api, participant.qos)).get("enclave"))
-        endpoint = abi.BuiltinEndpoint.from_address(pointer)
+        endpoint = endpoint_at(pointer)
         guid = bytes(endpoint.key)
         if not valid:
             self._forget_later(handle)
             return Lost(guid)
         self.guids[handle] = guid
-        is_writer = topic == abi.DCPS_PUBLICATION
+        is_writer = topic == functions.DCPS_PUBLICATION
         told = parse_user_data(read_user_data(self._api, endpoint.qos))
         name, type = endpoint.topic_name.decode(errors="replace"), endpoint.type_name.decode(errors="replace")
         return EndpointFound(
@@ -205,7 +205,7 @@ class DiscoveryReaders:
 
     def close(self) -> None:
         """The participant and its readers are deleted."""
-        self._fast_dds.forget(self._readers[abi.DCPS_PARTICIPANT])
+        self._fast_dds.forget(self._readers[DCPS_PARTICIPANT])
 
     # --------------------------------------------------------------------------------------------------- handles
 
@@ -236,6 +236,6 @@ class DiscoveryReaders:
             pointer = look_up(entity, handle)
             if not pointer:
                 return None
-            guid = self.guids[handle] = bytes(abi.BuiltinEndpoint.from_address(pointer).key)
+            guid = self.guids[handle] = bytes(endpoint_at(pointer).key)
             api.builtintopic_free_endpoint(pointer)
         return guid

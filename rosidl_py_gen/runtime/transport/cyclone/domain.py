@@ -16,13 +16,13 @@ import threading
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
-from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone import functions
 from rosidl_py_gen.runtime.transport.cyclone.config import MAX_PARTICIPANT_INDEX
 from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObjects
 from rosidl_py_gen.runtime.transport.port import TransportError
 
 if TYPE_CHECKING:
-    from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
 
 _FIRST_PORT, _PORTS_PER_DOMAIN, _FIRST_UNICAST, _PORTS_PER_INDEX = 7400, 250, 10, 2
 
@@ -34,17 +34,19 @@ class Domain:
     _lock: ClassVar[threading.Lock] = threading.Lock()
     _forked: ClassVar[bool] = False
 
-    def __init__(self, api: abi.Api, fast_dds: FastDds, domain_id: int, xml: str) -> None:
+    def __init__(self, api: functions.Api, fast_dds: FastDds, domain_id: int, xml: str) -> None:
         self._api = api
         self._domain_id = domain_id
         self._xml = xml
         self._users = 0
         self._fast_dds = fast_dds
         self.types = TypeObjects(api, fast_dds.prepare)
+        self.drops_type_lookups = False
+        """See `FastDds.drop_type_lookups`."""
         code = api.create_domain(domain_id, xml.encode())
-        self._handle = 0 if code == abi.PRECONDITION_NOT_MET else code
+        self._handle = 0 if code == functions.PRECONDITION_NOT_MET else code
         if self._handle == 0:
-            # Another DDS library on top of the same wheel made the domain already.
+            # Another user of the same libddsc made the domain already.
             get_root_logger().warning(
                 f"domain {domain_id} was configured by other code of this process: discovery range, static peers and "
                 "CYCLONEDDS_URI have no effect here"
@@ -57,7 +59,7 @@ class Domain:
             )
 
     @classmethod
-    def join(cls, api: abi.Api, fast_dds: FastDds, domain_id: int, xml: str) -> Domain:
+    def join(cls, api: functions.Api, fast_dds: FastDds, domain_id: int, xml: str) -> Domain:
         """The domain with that configuration. Every `join` needs a `leave`.
 
         Raises:
@@ -88,10 +90,10 @@ class Domain:
             self._users -= 1
             if self._users == 0:
                 del self._open[self._domain_id]
+                self._fast_dds.release(self.types.addresses())
                 self.types.close()
                 if self._handle:
                     self._api.delete(self._handle)
-                self._fast_dds.sweep()
 
     @classmethod
     def abandon(cls) -> None:

@@ -1,7 +1,13 @@
 """Writers and readers of the DDS transport.
 
-Decides how bytes get into and out of Cyclone: one ctypes call a sample to write, one a batch to take. `participant.py`
-makes them; the rules written there hold here.
+Decides how bytes get into and out of Cyclone: a sample is made of them and written; samples are taken in batches, and
+their bytes copied, or, of large ones, shown where they are. `participant.py` makes them; the rules written there hold
+here.
+
+A sample belongs to whoever holds a reference, wherever it came from: in one process the reader gets the very sample
+that was written. One of up to 256 bytes goes back to a pool of its domain, so that small ones are never kept.
+
+Source: docs/internals/dds.md 6.
 """
 
 from __future__ import annotations
@@ -14,27 +20,32 @@ import weakref
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone import functions
+from rosidl_py_gen.runtime.transport.cyclone.functions import NOT_TAKEN, SAMPLE_WITH_DATA, address_of, pack_iov
 from rosidl_py_gen.runtime.transport.cyclone.sockets import LARGE_BYTES, warn_about_socket_buffers
+from rosidl_py_gen.runtime.transport.cyclone.structures import bytes_at, content_at
+from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.samples import in_fours
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
-    from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
+    from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObject
     from rosidl_py_gen.runtime.transport.dds.correlation import Identity
     from rosidl_py_gen.runtime.transport.samples import Payload, ReceiveQueue, Sink
 
 _BATCH = 32
-"""Samples per take. More only helps when the queue is deeper; the arrays cost 80 bytes a piece."""
-_VIEW_FROM_BYTES = 65536
-"""Payloads of this size are not copied into a bytes object, but freed when the last view of them dies."""
+"""Samples per take. More only helps when the queue is deeper; the arrays cost 72 bytes a piece."""
+_ANY_STATE = 127
+_LARGE_SAMPLE = 65536
+"""Samples of this size are copied into Cyclone without the GIL, and out of it not at all: they are freed when the last
+view of them dies."""
 
 _by_reference = ct.byref
-_string_at = ct.PYFUNCTYPE(ct.py_object, ct.c_void_p, ct.c_ssize_t)(("PyBytes_FromStringAndSize", ct.pythonapi))
-"""`ctypes.string_at` without its Python wrapper."""
-_Container = abi.Container
+_address = ct.c_void_p
+_size = ct.c_size_t
+_one = ct.c_size_t(1)
 _time_ns = time.time_ns
-_container_fields = struct.Struct("=QQ").unpack_from
 _info_fields = struct.Struct("=12x?3xq8xQ24x").unpack_from
 """valid_data, source timestamp and publication handle of dds_sample_info_t (64 bytes)."""
 _local_lock = threading.Lock()
@@ -45,7 +56,7 @@ _local_readers: dict[tuple[int, str], tuple[CycloneReader, ...]] = {}
 class Host(Protocol):
     """What endpoints need of their participant."""
 
-    api: abi.Api
+    api: functions.Api
     fast_dds: FastDds
     domain_id: int
     discovery: DiscoveryReaders
@@ -54,8 +65,8 @@ class Host(Protocol):
     def guid_of(self, entity: int) -> bytes:
         """The entity's GUID in network order."""
 
-    def type_object(self, type: str) -> int:
-        """The address of what stands for a type that has endpoints."""
+    def type_object(self, type: str) -> TypeObject:
+        """What stands for a type that has endpoints."""
 
     def release_topic(self, topic: str, type: str) -> None:
         """An endpoint of it is gone."""
@@ -83,7 +94,8 @@ class CycloneWriter:
         self._key = (owner.domain_id, topic)
         self._entity = entity
         self._api = api = owner.api
-        self._dds_write = api.bare_write
+        self._copy, self._write = api.bare_copy, api.bare_write
+        self._type_object = _address(owner.type_object(type).address)
         self.guid = owner.guid_of(entity)
         handle = ct.c_uint64()
         api.check(api.get_instance_handle(entity, ct.byref(handle)), "read an instance handle")
@@ -93,11 +105,21 @@ class CycloneWriter:
         """See `port.Writer`. Raises `ClosedError` or `TransportError`."""
         if data.__class__ is not bytes or len(data) & 3:
             data = in_fours(data)
-        if len(data) > LARGE_BYTES:
-            warn_about_socket_buffers(len(data))
-        code = self._dds_write(self._entity, _by_reference(_Container(data, len(data))))
+        size = len(data)
+        iov = pack_iov(address_of(data), size)
+        if size < _LARGE_SAMPLE:
+            sample = self._copy(self._type_object, SAMPLE_WITH_DATA, _one, iov, _size(size))
+        else:
+            if size > LARGE_BYTES:
+                warn_about_socket_buffers(size)
+            sample = self._api.copy_large(self._type_object, SAMPLE_WITH_DATA, 1, iov, size)
+        if not sample:
+            raise TransportError(f"Cyclone DDS does not take {data[:8].hex()}... ({size} bytes): no serialized message")
+        code = self._write(self._entity, _address(sample))
         if code == 0 and self._key not in _local_readers:
             return True
+        if code in NOT_TAKEN:
+            self._api.serdata_unref(sample)
         return self._is_written(code, data)
 
     def write_for(self, data: Payload, identity: Identity) -> bool:
@@ -107,8 +129,8 @@ class CycloneWriter:
             warn_about_socket_buffers(len(data))
         if self._entity == 0:
             raise ClosedError(f"the writer of {self._topic} is closed")
-        type_object = self._owner.type_object(self._type)
-        return self._is_written(self._owner.fast_dds.write(self._entity, self.guid, type_object, data, identity), data)
+        address = self._owner.type_object(self._type).address
+        return self._is_written(self._owner.fast_dds.write(self._entity, self.guid, address, data, identity), data)
 
     def _is_written(self, code: int, data: Payload) -> bool:
         if code == 0:
@@ -116,7 +138,7 @@ class CycloneWriter:
                 for reader in _local_readers.get(self._key, ()):
                     reader.fetch()
             return True
-        if code == abi.TIMEOUT:
+        if code == functions.TIMEOUT:
             return False
         if self._entity == 0:
             raise ClosedError(f"the writer of {self._topic} is closed")
@@ -127,12 +149,12 @@ class CycloneWriter:
         return self._owner.discovery.matched(self._entity, is_writer=True)
 
     def has_readers(self) -> bool:
-        status = abi.MatchedStatus()
+        status = functions.MatchedStatus()
         return self._api.bare_matched(self._entity, _by_reference(status)) == 0 and status.current > 0
 
     def all_acknowledged(self) -> bool:
         code = self._api.wait_for_acks(self._entity, 0)
-        return code == 0 or (code != abi.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
+        return code == 0 or (code != functions.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         status = {"deadline": "offered_deadline_missed", "liveliness": "liveliness_lost"}[event]
@@ -162,18 +184,10 @@ class TakeBuffers:
     def __init__(self) -> None:
         self.lock = threading.RLock()
         self.user: CycloneReader | None = None
-        self.containers = (ct.c_uint64 * (2 * _BATCH))()
-        base = ct.addressof(self.containers)
-        self.pointers = (ct.c_void_p * _BATCH)(*(base + 16 * index for index in range(_BATCH)))
+        self.samples: ct.Array[Any] = (ct.c_void_p * _BATCH)()
         self.infos = (ct.c_ubyte * (64 * _BATCH))()
-        self.arguments: tuple[Any, ...] = (
-            ct.byref(self.pointers),
-            ct.byref(self.infos),
-            ct.c_size_t.from_param(_BATCH),
-            _BATCH,
-        )
+        self.arguments: tuple[Any, ...] = (ct.byref(self.samples), _BATCH, ct.byref(self.infos), _ANY_STATE)
         """Of a take, behind the reader; made once, because converting them would take longer than the call."""
-        self.container_bytes = memoryview(self.containers).cast("B")
         self.info_bytes = memoryview(self.infos)
 
 
@@ -193,9 +207,9 @@ class CycloneReader:
         self.sink: Sink | None = None
         self._api = owner.api
         self._take = owner.api.bare_take
-        self._samples = owner.fast_dds.samples(owner.type_object(type))
-        self._free = owner.api.free
-        self._free_small = owner.api.bare_free
+        address, self._content = owner.type_object(type)
+        self._functions = owner.fast_dds.samples(address)
+        self._size_of, self._unref = owner.api.serdata_size, owner.api.serdata_unref
         self._buffers = owner.buffers
         self._guids = owner.discovery.guids
         self._large_bytes = 0
@@ -228,38 +242,51 @@ class CycloneReader:
 
     def _take_all(self, buffers: TakeBuffers) -> bool:
         items, found = self.queue.items, False
+        size_of, unref, content = self._size_of, self._unref, self._content
+        functions_of_ours, samples = self._functions, buffers.samples
         count = _BATCH
         while count == _BATCH:
-            if self._samples is not None and self._samples.sends:
-                count = abi.undisturbed(self._take, self.entity, *buffers.arguments)
-            else:
-                count = self._take(self.entity, *buffers.arguments)
+            count = self._take(self.entity, *buffers.arguments)
             now = _time_ns()
             for index in range(count):
-                pointer, size = _container_fields(buffers.container_bytes, 16 * index)
-                # Cyclone frees what it finds here when the next sample carries no data.
-                buffers.containers[2 * index] = 0
+                sample = samples[index]
                 valid, source_ns, writer = _info_fields(buffers.info_bytes, 64 * index)
-                data: Payload
-                if size < _VIEW_FROM_BYTES or not valid:
-                    data = _string_at(pointer, size) if valid else b""
-                    self._free_small(pointer)
+                if not valid:
+                    unref(sample)
+                    continue
+                size = size_of(sample)
+                data: Payload | None = None
+                if functions_of_ours is not None and functions_of_ours.sends:
+                    data = self._owner.fast_dds.local_content(sample)
+                if data is not None:
+                    unref(sample)
+                elif content is None:
+                    data = self._asked_for(sample, size)
+                elif size < _LARGE_SAMPLE:
+                    data = bytes_at(sample + content, size)
+                    unref(sample)
                 else:
-                    data = self._large(pointer, size)
-                if valid:
-                    if len(items) == items.maxlen:  # as `ReceiveQueue.push`, without a call for each sample
-                        self.queue.dropped += 1
-                    items.append((data, source_ns, writer, now))
-                    found = True
+                    data = self._view(sample, sample + content, size)
+                if len(items) == items.maxlen:  # as `ReceiveQueue.push`, without a call for each sample
+                    self.queue.dropped += 1
+                items.append((data, source_ns, writer, now))
+                found = True
         return found
 
-    def _large(self, pointer: int, size: int) -> memoryview:
-        """A read-only view of memory that DDS allocated; it is freed when the last view of it is gone."""
+    def _view(self, sample: int, address: int, size: int) -> memoryview:
+        """A read-only view of the bytes of a sample, which is freed when the last view of it is gone."""
         if size > LARGE_BYTES:
             self._large_bytes = size
-        array = (ct.c_ubyte * size).from_address(pointer)
-        weakref.finalize(array, self._free, pointer).atexit = False
+        array = content_at(address, size)
+        weakref.finalize(array, self._api.drop_large, sample).atexit = False
         return memoryview(array).cast("B").toreadonly()
+
+    def _asked_for(self, sample: int, size: int) -> bytes:
+        """A copy of the bytes of a sample, wherever they lie."""
+        copy = (ct.c_ubyte * size)()
+        self._api.serdata_to_ser(sample, 0, size, copy)
+        self._unref(sample)
+        return bytes(copy)
 
     def matched_writers(self) -> list[bytes]:
         return self._owner.discovery.matched(self.entity, is_writer=False)

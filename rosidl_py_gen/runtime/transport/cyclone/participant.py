@@ -1,7 +1,7 @@
-"""The DDS transport: Cyclone DDS through the `cyclonedds` wheel. The only file that imports it.
+"""The DDS transport: Cyclone DDS through plain C calls, on the libddsc that `library.py` finds.
 
 Decides how entities are made, waited for, read and deleted. What stands for the types is in `topics.py`; the C
-functions are in `abi.py`, QoS in `qos.py`, services of Fast DDS in `fastdds.py`.
+functions are in `functions.py`, QoS in `qos.py`, services of Fast DDS in `fast_dds`.
 
 Rules a newcomer would otherwise break:
 
@@ -18,40 +18,36 @@ from __future__ import annotations
 
 import ctypes as ct
 import os
-import sys
 import threading
 from collections import defaultdict
 from contextlib import ExitStack
 from functools import partial
-from importlib import import_module
-from importlib.util import find_spec, module_from_spec
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.base.resources import install_command
 from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS
-from rosidl_py_gen.runtime.transport.cyclone import abi
-from rosidl_py_gen.runtime.transport.cyclone.catchup import EarlySamples
-from rosidl_py_gen.runtime.transport.cyclone.config import TUNING, cyclone_xml
+from rosidl_py_gen.runtime.transport.cyclone import functions, library
+from rosidl_py_gen.runtime.transport.cyclone.config import IGNORES_TYPES, TUNING, cyclone_xml
 from rosidl_py_gen.runtime.transport.cyclone.discovery import DiscoveryReaders
 from rosidl_py_gen.runtime.transport.cyclone.domain import Domain
 from rosidl_py_gen.runtime.transport.cyclone.endpoints import CycloneReader, CycloneWriter, TakeBuffers
-from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
-from rosidl_py_gen.runtime.transport.cyclone.greeting import ask_writers, greet
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.catchup import EarlySamples
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.greeting import ask_writers, greet
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
 from rosidl_py_gen.runtime.transport.cyclone.pipe import ArrivalPipe, putw
 from rosidl_py_gen.runtime.transport.cyclone.qos import endpoint_qos, participant_qos
 from rosidl_py_gen.runtime.transport.dds.names import endpoint_user_data, participant_user_data
 from rosidl_py_gen.runtime.transport.dds.participant import DdsParticipant
 from rosidl_py_gen.runtime.transport.discovered import EndpointFound
-from rosidl_py_gen.runtime.transport.port import BackendMissingError, DiscoveryRange
+from rosidl_py_gen.runtime.transport.port import DiscoveryRange
 from rosidl_py_gen.runtime.transport.qos import Reliability, effective
 from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from types import ModuleType
 
+    from rosidl_py_gen.runtime.transport.cyclone.topics import TypeObject
     from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
     from rosidl_py_gen.runtime.transport.discovered import DiscoveryEvent
     from rosidl_py_gen.runtime.transport.port import DomainSettings
@@ -64,36 +60,9 @@ After 10 ms it asks in its own way, which counts as the question.
 """
 
 
-def _load() -> tuple[ModuleType, ct.CDLL]:
-    """The C extension and the C library of the wheel, without the rest of the package.
-
-    ``import cyclonedds`` runs its whole IDL and QoS machinery, 50 ms of which we use nothing. So the package is entered
-    without running its ``__init__``, and taken out of `sys.modules` again: whoever imports it later gets all of it,
-    with the two modules loaded here.
-    """
-    if "cyclonedds" not in sys.modules:
-        spec = find_spec("cyclonedds")
-        if spec is None:
-            raise ModuleNotFoundError("No module named 'cyclonedds'", name="cyclonedds")
-        sys.modules["cyclonedds"] = module_from_spec(spec)
-        try:
-            return import_module("cyclonedds._clayer"), import_module("cyclonedds.internal").load_cyclonedds()
-        finally:
-            del sys.modules["cyclonedds"]
-    return import_module("cyclonedds._clayer"), import_module("cyclonedds.internal").load_cyclonedds()
-
-
-try:
-    _clayer, _library = _load()
-except ImportError as err:
-    raise BackendMissingError(
-        "the node runtime needs Cyclone DDS. Wheels of cyclonedds exist for CPython 3.10 to 3.13 on Linux (x86-64, "
-        "glibc), macOS and Windows (x86-64); MemoryTransport works without it. "
-        f"The import failed with: {err}. To install it: {install_command('node')}",
-        name="cyclonedds",
-    ) from err
-_api = abi.Api(_library)
-_fast_dds = FastDds(_library)
+_library = library.find()
+_api = functions.Api(_library.handle)
+_fast_dds = FastDds(_api, _library.lacks)
 
 
 class CycloneTransport:
@@ -103,7 +72,9 @@ class CycloneTransport:
 
     def open(self, settings: DomainSettings, enclave: str = "/") -> CycloneParticipant:
         """Join the domain, which all participants of a process configure alike; see `domain.py`."""
-        xml = cyclone_xml(settings, process_id=os.getpid(), extra=TUNING)
+        xml = cyclone_xml(
+            settings, process_id=os.getpid(), extra=TUNING, last=_without_shared_memory(), lacks=_library.lacks
+        )
         is_local = settings.discovery_range in (DiscoveryRange.LOCALHOST, DiscoveryRange.OFF)
         return CycloneParticipant(settings.domain_id, participant_user_data(enclave), xml, is_local=is_local)
 
@@ -140,6 +111,9 @@ class CycloneParticipant(DdsParticipant):
                 what = f"create a participant in domain {domain_id}"
                 self.entity = _api.check(_api.create_participant(domain_id, qos, None), what)
             undo.callback(_api.delete, self.entity)
+            if IGNORES_TYPES in _library.lacks and not self._domain.drops_type_lookups:
+                self._domain.drops_type_lookups = True
+                _fast_dds.drop_type_lookups(self.entity)
             self._publisher = _api.check(_api.create_publisher(self.entity, None, None), "create a publisher")
             self._subscriber = _api.check(_api.create_subscriber(self.entity, None, None), "create a subscriber")
             self.guid = self.guid_of(self.entity)
@@ -147,11 +121,21 @@ class CycloneParticipant(DdsParticipant):
                 *(_api, _fast_dds, self.entity, self._listener, self._pipe.stream),
                 greet=partial(greet, self.guid, is_local=is_local),
             )
+            self._early.learn(self.discovery.entities[0])
             self._undo = undo.pop_all()
 
     @property
     def identity_refusal(self) -> str | None:
         return self.fast_dds.refusal
+
+    @property
+    def library(self) -> str:
+        return str(_library)
+
+    @property
+    def capabilities(self) -> dict[str, str]:
+        self.fast_dds.slots()
+        return self.fast_dds.capabilities().shown()
 
     # ------------------------------------------------------------------------------------------------ endpoints
 
@@ -169,11 +153,10 @@ class CycloneParticipant(DdsParticipant):
 
     def make_reader(self, end: DdsEndpoint) -> CycloneReader:
         profile = effective(end.qos, is_writer=False)
-        with endpoint_qos(_api, profile, _user_data(end), is_writer=False, ignore_local=end.ignore_local) as cqos:
-            entity = self._early.create_reader(
-                partial(self._create, _api.create_reader, self._subscriber, end.topic, end.type, cqos)
-            )
         is_reliable = profile.reliability is Reliability.RELIABLE
+        with endpoint_qos(_api, profile, _user_data(end), is_writer=False, ignore_local=end.ignore_local) as cqos:
+            create = partial(self._create, _api.create_reader, self._subscriber, end.topic, end.type, cqos)
+            entity = self._early.create_reader(create, is_reliable=is_reliable)
         return CycloneReader(self, entity, end.topic, end.type, ReceiveQueue(profile), is_reliable=is_reliable)
 
     def _create(
@@ -193,12 +176,12 @@ class CycloneParticipant(DdsParticipant):
             held = self._topics.get((topic, type))
             self._idle_topics.pop((topic, type), None)
             if held is None:
-                handle = self._domain.types.create_topic(_clayer.ddspy_topic_create, self.entity, topic, type)
+                handle = self._domain.types.create_topic(self.entity, topic, type)
                 held = self._topics[topic, type] = [handle, 0]
             held[1] += 1
             return held[0]
 
-    def type_object(self, type: str) -> int:
+    def type_object(self, type: str) -> TypeObject:
         """What stands for a type that has endpoints."""
         return self._domain.types[type]
 
@@ -311,3 +294,8 @@ class CycloneParticipant(DdsParticipant):
 
 def _user_data(end: DdsEndpoint) -> bytes:
     return endpoint_user_data(end.type_hash, client_id=end.client_id, service_id=end.service_id)
+
+
+def _without_shared_memory() -> str:
+    """Bytes of a sample may lie elsewhere then; versions that do not have this element are told by QoS."""
+    return "" if _api.qset_psmx_instances is not None else "<SharedMemory><Enable>false</Enable></SharedMemory>"

@@ -10,13 +10,13 @@ import ctypes as ct
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.cyclone.abi import INFINITE
+from rosidl_py_gen.runtime.transport.cyclone.functions import INFINITE
 from rosidl_py_gen.runtime.transport.qos import INFINITE_NS, Durability, History, Liveliness, QoSProfile, Reliability
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from rosidl_py_gen.runtime.transport.cyclone.abi import Api
+    from rosidl_py_gen.runtime.transport.cyclone.functions import Api
 
 _KEEP_LAST, _KEEP_ALL = 0, 1
 _VOLATILE, _TRANSIENT_LOCAL = 0, 1
@@ -56,6 +56,8 @@ def endpoint_qos(
             api.qset_writer_data_lifecycle(qos, False)
             if profile.lifespan_ns != INFINITE_NS:
                 api.qset_lifespan(qos, profile.lifespan_ns)
+        if api.qset_psmx_instances is not None:
+            api.qset_psmx_instances(qos, 0, None)
         if ignore_local:
             api.qset_ignorelocal(qos, 1)
         if user_data:

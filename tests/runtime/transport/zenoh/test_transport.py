@@ -61,9 +61,7 @@ def test_the_argument_wins_over_the_variable(
 
 
 def test_zenoh_is_taken_where_only_zenoh_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "rosidl_py_gen.runtime.node.environment.find_spec", lambda name: None if name == "cyclonedds" else object()
-    )
+    monkeypatch.setattr("rosidl_py_gen.runtime.node.environment.library.is_found", lambda: False)
     assert isinstance(chosen_transport(None), ZenohTransport)
 
 
@@ -77,12 +75,21 @@ def test_an_unknown_middleware_is_a_warning_and_an_unknown_transport_an_error(
         Context(transport="zenho")
 
 
+_CYCLONE = "rosidl_py_gen.runtime.transport.cyclone.participant"
+
+
 @pytest.mark.parametrize(
     ("text", "unwanted"),
     [
-        ("import rosidl_py_gen.compiler.generate, rosidl_py_gen.cli", ("zenoh", "xxhash", "cyclonedds._clayer")),
+        (
+            "import rosidl_py_gen.compiler.generate, rosidl_py_gen.cli",
+            ("zenoh", "xxhash", _CYCLONE),
+        ),
         ("from rosidl_py_gen.runtime import Context; Context(transport='dds')", ("zenoh", "xxhash")),
-        ("from rosidl_py_gen.runtime import Context; Context(transport='zenoh')", ("cyclonedds._clayer",)),
+        (
+            "from rosidl_py_gen.runtime import Context; Context(transport='zenoh')",
+            (_CYCLONE,),
+        ),
     ],
 )
 def test_only_the_middleware_that_is_used_is_imported(text: str, unwanted: tuple[str, ...]) -> None:

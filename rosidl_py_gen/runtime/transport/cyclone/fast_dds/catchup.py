@@ -21,60 +21,64 @@ from __future__ import annotations
 import ctypes as ct
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.runtime.transport.cyclone import abi
+from rosidl_py_gen.runtime.transport.cyclone import functions, structures
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rosidl_py_gen.runtime.transport.cyclone.fastdds import FastDds
-
-_READER_KIND = 5
-_RELIABLE, _WANTS_ALL = 1, 2
+    from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
 
 
 class EarlySamples:
-    """Creates readers that want what was sent early, where the structures of Cyclone are known; others as they are."""
+    """Creates readers that want what was sent early, where those of Cyclone look as known; others as they are."""
 
-    def __init__(self, api: abi.Api, fast_dds: FastDds, listener: int) -> None:
+    def __init__(self, api: functions.Api, fast_dds: FastDds, listener: int) -> None:
         """`listener` is what the readers have in the end."""
         self._api = api
         self._fast_dds = fast_dds
         self._listener = listener
-        self._on_matched = ct.CFUNCTYPE(None, ct.c_int32, abi.MatchedStatus, ct.c_void_p)(self._ask)
+        self._on_matched = ct.CFUNCTYPE(None, ct.c_int32, functions.MatchedStatus, ct.c_void_p)(self._ask_first)
         self._during_creation: int = api.create_listener(None)
         api.copy_listener(self._during_creation, listener)
         api.lset_subscription_matched_arg(self._during_creation, ct.cast(self._on_matched, ct.c_void_p), None, True)
 
-    def create_reader(self, create: Callable[[int], int]) -> int:
+    def learn(self, builtin_reader: int) -> None:
+        """Find out how readers look: from one of a builtin topic, of which no peer is told."""
+        fast_dds = self._fast_dds
+        if fast_dds.reader_place is None and not fast_dds.early_refusal:
+            guid, pinned = ct.create_string_buffer(16), ct.c_void_p()
+            if self._api.get_guid(builtin_reader, guid) == 0 == self._api.entity_pin(builtin_reader, ct.byref(pinned)):
+                fast_dds.reader_place = structures.find_reader(pinned.value or 0, guid.raw)
+                self._api.entity_unpin(pinned)
+            if fast_dds.reader_place is None:
+                fast_dds.early_refusal = "readers do not look as known in this library"
+
+    def create_reader(self, create: Callable[[int], int], *, is_reliable: bool) -> int:
         """The handle of a reader; `create` gets the listener to create it with."""
-        if self._fast_dds.refusal is not None:
+        if self._fast_dds.early_refusal:
             return create(self._listener)
-        entity: int = abi.undisturbed(create, self._during_creation)
+        entity: int = functions.undisturbed(create, self._during_creation)
         self._api.set_listener(entity, self._listener)
-        self._ask(entity)
+        self._ask(entity, is_reliable)
         return entity
 
-    def _ask(self, entity: int, *_: object) -> None:
-        """Set the flag. Called by Cyclone as well, with what it tells listeners."""
-        layout, guid, pinned = self._fast_dds.layout, ct.create_string_buffer(16), ct.c_void_p()
-        if self._api.get_guid(entity, guid) != 0 or self._api.entity_pin(entity, ct.byref(pinned)) != 0:
+    def _ask_first(self, entity: int, *_: object) -> None:
+        """Called by Cyclone, with what it tells listeners."""
+        self._ask(entity, None)
+
+    def _ask(self, entity: int, is_reliable: bool | None) -> None:
+        """Set the flag."""
+        api, place = self._api, self._fast_dds.reader_place
+        guid, pinned = ct.create_string_buffer(16), ct.c_void_p()
+        if place is None or api.get_guid(entity, guid) != 0 or api.entity_pin(entity, ct.byref(pinned)) != 0:
             return
         try:
-            reader = ct.c_uint64.from_address((pinned.value or 0) + layout.entity_reader).value
-            head = bytes((ct.c_ubyte * 20).from_address(reader))
-            flags = ct.c_ubyte.from_address(reader + layout.reader_flags)
-            if head != _READER_KIND.to_bytes(4, "little") + _in_words(guid.raw):
-                self._fast_dds.distrust(f"a reader, {head.hex()}")
-            elif flags.value & _RELIABLE:
-                flags.value |= _WANTS_ALL
+            wrong = structures.let_want_all(pinned.value or 0, place, guid.raw, is_reliable)
         finally:
-            self._api.entity_unpin(pinned)
+            api.entity_unpin(pinned)
+        if wrong is not None:
+            self._fast_dds.early_refusal = f"Cyclone DDS does not behave as known: {wrong}"
 
     def close(self) -> None:
         """When the readers are deleted."""
         self._api.delete_listener(self._during_creation)
-
-
-def _in_words(guid: bytes) -> bytes:
-    """A GUID as Cyclone keeps it: four numbers in the byte order of this machine, which is little-endian."""
-    return b"".join(guid[at : at + 4][::-1] for at in range(0, 16, 4))

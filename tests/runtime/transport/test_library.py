@@ -1,0 +1,132 @@
+"""Which libddsc is found, in what order, and what is said where there is none."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from worlds import ROOT
+
+from rosidl_py_gen.runtime.transport.cyclone import library
+from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
+from rosidl_py_gen.runtime.transport.cyclone.functions import NEEDED, Api
+from rosidl_py_gen.runtime.transport.cyclone.library import Library, candidates, load
+
+COMPILER = shutil.which("gcc") or shutil.which("cc")
+
+
+def stub(folder: Path, names: tuple[str, ...]) -> str:
+    """A library that has these functions, and nothing behind them."""
+    source, made = folder / "stub.c", folder / "libddsc.so.9.8"
+    source.write_text("".join(f"int {name}(void) {{ return 0; }}\n" for name in names), encoding="utf-8")
+    subprocess.run([str(COMPILER), "-shared", "-fPIC", "-o", str(made), str(source)], check=True)
+    return str(made)
+
+
+def test_a_variable_says_which_one_and_nothing_else_is_tried() -> None:
+    assert list(candidates({"ROSIDL_LIBDDSC": "/somewhere/libddsc.so"})) == ["/somewhere/libddsc.so"]
+
+
+def test_the_order_is_wheels_then_ros_then_the_system(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("site/rosidl_libddsc/lib/libddsc.so.11", "site/rosidl_libddsc.libs/libddsc-0a.so.11"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "site/rosidl_libddsc/__init__.py").touch()
+    for name in ("ros/lib/libddsc.so", "ros/lib/x86_64-linux-gnu/libddsc.so"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    monkeypatch.syspath_prepend(tmp_path / "site")
+    monkeypatch.setitem(sys.modules, "cyclonedds", None)  # type: ignore[arg-type]
+    found = list(candidates({"AMENT_PREFIX_PATH": str(tmp_path / "ros")}))
+    assert found[:4] == [
+        str(tmp_path / "site/rosidl_libddsc/lib/libddsc.so.11"),
+        str(tmp_path / "site/rosidl_libddsc.libs/libddsc-0a.so.11"),
+        str(tmp_path / "ros/lib/libddsc.so"),
+        str(tmp_path / "ros/lib/x86_64-linux-gnu/libddsc.so"),
+    ]
+    assert "libddsc.so.0debian" in found[4:]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("libnowhere.so", "libnowhere.so: not found"),
+        (__file__, "invalid ELF header"),
+        ("libm.so.6", "libm.so.6: it is no libddsc"),
+    ],
+)
+def test_what_is_no_libddsc_is_named(name: str, told: str) -> None:
+    found = load({"ROSIDL_LIBDDSC": name})
+    assert isinstance(found, str) and told in found and "To install it: " in found
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+def test_a_library_without_one_function_is_refused_by_its_name(tmp_path: Path) -> None:
+    complete = load({"ROSIDL_LIBDDSC": stub(tmp_path, NEEDED)})
+    assert isinstance(complete, Library) and complete.version == "9.8"
+    assert complete.lacks >= {"IgnoreTypeInformation", "SPDPInterval"}
+    (tmp_path / "old").mkdir()
+    lacking = tuple(name for name in NEEDED if name != "dds_qset_data_representation")
+    found = load({"ROSIDL_LIBDDSC": stub(tmp_path / "old", lacking)})
+    assert isinstance(found, str)
+    assert "it lacks dds_qset_data_representation, which Cyclone DDS has from 0.10 on" in found
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+def test_functions_that_call_nothing_leave_the_slots_unknown(tmp_path: Path) -> None:
+    found = load({"ROSIDL_LIBDDSC": stub(tmp_path, NEEDED)})
+    assert isinstance(found, Library)
+    fast_dds = FastDds(Api(found.handle))
+    assert fast_dds.slots() is None
+    assert fast_dds.capabilities().services == "the functions for samples were not found in this library"
+
+
+def test_the_loaded_one_tells_its_file_and_version() -> None:
+    found = library.find()
+    assert Path(found.file).is_file() and found.version[0].isdigit()
+    assert found is library.find()
+
+
+@pytest.mark.parametrize("machine", ["x86_64", "aarch64"])
+def test_what_is_to_be_installed_depends_on_the_machine(machine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("platform.machine", lambda: machine)
+    monkeypatch.setattr("sys.platform", "linux")
+    advice = library.what_to_install()
+    has_wheel = machine == "x86_64" and sys.version_info < (3, 14)
+    assert ("pip install" in advice) == has_wheel and ("apt install libddsc0debian" in advice) != has_wheel
+
+
+OTHER_LIBRARY = """
+import ctypes, sys
+from rosidl_py_gen.runtime import Context, Node
+other = ctypes.CDLL(sys.argv[1])
+with Node("ours") as node:
+    handle = other.dds_create_participant(node.context.domain_id, None, None)
+    publisher = node.create_publisher("rcl_interfaces/msg/Log", "x")
+    print(node._scope.participant.library, publisher.subscription_count, isinstance(handle, int))
+    other.dds_delete(handle) if handle > 0 else None
+"""
+
+
+def test_two_libraries_in_one_process_are_two_worlds() -> None:
+    """The configuration is the first one's alone, and the second is told by `CYCLONEDDS_URI` to stay on loopback."""
+    others = [name for name in ("libddsc.so.0debian",) if isinstance(load({"ROSIDL_LIBDDSC": name}), Library)]
+    if not others or library.find().version.startswith("0.10"):
+        pytest.skip("there is one libddsc only")
+    uri = (
+        "<CycloneDDS><Domain><General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
+        "<AllowMulticast>false</AllowMulticast></General></Domain></CycloneDDS>"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", OTHER_LIBRARY, others[0]],
+        cwd=ROOT,
+        env={**os.environ, "CYCLONEDDS_URI": uri},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith(" 0 True\n")

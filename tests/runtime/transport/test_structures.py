@@ -1,0 +1,199 @@
+"""What the probes of `transport/cyclone/structures.py` find in the loaded library, and that they find nothing in what
+only looks alike; who owns samples.
+"""
+
+from __future__ import annotations
+
+import ctypes as ct
+import gc
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+from rosidl_py_gen.runtime.transport.cyclone import functions, structures, topics
+from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
+from rosidl_py_gen.runtime.transport.dds.participant import DdsEndpoint
+from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.qos import DEFAULT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from worlds import World
+
+API = cyclone._api
+TEXT = "std_msgs::msg::dds_::String_"
+HEADER = b"\0\1\0\0"
+
+
+@pytest.fixture
+def participant(dds: World) -> Any:
+    node = dds.node("ours")
+    node.create_publisher(String, "topic")
+    node.create_service(SetBool, "set_bool")
+    return node._scope.participant
+
+
+@pytest.fixture
+def pinned(participant: Any) -> Iterator[Any]:
+    """Pins entities until the end of the test."""
+    places: list[ct.c_void_p] = []
+
+    def pin(entity: int) -> int:
+        places.append(ct.c_void_p())
+        assert API.entity_pin(entity, ct.byref(places[-1])) == 0
+        return places[-1].value or 0
+
+    yield pin
+    for place in places:
+        API.entity_unpin(place)
+
+
+# -------------------------------------------------------------------------------------------------------------- probes
+
+
+def test_memory_that_is_not_there_is_no_crash() -> None:
+    known = ct.create_string_buffer(b"0123456789" * 1000)
+    with structures.Peek() as peek:
+        assert peek(ct.addressof(known), 10_000) == known.raw[:-1]
+        for address in (0, 8, 2**47, 2**63, 2**64 - 4096):
+            assert peek(address, 100) == b"" and peek.word(address) == 0
+
+
+def test_slots_of_functions_are_found() -> None:
+    slots = structures.find_slots(API)
+    assert slots is not None and len(set(slots[:2])) == 2
+    assert slots == structures.find_slots(API)
+
+
+def test_the_type_of_a_topic_is_found_by_its_name(participant: Any, pinned: Any) -> None:
+    topic = pinned(participant._topics["rt/topic", TEXT][0])
+    address = participant.type_object(TEXT).address
+    assert structures.find_type(topic, TEXT.encode(), API.sertype_version) == address
+    assert structures.find_type(topic, TEXT.encode() + b"x", API.sertype_version) is None
+    assert structures.find_type(topic, TEXT.encode(), API.sertype_version + 1) is None
+
+
+def test_types_of_the_domain_are_found_beside_another(participant: Any) -> None:
+    address = participant.type_object(TEXT).address
+    for name in (b"DDS::Builtin::TypeLookup_Reply", b"DDS::Builtin::TypeLookup_Request"):
+        assert structures.find_type_of_domain(address, name, API.sertype_version)
+    assert structures.find_type_of_domain(address, b"DDS::Builtin::Nothing", API.sertype_version) is None
+
+
+def test_a_reader_is_found_by_its_guid(participant: Any, pinned: Any) -> None:
+    entity = participant.discovery.entities[0]
+    guid = participant.guid_of(entity)
+    assert structures.find_reader(pinned(entity), guid) == cyclone._fast_dds.reader_place is not None
+    assert structures.find_reader(pinned(entity), participant.guid_of(participant.discovery.entities[1])) is None
+    place = structures.ReaderPlace(entity=8, flags=8)
+    assert "a reader" in (structures.let_want_all(pinned(entity), place, guid, True) or "")
+
+
+def test_flags_that_contradict_the_profile_are_not_touched(participant: Any, pinned: Any, dds: World) -> None:
+    reader: Any = dds.node("other").create_subscription(String, "topic")._reader
+    place = cyclone._fast_dds.reader_place
+    assert place is not None
+    told = structures.let_want_all(pinned(reader.entity), place, reader.guid, False)
+    assert told is not None and told.startswith("the flags of a reader")
+
+
+def test_the_bytes_of_samples_lie_in_one_place(participant: Any) -> None:
+    known = participant.type_object(TEXT)
+    assert known.content == structures.find_content(API, known.address) and known.content % 8 == 4
+
+
+def test_the_samples_of_one_type_are_not_those_of_another(participant: Any) -> None:
+    slots = structures.find_slots(API)
+    known = participant.type_object(TEXT).address
+    assert slots is not None and structures.are_samples_as_known(API, known, slots)
+    assert not structures.are_samples_as_known(API, known, slots._replace(references=16))
+
+
+def test_every_type_says_that_it_lies_elsewhere_or_the_topic_is_refused(
+    participant: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(vars(API), "get_entity_sertype", None)
+    monkeypatch.setattr(structures, "find_type", lambda *_: None)
+    with pytest.raises(TransportError, match="the type was not found where others have it"):
+        participant._domain.types.create_topic(participant.entity, "rt/new", "pkg::msg::dds_::New_")
+
+
+# ------------------------------------------------------------------------------------------------------------- samples
+
+
+def count(sample: int) -> int:
+    slots = cyclone._fast_dds.slots()
+    assert slots is not None
+    return structures.references(sample, slots)
+
+
+def new(participant: Any, data: bytes) -> int:
+    return structures.new_sample(API, participant.type_object(TEXT).address, data)
+
+
+@pytest.mark.parametrize("data", [b"", HEADER[:3], HEADER, b"\0\3\0\0....", b"\xff\xff\0\0...."])
+def test_what_is_no_message_makes_no_sample(participant: Any, data: bytes) -> None:
+    assert new(participant, data) == 0
+    writer = participant.make_writer(end_of("rt/topic"))
+    if len(data) % 4 == 0:
+        with pytest.raises(TransportError, match="no serialized message"):
+            writer.write(data)
+
+
+def end_of(topic: str) -> DdsEndpoint:
+    """A reader or writer of texts."""
+    return DdsEndpoint(topic, TEXT, DEFAULT)
+
+
+def test_a_write_takes_the_reference_unless_it_never_came_to_the_writer(participant: Any) -> None:
+    writer = participant.make_writer(end_of("rt/topic"))
+    for entity, code, left in ((writer._entity, 0, 1), (participant.entity, -12, 2), (0x1234567, -3, 2)):
+        sample = new(participant, HEADER + b"12345678")
+        API.serdata_ref(sample)
+        assert API.writecdr(entity, sample) == code
+        assert count(sample) == left and (code in functions.NOT_TAKEN) == (left == 2)
+        for _ in range(left):
+            API.serdata_unref(sample)
+
+
+def test_readers_of_this_process_get_the_very_sample_that_was_written(dds: World) -> None:
+    node = dds.node("ours")
+    publisher = node.create_publisher(String, "large")
+    first, second = (node.create_subscription(String, "large") for _ in range(2))
+    publisher.publish(String(data="x" * 1_000_000))
+    views: list[Any] = [one._items.popleft()[0] for one in (first, second)]
+    assert all(isinstance(view, memoryview) and view.readonly for view in views)
+    assert len({ct.addressof(view.obj) for view in views}) == 1
+
+
+def test_a_view_outlives_reader_participant_and_domain(dds: World) -> None:
+    context = dds.context()
+    node = dds.node("ours", context=context)
+    publisher, subscription = node.create_publisher(String, "large"), node.create_subscription(String, "large")
+    publisher.publish(String(data="y" * 3_000_000))
+    view = subscription._items.popleft()[0]
+    context.close()
+    gc.collect()
+    assert String.decode(view).data == "y" * 3_000_000
+
+
+def test_small_samples_that_wait_to_be_sent_again_are_let_go_before_their_domain(participant: Any) -> None:
+    fast_dds = cyclone._fast_dds
+    request = participant.type_object("std_srvs::srv::dds_::SetBool_Request_").address
+    writer = participant.make_writer(end_of("rt/topic"))
+    held = structures.new_sample(API, request, HEADER + b"1234")
+    assert fast_dds.write(writer._entity, writer.guid, request, HEADER + b"1234", (writer.guid, 1)) == 0
+    fast_dds.release({request})
+    assert fast_dds.outgoing == {}
+    assert count(held) == 1
+    API.serdata_unref(held)
+
+
+def test_a_description_of_a_topic_is_copied(participant: Any) -> None:
+    name = "a" * 255
+    assert topics.create_opaque(API, participant.entity, "rt/long", name) > 0
+    with pytest.raises(TransportError, match="may have 255 characters"):
+        participant._domain.types.create_topic(participant.entity, "rt/longer", name + "a")
