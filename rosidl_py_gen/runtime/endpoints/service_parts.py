@@ -63,6 +63,6 @@ def why_refused(graph: Graph, refused: Refused, service: str, role: str) -> str:
     return (
         f"{role} of service {service} is {node} on Fast DDS. Topics work with it, services do not here: "
         f"{refused.reason}. "
-        "Use the cyclonedds wheel for Linux x86-64 that this version was made for, or start that node with "
+        "Another libddsc may do (ROSIDL_LIBDDSC names one), or start that node with "
         "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp"
     )

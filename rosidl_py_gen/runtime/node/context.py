@@ -15,7 +15,7 @@ from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.node.core import ContextCore
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from typing_extensions import Self
 
@@ -38,8 +38,8 @@ class Context:
         args: a command line that may contain ``--ros-args``; None means `sys.argv`.
         announce_delay_s: how long changes of our nodes wait for others before peers are told of them, together.
         on_error: what nodes do that are not told otherwise, when a callback raises; see `Node`.
-        transport: ``"dds"`` or ``"zenoh"``; None means what ``RMW_IMPLEMENTATION`` says, else DDS where cyclonedds is
-            installed. A `MemoryTransport` stays inside this process.
+        transport: ``"dds"`` or ``"zenoh"``; None means what ``RMW_IMPLEMENTATION`` says, else DDS where a libddsc is
+            found. A `MemoryTransport` stays inside this process.
 
     Raises:
         EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError: as their names say.
@@ -74,6 +74,18 @@ class Context:
     def middleware(self) -> str:
         """``DDS``, ``Zenoh`` or ``memory``."""
         return self._core.participant.middleware
+
+    @property
+    def library(self) -> str:
+        """The C library that is used, its version and file, as in ``Cyclone DDS 0.10.2, /usr/lib/...``; empty when it
+        is not one of several.
+        """
+        return self._core.participant.library
+
+    @property
+    def capabilities(self) -> Mapping[str, str]:
+        """What depends on that library, in words: each ``"yes"`` or why not."""
+        return self._core.participant.capabilities
 
     @property
     def service_refusal(self) -> str | None:

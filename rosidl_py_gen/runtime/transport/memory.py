@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import threading
 from collections import deque
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.errors import ClosedError
@@ -71,6 +72,8 @@ class MemoryParticipant:
     """A member of a `MemoryTransport`; see `port.Participant`."""
 
     middleware = "memory"
+    library = ""
+    capabilities: Mapping[str, str] = MappingProxyType({})
     identity_refusal: str | None = None
 
     def __init__(

@@ -185,6 +185,14 @@ class Participant(Protocol):
         """``DDS`` or what else it is, for people."""
 
     @property
+    def library(self) -> str:
+        """The C library that carries it, its version and file; empty where there is none to choose."""
+
+    @property
+    def capabilities(self) -> Mapping[str, str]:
+        """What depends on that library, for people: each ``"yes"`` or why not."""
+
+    @property
     def identity_refusal(self) -> str | None:
         """Why services of peers on Fast DDS cannot be used; None when they can."""
 

@@ -102,13 +102,18 @@ def _fast_dds(session: Session) -> Iterator[Finding]:
     refusal = session.context.service_refusal
     if session.context.middleware != "DDS":
         yield Finding(OK, f"this program and all it sees are on {session.context.middleware}")
-    elif refusal is None:
+        return
+    yield Finding(OK, f"DDS is {session.context.library}", data={"library": session.context.library})
+    if refusal is None:
         yield Finding(OK, "topics and services work with nodes on Cyclone DDS and Fast DDS")
     else:
-        advice = "services with Fast DDS need the wheel of cyclonedds 11.0.1 on Linux x86-64"
+        advice = "another libddsc may do: that of the wheel of cyclonedds, or one that ROSIDL_LIBDDSC names"
         yield Finding(
             WARNING, f"topics work with all nodes, services with those on Cyclone DDS only: {refusal}", advice
         )
+    for what, answer in session.context.capabilities.items():
+        if answer not in ("yes", refusal):
+            yield Finding(NOTE, f"{what}: {answer}", data={what: answer})
 
 
 async def _found(session: Session) -> list[Finding]:

@@ -130,10 +130,12 @@ class CycloneParticipant(DdsParticipant):
 
     @property
     def library(self) -> str:
+        """See `port.Participant`."""
         return str(_library)
 
     @property
     def capabilities(self) -> dict[str, str]:
+        """See `port.Participant`."""
         self.fast_dds.slots()
         return self.fast_dds.capabilities().shown()
 

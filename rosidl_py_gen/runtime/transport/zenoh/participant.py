@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import zenoh
@@ -70,6 +71,8 @@ class ZenohParticipant:
     """See `port.Participant`."""
 
     middleware = "Zenoh"
+    library = ""
+    capabilities: Mapping[str, str] = MappingProxyType({})
     identity_refusal: str | None = None
 
     def __init__(self, session: Any, domain_id: int, enclave: str, *, is_humble: bool = False) -> None:
