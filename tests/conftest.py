@@ -17,6 +17,8 @@ from environments import cache_folder
 from hypothesis import HealthCheck, settings
 from scale import examples
 
+from rosidl_py_gen.runtime.transport.cyclone import library
+
 NOT_QUICK = re.compile(
     r"interop|oracle|test_code_blocks|test_site|test_stress|test_wheel|test_environments|test_two_processes|test_examples"
     r"|test_notebooks|test_scale|test_packages|test_seeds|_typing|test_plugin|process|test_runner|transport/|test_foxglove"
@@ -42,11 +44,16 @@ OF_PROCESSES = {
 }
 """Fixtures that do."""
 NOT_EVERYWHERE = {
-    "cyclonedds": r"cyclonedds|rosidl_py_gen\.runtime\.transport\.cyclone",
+    "libddsc": r"cyclonedds|rosidl_py_gen\.runtime\.transport\.cyclone",
     "fcntl": "fcntl|private_network",
     "resource": "resource",
 }
-"""Modules that some machines do not have, and the imports that need them."""
+"""What some machines do not have, and the imports that need it."""
+
+
+def is_there(name: str) -> bool:
+    """Whether this machine has that."""
+    return library.is_found() if name == "libddsc" else find_spec(name) is not None
 
 
 @pytest.hookimpl(tryfirst=True)  # before hypothesis looks at --hypothesis-profile
@@ -82,7 +89,7 @@ class WithoutSlowFiles:
 
 def pytest_ignore_collect(collection_path: Path) -> bool | None:
     """Leave out the files that import at their head what this machine cannot have, and folders whose conftest does."""
-    missing = [imports for module, imports in NOT_EVERYWHERE.items() if not find_spec(module)]
+    missing = [imports for name, imports in NOT_EVERYWHERE.items() if not is_there(name)]
     file = collection_path / "conftest.py" if collection_path.is_dir() else collection_path
     if not missing or file.suffix != ".py" or not file.exists():
         return None

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
+from rosidl_py_gen.runtime.transport.cyclone.config import ELEMENTS, TUNING, cyclone_xml
 from rosidl_py_gen.runtime.transport.port import DiscoveryRange, DomainSettings
 
 
@@ -63,6 +63,27 @@ def test_the_users_configuration_comes_after_ours_but_cannot_turn_multicast_on_i
 def test_extra_elements_are_placed_in_the_domain() -> None:
     text = cyclone_xml(DomainSettings(), process_id=1, extra="<Internal/>")
     assert "</Discovery><Internal/></Domain>" in text
+
+
+def test_what_a_library_does_not_know_is_left_out() -> None:
+    local = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST)
+    text = cyclone_xml(local, process_id=1, extra=TUNING, lacks=ELEMENTS)
+    found = {element.tag for element in ElementTree.fromstring(text).iter()}
+    assert not found & ELEMENTS and "ParticipantIndex" in found
+    assert {
+        one.tag for one in ElementTree.fromstring(cyclone_xml(local, process_id=1, extra=TUNING)).iter()
+    } >= ELEMENTS
+
+
+def test_a_library_before_11_is_bound_to_loopback_only_where_nobody_shall_be_found() -> None:
+    for mode, is_bound in ((DiscoveryRange.LOCALHOST, False), (DiscoveryRange.OFF, True)):
+        text = cyclone_xml(DomainSettings(discovery_range=mode), process_id=1, lacks={"IgnoreTypeInformation"})
+        assert ("127.0.0.1" in text) is is_bound and "<AllowMulticast>false</AllowMulticast>" in text
+
+
+def test_shared_memory_is_switched_off_behind_the_users_configuration() -> None:
+    text = cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1, last="<off/>")
+    assert text.endswith(',<x/>,<CycloneDDS><Domain Id="any"><off/></Domain></CycloneDDS>')
 
 
 @given(st.lists(st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), min_size=1, max_size=8)))

@@ -7,7 +7,7 @@ here.
 A sample belongs to whoever holds a reference, wherever it came from: in one process the reader gets the very sample
 that was written. One of up to 256 bytes goes back to a pool of its domain, so that small ones are never kept.
 
-Source: docs/internals/dds.md 6.
+Source: docs/internals/dds.md 9.
 """
 
 from __future__ import annotations
