@@ -27,13 +27,14 @@ class Floor:
         from cyclonedds import _clayer as clayer
         from cyclonedds.core import Policy, Qos, ReadCondition, WaitSet
         from cyclonedds.domain import Domain, DomainParticipant
+        from cyclonedds.idl import make_idl_struct
+        from cyclonedds.idl.types import uint8
         from cyclonedds.pub import DataWriter
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
         from rosidl_py_gen.runtime.node.environment import read_environment
         from rosidl_py_gen.runtime.transport.cyclone.config import cyclone_xml
-        from rosidl_py_gen.runtime.transport.cyclone.topics import _DataType
 
         self.clayer = clayer
         qos = Qos(
@@ -42,8 +43,7 @@ class Floor:
             Policy.WriterDataLifecycle(autodispose=False),
             Policy.DataRepresentation(use_cdrv0_representation=True),
         )
-        kind: Any = _DataType("std_msgs::msg::dds_::String_")
-        kind.__idl__.populate = kind.__idl__.fill_type_data = lambda: None
+        kind: Any = make_idl_struct("opaque", "std_msgs::msg::dds_::String_", {"data": uint8})
         xml = cyclone_xml(read_environment(os.environ), process_id=os.getpid())
         self.domain = Domain(int(DOMAIN), xml)
         self.participant = DomainParticipant(int(DOMAIN))
@@ -191,7 +191,7 @@ class ServiceFloor:
         self.reader = participant.make_reader(reply if is_client else request)
         self.writer = participant.make_writer(request if is_client else reply)
         cyclone._api.set_listener(self.reader.entity, None)
-        library = cyclone._library
+        library = cyclone._api.library
         waitset = library.dds_create_waitset(participant.entity)
         condition = library.dds_create_readcondition(self.reader.entity, ct.c_uint32(127))
         library.dds_waitset_attach(waitset, condition, ct.c_void_p(0))

@@ -461,6 +461,9 @@ async def test_ctrl_c_waits_until_cyclone_is_back(dds: World, as_fast_dds: None)
                 one._plain_to_ser_ref = plain
         assert inside
         assert (await types.call(GetParameterTypes.Request(names=["abc"]), timeout_s=10)).types.tolist() == [3]
+    for context in dds.contexts:
+        context.close()
+    assert fast_dds.outgoing == {}
 
 
 async def test_after_something_that_is_not_as_known_calls_are_refused_instead_of_lost(

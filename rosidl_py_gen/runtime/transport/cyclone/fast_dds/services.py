@@ -321,10 +321,10 @@ class FastDds:
             samples.prepare_sending()
         self.api.serdata_ref(sample)
         self.outgoing[sample] = _Outgoing(packed, address, writer_guid[12:], identity, type_object)
+        self._to_forget.append(sample)  # whatever interrupts the write
         code: int = functions.undisturbed(self.api.writecdr, entity, sample)
         if code in functions.NOT_TAKEN:
             self.api.serdata_unref(sample)
-        self._to_forget.append(sample)
         self.sweep(_PATIENCE)
         return code
 
