@@ -67,11 +67,12 @@ def test_extra_elements_are_placed_in_the_domain() -> None:
 
 def test_what_a_library_does_not_know_is_left_out() -> None:
     local = DomainSettings(discovery_range=DiscoveryRange.LOCALHOST)
-    text = cyclone_xml(local, process_id=1, extra=TUNING, lacks=ELEMENTS)
+    last = "<SharedMemory><Enable>false</Enable></SharedMemory>"
+    text = cyclone_xml(local, process_id=1, extra=TUNING + last, lacks=ELEMENTS)
     found = {element.tag for element in ElementTree.fromstring(text).iter()}
     assert not found & ELEMENTS and "ParticipantIndex" in found
     assert {
-        one.tag for one in ElementTree.fromstring(cyclone_xml(local, process_id=1, extra=TUNING)).iter()
+        one.tag for one in ElementTree.fromstring(cyclone_xml(local, process_id=1, extra=TUNING + last)).iter()
     } >= ELEMENTS
 
 
@@ -84,6 +85,9 @@ def test_a_library_before_11_is_bound_to_loopback_only_where_nobody_shall_be_fou
 def test_shared_memory_is_switched_off_behind_the_users_configuration() -> None:
     text = cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1, last="<off/>")
     assert text.endswith(',<x/>,<CycloneDDS><Domain Id="any"><off/></Domain></CycloneDDS>')
+    off = "<SharedMemory><Enable>false</Enable></SharedMemory>"
+    text = cyclone_xml(DomainSettings(cyclonedds_uri="<x/>"), process_id=1, last=off, lacks={"SharedMemory"})
+    assert text.endswith(",<x/>")  # a library that was built without any would refuse the element
 
 
 @given(st.lists(st.text(st.characters(codec="utf-8", exclude_categories=("Cc", "Cs")), min_size=1, max_size=8)))

@@ -30,9 +30,9 @@ IGNORES_TYPES = "IgnoreTypeInformation"
 """An element of Cyclone from 11 on."""
 ELEMENTS = frozenset(
     {"SocketReceiveBufferSize", "HeartbeatInterval", "NackDelay", IGNORES_TYPES, "SPDPInterval"}
-    | {"InitialLocatorPruneDelay"}
+    | {"InitialLocatorPruneDelay", "SharedMemory"}
 )
-"""Elements of ours that a library may do without; of 0.10 to 11, 0.10 does not know two."""
+"""Elements of ours that a library may do without: 0.10 does not know two, one built without iceoryx not the last."""
 TUNING = (
     '<Internal><SocketReceiveBufferSize max="32MiB"/><HeartbeatInterval>20ms</HeartbeatInterval>'
     "<NackDelay>20ms</NackDelay></Internal><Compatibility><IgnoreTypeInformation>"
@@ -71,7 +71,8 @@ def cyclone_xml(
     fragments = []
     body = _domain_elements(settings, process_id, IGNORES_TYPES not in lacks) + extra
     for name in lacks:
-        body = re.sub(rf"<{name}\b[^>]*(/>|>.*?</{name}>)", "", body)
+        element = rf"<{name}\b[^>]*(/>|>.*?</{name}>)"
+        body, last = re.sub(element, "", body), re.sub(element, "", last)
     if body:
         fragments.append(f'<CycloneDDS><Domain Id="any">{body}</Domain></CycloneDDS>')
     if settings.cyclonedds_uri:
