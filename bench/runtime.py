@@ -165,7 +165,7 @@ def table(quick: bool, rclpy: str | None) -> None:
         cost = pair("listen_cost", "publish_cost", 0)
         row(
             "publish, 100-byte String",
-            f"{cost['ours']:.1f} us = {cost['ours'] / cost['bare']:.2f}x ddspy_write",
+            f"{cost['ours']:.1f} us = {cost['ours'] / cost['bare']:.2f}x the C calls",
             "<= 3x",
         )
     quiet = figures(child("idle", 5 if quick else 20))

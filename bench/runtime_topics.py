@@ -162,19 +162,21 @@ async def receive_and_report(node: Any, string: Any, topic: str, count: int, qos
 
 
 async def publish_cost(node: Any, string: Any) -> None:
-    """Publishing 100 bytes, and the bare write on a bare writer of the same participant, alternating."""
-    from cyclonedds import _clayer as clayer
+    """Publishing 100 bytes, and the two C calls that this takes, alternating."""
+    from rosidl_py_gen.runtime.transport.cyclone.structures import new_sample
 
     publisher = node.create_publisher(string, "cost")
     message = string(data="x" * 91)
-    data, entity = message.encode(), publisher._writer._entity
+    writer = publisher._writer
+    data, entity, api = message.encode(), writer._entity, writer._api
+    type_object = writer._owner.type_object(writer._type).address
     await publisher.wait_for_subscribers(timeout_s=10)
     ours: list[float] = []
     bare: list[float] = []
     for _ in range(30):
         functions: tuple[Callable[[], object], ...] = (
             lambda: publisher.publish(message),
-            lambda: clayer.ddspy_write(entity, data),
+            lambda: api.writecdr(entity, new_sample(api, type_object, data)),
         )
         for times, function in zip((ours, bare), functions, strict=True):
             start = time.perf_counter_ns()
