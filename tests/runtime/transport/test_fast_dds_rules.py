@@ -1,5 +1,5 @@
-"""The rules of `transport/cyclone/fastdds.py`: what is replaced, when, for whom, and what happens when something is
-not as known.
+"""The rules of `transport/cyclone/fast_dds/services.py`: what is replaced, when, for whom, and what happens when
+something is not as known.
 
 The peers here are our own, told to speak as Fast DDS peers do; real ones are in `tests/interop` and
 `tests/interop_rclpy`. HOOK_ROUNDS=1000 starts, stops and forks a thousand processes.

@@ -2,8 +2,8 @@
 
 Two kinds of peers know that differently. Cyclone's put a header of 16 bytes between the 4 encapsulation bytes and the
 message: a number of the client and one of the request. Fast DDS has it beside the message: an `Identity`, which
-`cyclone/fastdds.py` puts in the place of the header, marked as what it is. Up here both are a client and a number, and
-the type of the client tells which kind it is.
+`cyclone/fast_dds/services.py` puts in the place of the header, marked as what it is. Up here both are a client and a
+number, and the type of the client tells which kind it is.
 
 Requests are numbered as the middleware numbers what a writer sends, from 1, because servers on Fast DDS count them.
 

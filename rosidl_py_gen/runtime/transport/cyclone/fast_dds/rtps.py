@@ -1,6 +1,6 @@
 """Bytes of RTPS, the protocol below DDS: what Fast DDS says of requests and replies beside the message.
 
-Knows packets, not how Cyclone keeps them; that is `fastdds.py`. What comes in here comes from the network.
+Knows packets, not how Cyclone keeps them; that is `services.py`. What comes in here comes from the network.
 
 Source: docs/internals/protocol.md 5.3, docs/internals/dds.md 2; OMG DDSI-RTPS 2.3, 9.4 and 9.6.
 """
