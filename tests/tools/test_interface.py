@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import subprocess
 import sys
@@ -191,7 +192,8 @@ def test_without_the_extra_definitions_are_shown_and_the_rest_says_what_to_insta
     )
 
     def run(*arguments: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True)
+        nowhere = {**os.environ, "ROSIDL_LIBDDSC": "libddsc_that_is_not_there"}
+        return subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, env=nowhere)
 
     assert run("interface", "show", "std_msgs/msg/String").returncode == 0
     assert run("interface", "proto", "--json", "std_msgs/msg/String").stdout == '{"data": ""}\n'
