@@ -1,4 +1,4 @@
-"""rosbag2's own compression, beside that inside MCAP files: of whole files, or of each message; zstd.
+"""Which files a bag has, and rosbag2's own compression of them: of whole files, or of each message; zstd.
 
 Decides where a compressed file is unpacked: into a temporary folder, piece by piece, never more than fits there.
 """
@@ -8,26 +8,73 @@ from __future__ import annotations
 import shutil
 from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
 from rosidl_py_gen.bags.chunks import MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.common import BagError, BagTopic
+from rosidl_py_gen.bags.metadata import FILE, read_metadata
 from rosidl_py_gen.bags.storage import damage_told
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
+    from contextlib import ExitStack
 
     from rosidl_py_gen.bags.storage import Raw, Storage
 
 SUFFIX = ".zstd"
+_SUFFIXES = ".mcap", ".db3"
 _MAGIC = b"\x28\xb5\x2f\xfd"
 """Begins what zstd made. Messages of CDR begin with a zero."""
 _PIECE = 1 << 20
 _MAX_RATIO = 1000
 _MAX_HEAD = 18
 """Bytes of the head of a frame, which says how large it becomes."""
+
+
+def files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
+    """The files of a bag, whether their messages may be compressed one by one, and known hashes by topic and type.
+
+    Raises:
+        BagError: a folder without any, or of an unknown compression.
+    """
+    if not path.is_dir():
+        return [path], True, {}
+    if not (path / FILE).exists():  # the recorder was killed
+        found = sorted(file for file in path.iterdir() if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES)
+        if not found:
+            raise BagError(f"{path}: a folder with neither {FILE} nor bag files")
+        return found, True, {}
+    told = read_metadata(path)
+    mode = told.compression_mode if told.compression else "none"
+    if mode not in ("none", "file", "message") or told.compression not in ("", "zstd"):
+        raise BagError(f"{path}: {told.compression} of rosbag2's {mode} mode is not known; expected zstd")
+    return (
+        [_found(path / name) for name in told.files],
+        mode == "message",
+        {(topic.name, topic.type_name): topic.type_hash for topic in told.topics if topic.type_hash},
+    )
+
+
+def _found(path: Path) -> Path:
+    """The file, or its compressed form: some recorders name one and leave the other."""
+    packed = path.with_name(path.name + SUFFIX)
+    return packed if packed.is_file() and not path.is_file() else path
+
+
+def unpacked(path: Path, kept: ExitStack, max_bytes: int) -> Path:
+    """The file, or what it becomes in a temporary folder that `kept` removes.
+
+    Raises:
+        BagError: it is no file of bags; and as `unpack_file`.
+    """
+    if path.suffix == SUFFIX:
+        path = unpack_file(path, Path(kept.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-"))), max_bytes)
+    if path.suffix not in _SUFFIXES:
+        raise BagError(f"{path}: {'neither .mcap nor .db3 nor a folder' if path.exists() else 'there is no such file'}")
+    return path
 
 
 def unpack_file(path: Path, folder: Path, max_bytes: int) -> Path:

@@ -251,3 +251,17 @@ def joined(rows: Iterable[BagTopic]) -> list[BagTopic]:
         both = None if before is None or before.count is None or row.count is None else before.count + row.count
         found[key] = row if before is None else replace(before, count=both)
     return sorted(found.values(), key=attrgetter("name"))
+
+
+def by_name(channels: Iterable[BagTopic]) -> dict[str, BagTopic]:
+    """One for each topic: of one with several definitions the first, with the number of all."""
+    found: dict[str, BagTopic] = {}
+    for topic in channels:
+        before = found.get(topic.name)
+        found[topic.name] = topic if before is None else _added(before, topic)
+    return dict(sorted(found.items()))
+
+
+def _added(one: BagTopic, two: BagTopic) -> BagTopic:
+    both = None if one.count is None or two.count is None else one.count + two.count
+    return replace(one if one.definition else two, count=both)

@@ -10,22 +10,21 @@ import warnings
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
 from rosidl_py_gen.bags.common import BagError, BagMessage, BagTopic, BagWarning, LeftOut, RawMessage
-from rosidl_py_gen.bags.compressed import SUFFIX, CompressedMessages, unpack_file
+from rosidl_py_gen.bags.compressed import CompressedMessages, files_of, unpacked
 from rosidl_py_gen.bags.decoder import decoder_of
 from rosidl_py_gen.bags.definitions import (
     NO_FIELDS,
     Definitions,
     TopicDefinition,
     WrongDefinitionError,
+    described,
     is_empty,
     measuring,
 )
-from rosidl_py_gen.bags.mcap_file import McapFile, joined
-from rosidl_py_gen.bags.metadata import FILE, read_metadata
+from rosidl_py_gen.bags.mcap_file import McapFile, by_name, joined
 from rosidl_py_gen.bags.pacing import paced
 from rosidl_py_gen.bags.sqlite_file import SqliteFile
 from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES, Channel, Raw, Storage, merged
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from rosidl_py_gen.types.by_name import Folders
 
 _END = 1 << 64
-_SUFFIXES = ".mcap", ".db3"
 
 
 class BagReader:
@@ -83,16 +81,18 @@ class BagReader:
         self.left_out: dict[str, LeftOut] = {}
         """Topics whose messages `messages` could not decode and left out so far, with their number and the reason."""
         try:
-            self.files, has_packed_messages, hashes = self._paths()
+            self.files, has_packed_messages, hashes = files_of(self.path)
             """The files it consists of."""
             for file in self.files:
-                storage = self._opened(file, validate_crcs, max_unpacked_bytes)
+                found = unpacked(file, self._unpacked, max_unpacked_bytes)
+                is_database = found.suffix == ".db3"
+                storage = SqliteFile(found) if is_database else McapFile(found, validate_crcs, max_unpacked_bytes)
                 packed = CompressedMessages(storage, file, max_unpacked_bytes) if has_packed_messages else None
                 self._files.append(packed or storage)
             self._definitions = Definitions(self.path, search_path, typestore, hashes)
             self.channels: list[BagTopic] = joined(topic for file in self._files for topic in file.channels())
             """What was recorded: a topic that has messages of two definitions is there twice."""
-            self.topics: dict[str, BagTopic] = self._all_topics()
+            self.topics: dict[str, BagTopic] = by_name(self.channels)
             """What was recorded, by name of the topic; of one with several definitions, the first."""
             spans = [span for file in self._files if (span := file.span()) is not None]
             self.start_ns = min((first for first, _ in spans), default=0)
@@ -103,54 +103,13 @@ class BagReader:
             """False after a crash of the recorder: all of the files is read then to find something."""
             self.unread_bytes = sum(file.unread_bytes for file in self._files)
             """Of records at the end of files that were not finished, as after a crash; a `BagWarning` tells of them."""
-            self._tell_of_unread()
+            for file, lost in zip(self.files, (one.unread_bytes for one in self._files), strict=True):
+                if lost:
+                    said = f"{file} breaks off within a record: what its last {lost} bytes hold is lost"
+                    warnings.warn(said, BagWarning, stacklevel=2)
         except BaseException:
             self.close()
             raise
-
-    def _paths(self) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
-        """The files, whether their messages may be compressed one by one, and known hashes by topic and type."""
-        if not self.path.is_dir():
-            return [self.path], True, {}
-        if not (self.path / FILE).exists():  # the recorder was killed
-            found = sorted(
-                file for file in self.path.iterdir() if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES
-            )
-            if not found:
-                raise BagError(f"{self.path}: a folder with neither {FILE} nor bag files")
-            return found, True, {}
-        told = read_metadata(self.path)
-        mode = told.compression_mode if told.compression else "none"
-        if mode not in ("none", "file", "message") or told.compression not in ("", "zstd"):
-            raise BagError(f"{self.path}: {told.compression} of rosbag2's {mode} mode is not known; expected zstd")
-        return (
-            [_found(self.path / name) for name in told.files],
-            mode == "message",
-            {(topic.name, topic.type_name): topic.type_hash for topic in told.topics if topic.type_hash},
-        )
-
-    def _opened(self, path: Path, validate_crcs: bool, max_unpacked_bytes: int) -> Storage:
-        if path.suffix == SUFFIX:
-            folder = self._unpacked.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-"))
-            path = unpack_file(path, Path(folder), max_unpacked_bytes)
-        if path.suffix == ".db3":
-            return SqliteFile(path)
-        if path.suffix == ".mcap":
-            return McapFile(path, validate_crcs, max_unpacked_bytes)
-        raise BagError(f"{path}: {'neither .mcap nor .db3 nor a folder' if path.exists() else 'there is no such file'}")
-
-    def _tell_of_unread(self) -> None:
-        for path, lost in zip(self.files, (file.unread_bytes for file in self._files), strict=True):
-            if lost:
-                said = f"{path} breaks off within a record: what its last {lost} bytes hold is lost"
-                warnings.warn(said, BagWarning, stacklevel=3)
-
-    def _all_topics(self) -> dict[str, BagTopic]:
-        found: dict[str, BagTopic] = {}
-        for topic in self.channels:
-            before = found.get(topic.name)
-            found[topic.name] = topic if before is None else _added(before, topic)
-        return dict(sorted(found.items()))
 
     # ------------------------------------------------------------------------------------------------------ reading
 
@@ -373,6 +332,59 @@ class BagReader:
         """
         return frame(self.to_arrays(topic, fields, start_ns=start_ns, end_ns=end_ns, pad=pad))
 
+    def batches(
+        self,
+        topic: str | BagTopic,
+        columns: Sequence[str] | str | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        on_error: Literal["raise", "skip"] = "raise",
+        batch_bytes: int = 1 << 21,
+    ) -> Any:
+        """The messages of a topic as a ``pyarrow.RecordBatchReader``; polars, pandas and DuckDB take it as it is.
+
+        The first columns are ``log_time`` and ``publish_time``; then come the fields, those of nested messages in
+        structs. Needs the extra ``tables``.
+
+        Args:
+            topic: a name, or one of `channels`, for messages of this definition only.
+            columns: paths such as ``"header.stamp"``, which name their columns; None means all fields. Of the other
+                fields only the sizes are looked at.
+            start_ns, end_ns, on_error: as of `messages`.
+            batch_bytes: a batch has messages of so many bytes, or one that is larger.
+
+        Raises:
+            ExtraMissingError: there is no pyarrow. BagError: no such topic or column, definitions of the topic whose
+                columns differ, a time or a column that Arrow has no room for; while reading, too. Others as `messages`.
+        """
+        from rosidl_py_gen.tables.reading import Known, reader
+
+        if on_error not in ("raise", "skip"):
+            raise ValueError(f'on_error is "raise" or "skip", got {on_error!r}')
+        channels, name = ([topic], topic.name) if isinstance(topic, BagTopic) else (self._channels_of(topic), topic)
+        known = [(one, self.message_class(one), self.definition(one)) for one in channels]
+        return reader(
+            f"{self.path}: {name}",
+            [Known(one, cls, found.is_certain, described(one, found)) for one, cls, found in known],
+            columns,
+            self._merged([name], start_ns, end_ns),
+            lambda some: self._decoded(some, False, False, on_error == "skip"),
+            batch_bytes,
+        )
+
+    def table(
+        self,
+        topic: str | BagTopic,
+        columns: Sequence[str] | str | None = None,
+        *,
+        start_ns: int | None = None,
+        end_ns: int | None = None,
+        on_error: Literal["raise", "skip"] = "raise",
+    ) -> Any:
+        """The same as a ``pyarrow.Table``, all of it in memory."""
+        return self.batches(topic, columns, start_ns=start_ns, end_ns=end_ns, on_error=on_error).read_all()
+
     # ------------------------------------------------------------------------------------------------------ closing
 
     def close(self) -> None:
@@ -386,14 +398,3 @@ class BagReader:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _found(path: Path) -> Path:
-    """The file, or its compressed form: some recorders name one and leave the other."""
-    packed = path.with_name(path.name + SUFFIX)
-    return packed if packed.is_file() and not path.is_file() else path
-
-
-def _added(one: BagTopic, two: BagTopic) -> BagTopic:
-    both = None if one.count is None or two.count is None else one.count + two.count
-    return replace(one if one.definition else two, count=both)

@@ -6,15 +6,16 @@ import shutil
 import time
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from mcap.writer import CompressionType, Writer
 
-from rosidl_py_gen import __version__, type_hash, type_name
+from rosidl_py_gen import __version__, encode, type_hash, type_name
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time
 from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, qos_text
 from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES
 from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.types.from_description import definition_text
 
 if TYPE_CHECKING:
@@ -176,6 +177,45 @@ class BagWriter:
             if known is None or known.type_hash != type_hash(message):
                 self.add_topic(topic, type(message))
         self._write(topic, self._numbers[topic], data, log_time_ns, publish_time_ns)
+
+    def write_table(self, table: Any, topic: str | None = None, msg_type: type[Message] | None = None) -> int:
+        """Write each row as a message: the reverse of `BagReader.table`. Needs the extra ``tables``.
+
+        Args:
+            table: anything with ``__arrow_c_stream__``: a ``pyarrow.Table`` or ``RecordBatchReader``, a data frame of
+                polars or pandas, what DuckDB gives. It has a column ``log_time``, perhaps ``publish_time``, and those
+                of fields; fields without a column have their defaults.
+            topic: None is that in the table's metadata.
+            msg_type: None is what the metadata say; polars and DuckDB do not keep them.
+
+        Returns:
+            How many messages.
+
+        Raises:
+            BagError: no topic or type, an unknown column, no value, or one of another kind; and as `write`.
+                EncodeError: a value does not fit; names the topic, the time and the field.
+        """
+        from rosidl_py_gen.tables.writing import located, messages_of, stream_of, topic_of_schema
+
+        self._require_open()
+        stream = stream_of(table)
+        if msg_type is None:
+            known, msg_type = topic_of_schema(stream.schema, topic)
+        elif topic is None:
+            raise BagError("name the topic that messages of this type are written to")
+        else:
+            known = topic_of(topic, msg_type)
+        self.add_topic(known.name, known if known.definition else topic_of(known.name, msg_type))
+        number = self._numbers[known.name]
+        count = 0
+        for message, log_time, publish_time in messages_of(stream, msg_type, known.name):
+            try:
+                data = encode(message)
+            except EncodeError as error:
+                raise located(error, known.name, log_time) from None
+            self._write(known.name, number, data, log_time, publish_time)
+            count += 1
+        return count
 
     def add_raw_topic(self, known: BagTopic) -> None:
         """Make one of `BagReader.channels` known, also where its topic has another definition already.

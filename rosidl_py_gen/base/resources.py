@@ -29,6 +29,9 @@ _EXTRA_OF = {
     "websockets": "foxglove",
     "zenoh": "zenoh",
     "xxhash": "zenoh",
+    "pyarrow": "tables",
+    "duckdb": "tables",
+    "fsspec": "tables",
 }
 """Modules that only extras bring."""
 

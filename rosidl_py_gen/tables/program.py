@@ -1,0 +1,172 @@
+"""In which steps the messages of a class are read, many messages at a time.
+
+A step deals with one thing whose size varies, or with a run of all between two such. Decides what is one run, and
+where its values lie for each of the positions it may begin at; `rows` does the reading. Messages in messages are read
+in line, as CDR has no boundary there.
+
+Source: docs/internals/protocol.md 2.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from rosidl_py_gen.cdr.arrays import DTYPES
+from rosidl_py_gen.cdr.record_layout import remembered, up
+from rosidl_py_gen.cdr.records import known_record_type
+from rosidl_py_gen.tables.columns import OPEN, Kind, nodes_of
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.cdr.records import RecordType
+    from rosidl_py_gen.tables.columns import Node
+
+ALIGN = 8
+TIME = np.dtype([("sec", "<i4"), ("nanosec", "<u4")])
+_BYTE = np.dtype("u1")
+
+
+@dataclass(frozen=True, slots=True)
+class Leaf:
+    """Values of one field that lie in a run."""
+
+    node: Node
+    dtype: np.dtype[Any]
+    align: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """A run at one position: where it ends, and the dtype of all its values."""
+
+    size: int
+    dtype: np.dtype[np.void]
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Values of fixed size."""
+
+    leaves: tuple[Leaf, ...]
+    layouts: dict[int, Layout] = field(default_factory=dict)
+
+    def layout(self, position: int) -> Layout:
+        """At a position modulo 8 that the first value is aligned at."""
+        found = self.layouts.get(position)
+        if found is None:
+            found = self.layouts[position] = self._layout(position)
+        return found
+
+    def _layout(self, position: int) -> Layout:
+        offsets, at = [], position
+        for leaf in self.leaves:
+            at = up(at, leaf.align)
+            offsets.append(at - position)
+            at += leaf.dtype.itemsize * leaf.count
+        names = [f"f{number}" for number in range(len(offsets))]
+        formats: list[Any] = [(leaf.dtype, (leaf.count,)) for leaf in self.leaves]
+        size = at - position
+        return Layout(size, np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": size}))
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A string or wstring; of an element of a list where `node` is that of the list."""
+
+    node: Node
+
+
+@dataclass(frozen=True, slots=True)
+class Many:
+    """A sequence of what has no gaps: numbers, times, messages without fields."""
+
+    node: Node
+    dtype: np.dtype[Any]
+    align: int
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """An array or sequence of messages of fixed size."""
+
+    node: Node
+    known: RecordType
+
+
+@dataclass(frozen=True, slots=True)
+class Each:
+    """An array or sequence of strings, or of messages that vary in size."""
+
+    node: Node
+    steps: tuple[Step, ...]
+
+
+Step: TypeAlias = "Run | Text | Many | Records | Each"
+
+
+@remembered
+def program_of(cls: type[Any]) -> tuple[Step, ...] | None:
+    """The steps for a class; None when it has to be read message by message."""
+    try:
+        found = tuple(_joined(_steps(nodes_of(cls))))
+        for step in found:
+            if isinstance(step, Run):
+                step.layout(0)
+    except (_UnsuitedError, ValueError, OverflowError):  # too large for numpy
+        return None
+    return found or None
+
+
+class _UnsuitedError(Exception):
+    pass
+
+
+def _steps(nodes: tuple[Node, ...]) -> list[Step]:
+    found: list[Step] = []
+    for node in nodes:
+        if node.kind is Kind.STRUCT and node.length is None:
+            found += _steps(node.children)
+        elif node.kind is Kind.STRING:
+            found.append(Text(node) if node.length is None else Each(node, (Text(node),)))
+        elif node.kind is Kind.STRUCT:
+            found.append(_of_messages(node))
+        else:
+            dtype = _dtype(node)
+            align = 4 if dtype is TIME else dtype.itemsize
+            if node.length == OPEN:
+                found.append(Many(node, dtype, align))
+            else:
+                found.append(Run((Leaf(node, dtype, align, node.length or 1),)))
+    return found
+
+
+def _of_messages(node: Node) -> Step:
+    cls = node.field.cls
+    assert cls is not None
+    known = known_record_type(cls)
+    if known is not None:
+        return Records(node, known)
+    steps = tuple(_joined(_steps(node.children)))
+    if all(isinstance(step, Run) for step in steps):  # of fixed size, and too large for numpy
+        raise _UnsuitedError
+    return Each(node, steps)
+
+
+def _dtype(node: Node) -> np.dtype[Any]:
+    if node.kind is Kind.NUMBER:
+        return _BYTE if node.code == "?" else DTYPES[node.code]  # bools may be any byte
+    return _BYTE if node.kind is Kind.EMPTY else TIME
+
+
+def _joined(steps: list[Step]) -> list[Step]:
+    """Runs that follow each other as one."""
+    found: list[Step] = []
+    for step in steps:
+        if found and isinstance(step, Run) and isinstance(found[-1], Run):
+            found[-1] = Run(found[-1].leaves + step.leaves)
+        else:
+            found.append(step)
+    return found

@@ -1,0 +1,218 @@
+"""From the messages of a topic to record batches.
+
+Decides how many messages make a batch: until their bytes are `batch_bytes`, so that memory is bounded whatever the
+messages are. They are read all at once by `rows`; where that refuses, one by one by the reader, which names what is
+wrong or leaves it out, in small portions, as objects take many times the bytes they are made of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.tables import build
+from rosidl_py_gen.tables.arrow import from_numpy, pa
+from rosidl_py_gen.tables.columns import chosen
+from rosidl_py_gen.tables.objects import column
+from rosidl_py_gen.tables.program import program_of
+from rosidl_py_gen.tables.rows import UnsuitedError, joined, run
+from rosidl_py_gen.tables.schema import NANOSECONDS, schema_of
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.bags.common import BagMessage, BagTopic
+    from rosidl_py_gen.bags.storage import Raw
+    from rosidl_py_gen.tables.columns import Chosen, Node
+    from rosidl_py_gen.tables.rows import Cursor
+
+MOST_ROWS = 1 << 16
+_PORTION = 1 << 18
+_MOST_TIME = (1 << 63) - 1
+_PADDING = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A channel of the bag, as its messages are read.
+
+    Attributes:
+        cls: of its messages.
+        is_certain: the definition is that of the recording; else messages have to end where it says they do.
+        told: the channel with this definition, for the metadata.
+    """
+
+    channel: BagTopic
+    cls: type[Any]
+    is_certain: bool
+    told: BagTopic
+
+
+Decode = Callable[[Iterable["Raw"]], Iterator["BagMessage"]]
+"""Messages of raw ones, with the errors that reading them has, or without those it leaves out."""
+
+
+class Columns:
+    """The columns of a topic, for one definition of its messages; makes batches.
+
+    Args:
+        where: the bag and the topic, for errors.
+        decode: for messages that have to be read one by one.
+
+    Raises:
+        BagError: as `chosen`.
+    """
+
+    def __init__(self, where: str, known: Known, columns: Sequence[str] | str | None, decode: Decode) -> None:
+        self._where, self._known, self._decode = where, known, decode
+        try:
+            self._chosen = chosen(known.cls, columns)
+            self.schema = schema_of(known.cls, self._chosen, known.told)
+        except BagError as error:
+            raise BagError(f"{where}: {error}") from None
+        self._program = program_of(known.cls)
+        self._wanted: set[Node] = set()
+        for one in self._chosen:
+            self._want(one.node)
+
+    def _want(self, node: Node) -> None:
+        self._wanted.add(node)
+        if node.length is None:
+            for child in node.children:
+                self._want(child)
+
+    def batches(self, messages: Sequence[Raw]) -> Iterator[Any]:
+        """The messages as one record batch, or several small ones where they have to be read one by one."""
+        try:
+            yield self._at_once(messages)
+        except UnsuitedError:
+            for portion in _portions(messages):
+                found = list(self._decode(portion))
+                made = [column(one, [item.message for item in found]) for one in self._chosen] if found else []
+                if found:
+                    yield self._batch([one.log_time for one in found], [one.publish_time for one in found], made)
+
+    def _at_once(self, messages: Sequence[Raw]) -> Any:
+        if self._program is None:
+            raise UnsuitedError
+        _, data, log_times, publish_times = zip(*messages, strict=True)
+        cursor = joined(data)
+        try:
+            found = run(cursor, self._program, self._wanted)
+            if not self._known.is_certain:
+                _require_ends(cursor)
+            columns = [_assembled(one, found, len(messages)) for one in self._chosen]
+        except BagError as error:
+            raise BagError(f"{self._where} from {log_times[0]} to {log_times[-1]} ns: {error}") from None
+        return self._batch(log_times, publish_times, columns)
+
+    def _batch(self, log_times: Sequence[int], publish_times: Sequence[int], columns: list[Any]) -> Any:
+        times = [_times(self._where, one) for one in (log_times, publish_times)]
+        return pa.RecordBatch.from_arrays([*times, *columns], schema=self.schema)
+
+
+def _assembled(one: Chosen, found: dict[Node, Any], count: int) -> Any:
+    return build.assembled(one.node, found, count)
+
+
+def _require_ends(cursor: Cursor) -> None:
+    """Raises `UnsuitedError` where something is behind the last field but what middlewares pad messages with."""
+    rest = cursor.limit - cursor.pos
+    padded = (rest < _PADDING) & ((cursor.limit & (_PADDING - 1)) == 0)
+    if ((rest != 0) & ~padded).any():
+        raise UnsuitedError
+
+
+def _times(where: str, times: Sequence[int]) -> Any:
+    try:
+        return from_numpy(np.array(times, np.int64), NANOSECONDS)
+    except OverflowError:
+        wrong = next(one for one in times if one > _MOST_TIME)
+        raise BagError(f"{where} at {wrong} ns: tables have times up to {_MOST_TIME} ns") from None
+
+
+def _portions(messages: Sequence[Raw]) -> Iterator[Sequence[Raw]]:
+    begin, size = 0, 0
+    for number, message in enumerate(messages):
+        size += len(message[1])
+        if size >= _PORTION:
+            yield messages[begin : number + 1]
+            begin, size = number + 1, 0
+    if begin < len(messages):
+        yield messages[begin:]
+
+
+# -------------------------------------------------------------------------------------------------------- one topic
+
+
+def reader(
+    where: str,
+    known: Sequence[Known],
+    columns: Sequence[str] | str | None,
+    found: Iterator[Raw],
+    decode: Decode,
+    batch_bytes: int,
+) -> Any:
+    """A ``pyarrow.RecordBatchReader`` of a topic; see `BagReader.batches`.
+
+    Args:
+        known: its channels, one at least.
+        found: its messages; those of other channels are left out.
+    """
+    by_class: dict[type[Any], Columns] = {}
+    by_key: dict[tuple[str, ...], Columns] = {}
+    for one in known:
+        if one.cls not in by_class:
+            by_class[one.cls] = Columns(where, one, columns, decode)
+        by_key[one.channel.key] = by_class[one.cls]
+    schema = next(iter(by_class.values())).schema
+    for made in by_class.values():
+        if not made.schema.equals(schema):
+            raise BagError(
+                f"{where} was recorded with {len(by_class)} definitions that have other columns; name columns that all "
+                "have, or take one of `channels`"
+            )
+    return pa.RecordBatchReader.from_batches(schema, _batches(by_key, found, schema, max(1, batch_bytes)))
+
+
+def _batches(
+    by_key: dict[tuple[str, ...], Columns], found: Iterator[Raw], schema: Any, batch_bytes: int
+) -> Iterator[Any]:
+    waiting: list[Raw] = []
+    size = 0
+    channel, current, columns = None, None, None
+    for message in found:
+        if message[0] is not channel:
+            channel = message[0]
+            columns = by_key.get(channel.info.key)
+            if columns is not current and waiting:
+                assert current is not None
+                yield from _alike(current.batches(waiting), schema)
+                waiting, size = [], 0
+            current = columns
+        if columns is None:
+            continue
+        data = message[1]
+        if type(data) is memoryview:
+            message = message[0], owned(data), message[2], message[3]
+        waiting.append(message)
+        size += len(data)
+        if size >= batch_bytes or len(waiting) >= MOST_ROWS:
+            yield from _alike(columns.batches(waiting), schema)
+            waiting, size = [], 0
+    if waiting:
+        assert current is not None
+        yield from _alike(current.batches(waiting), schema)
+
+
+def owned(data: memoryview) -> bytes | memoryview:
+    """The data, copied where they would keep a chunk in memory that is much larger."""
+    return data if 2 * len(data) >= len(data.obj) else bytes(data)  # type: ignore[arg-type]
+
+
+def _alike(batches: Iterator[Any], schema: Any) -> Iterator[Any]:
+    """With the metadata of the first definition."""
+    for batch in batches:
+        yield batch if batch.schema is schema else pa.RecordBatch.from_arrays(batch.columns, schema=schema)

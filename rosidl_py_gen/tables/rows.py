@@ -1,0 +1,358 @@
+"""Many messages of one class read at once: each step of their program for all of them, with numpy.
+
+A cursor has a position in every message; a step moves all of them. Whatever is not as it should be in any of the
+messages ends the reading with `UnsuitedError`, and they are read one by one instead, which names the wrong byte. So
+this knows what is right, and no errors; it may refuse what is right but unusual, such as big-endian data.
+
+Positions are offsets into the data of all messages, each of which begins at a multiple of 8, so that alignment counts
+from offset 4 as it does in one message.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.cdr.arrays import UnfitValueError
+from rosidl_py_gen.tables import build
+from rosidl_py_gen.tables.columns import OPEN
+from rosidl_py_gen.tables.program import Each, Many, Records, Run, Step, Text
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from rosidl_py_gen.tables.build import Built
+    from rosidl_py_gen.tables.columns import Node
+
+    Ints: TypeAlias = NDArray[np.int64]
+    Program: TypeAlias = Sequence[Step]
+
+_HEADER = 4
+_LITTLE_ENDIAN = 0x0100
+_PADS = [b"\0" * (-size % 8) for size in range(8)]
+_SHORT = 24
+"""Parts of up to so many bytes on average are gathered byte by byte."""
+_FEW, _WIDE = 8, 32
+"""Elements that vary in size are found one behind the other, in lists of few or in many lists at once."""
+
+
+class UnsuitedError(Exception):
+    """Read them one by one."""
+
+
+class Cursor:
+    """A position in each of several messages, or of several elements of messages.
+
+    Attributes:
+        pos: where each is.
+        limit: where the message ends that each is in.
+    """
+
+    __slots__ = ("data", "limit", "octets", "pos", "words")
+
+    def __init__(self, data: bytes | memoryview, pos: Ints, limit: Ints) -> None:
+        self.data = data
+        self.pos = pos
+        self.limit = limit
+        self.octets: NDArray[np.uint8] = np.frombuffer(data, np.uint8)
+        self.words: NDArray[np.uint32] = np.frombuffer(data, "<u4", len(data) // 4)
+
+    def at(self, pos: Ints, limit: Ints) -> Cursor:
+        """The same data at other positions."""
+        made = object.__new__(Cursor)
+        made.data, made.octets, made.words = self.data, self.octets, self.words
+        made.pos, made.limit = pos, limit
+        return made
+
+    def take(self, size: Ints | int, align: int) -> Ints:
+        """Claim bytes in each, and return where they begin."""
+        start: Ints = self.pos + ((_HEADER - self.pos) & (align - 1)) if align > 1 else self.pos
+        self.pos = start + size
+        if (self.pos > self.limit).any():
+            raise UnsuitedError
+        return start
+
+    def counts(self) -> Ints:
+        """An unsigned number of four bytes from each."""
+        counts: Ints = self.words[self.take(4, 4) >> 2].astype(np.int64)
+        return counts
+
+
+def joined(messages: Sequence[bytes | memoryview]) -> Cursor:
+    """A cursor behind the header of each message. Raises `UnsuitedError`."""
+    sizes = np.fromiter(map(len, messages), np.int64, len(messages))
+    if (sizes < _HEADER).any():
+        raise UnsuitedError
+    if len(messages) == 1:
+        data: bytes | memoryview = messages[0]
+    elif (sizes & 7).any():
+        parts: list[bytes | memoryview] = [b""] * (2 * len(messages))
+        parts[::2] = messages
+        parts[1::2] = [_PADS[size] for size in (sizes & 7).tolist()]
+        data = b"".join(parts)
+    else:
+        data = b"".join(messages)
+    start = np.zeros(len(messages), np.int64)
+    np.cumsum((sizes[:-1] + 7) & -8, out=start[1:])
+    cursor = Cursor(data, start + _HEADER, start + sizes)
+    if ((cursor.words[start >> 2] & 0xFFFF) != _LITTLE_ENDIAN).any():
+        raise UnsuitedError
+    return cursor
+
+
+def run(cursor: Cursor, program: Program, wanted: Collection[Node]) -> Built:
+    """Move the cursor behind all steps, and return the columns of the wanted nodes.
+
+    Raises:
+        UnsuitedError: something is wrong or unusual. BagError: a column is too large for Arrow.
+    """
+    found: Built = {}
+    for step in program:
+        if isinstance(step, Run):
+            _run(cursor, step, wanted, found)
+        elif isinstance(step, Text):
+            _text(cursor, step, wanted, found)
+        elif isinstance(step, Many):
+            _many(cursor, step, wanted, found)
+        elif isinstance(step, Records):
+            _records(cursor, step, wanted, found)
+        else:
+            _each(cursor, step, wanted, found)
+    return found
+
+
+# ------------------------------------------------------------------------------------------------------- of fixed size
+
+
+def _run(cursor: Cursor, step: Run, wanted: Collection[Node], found: Built) -> None:
+    start = cursor.take(0, step.leaves[0].align)
+    if not len(start):
+        for leaf in step.leaves:
+            if leaf.node in wanted:
+                found[leaf.node] = build.fixed(leaf.node, np.empty((0, leaf.count), leaf.dtype))
+        return
+    phases = (start - _HEADER) & 7
+    first = int(phases[0])
+    if (phases == first).all():
+        layout = step.layout(first)
+        cursor.take(layout.size, 1)
+        leaves = [leaf.node in wanted for leaf in step.leaves]
+        if not any(leaves):
+            return
+        rows = gathered(cursor, start, layout.size).view(layout.dtype)
+        for number, leaf in enumerate(step.leaves):
+            if leaves[number]:
+                found[leaf.node] = build.fixed(leaf.node, np.ascontiguousarray(rows[f"f{number}"]))
+        return
+    groups = [(np.flatnonzero(phases == phase), step.layout(int(phase))) for phase in np.unique(phases)]
+    size = np.empty(len(start), np.int64)
+    for rows_of, layout in groups:
+        size[rows_of] = layout.size
+    cursor.take(size, 1)
+    for number, leaf in enumerate(step.leaves):
+        if leaf.node not in wanted:
+            continue
+        values = np.empty((len(start), leaf.count), leaf.dtype)
+        for rows_of, layout in groups:
+            offset = layout.dtype.fields[f"f{number}"][1]  # type: ignore[index]
+            taken = gathered(cursor, start[rows_of] + offset, leaf.count * leaf.dtype.itemsize)
+            values[rows_of] = taken.view(leaf.dtype).reshape(len(rows_of), leaf.count)
+        found[leaf.node] = build.fixed(leaf.node, values)
+
+
+def gathered(cursor: Cursor, start: Ints, size: int) -> NDArray[np.void]:
+    """So many bytes from each place, which are known to be there."""
+    every: NDArray[np.void] = np.ndarray((len(cursor.data) - size + 1,), f"V{size}", cursor.data, 0, (1,))
+    return every[start]
+
+
+def _records(cursor: Cursor, step: Records, wanted: Collection[Node], found: Built) -> None:
+    node, known, data = step.node, step.known, cursor.data
+    counts = _element_counts(cursor, node)
+    pos, ends, parts = cursor.pos.tolist(), cursor.limit.tolist(), []
+    is_wanted = node in wanted
+    try:
+        for row, count in enumerate(counts.tolist()):
+            if count:
+                begin, end = known.span(pos[row], count)
+                if end > ends[row]:
+                    raise UnsuitedError
+                if is_wanted:
+                    parts.append(known.take(data, begin, count, "<"))
+                pos[row] = end
+    except (UnfitValueError, MemoryError):
+        raise UnsuitedError from None
+    cursor.pos = np.array(pos, np.int64)
+    if is_wanted:
+        whole = parts[0] if len(parts) == 1 else np.frombuffer(b"".join([one.tobytes() for one in parts]), known.dtype)
+        found[node] = build.lists(node, counts, build.from_records(node, whole))
+
+
+# -------------------------------------------------------------------------------------------------------- that vary
+
+
+def _element_counts(cursor: Cursor, node: Node) -> Ints:
+    """How many elements each list has; not more than there are bytes left, as each takes one at least."""
+    if node.length != OPEN:
+        assert node.length is not None
+        counts = np.full(len(cursor.pos), node.length, np.int64)
+    else:
+        counts = cursor.counts()
+        if node.field.type.capacity and (counts > node.field.type.capacity).any():
+            raise UnsuitedError
+    if (counts > cursor.limit - cursor.pos).any():
+        raise UnsuitedError
+    return counts
+
+
+def _many(cursor: Cursor, step: Many, wanted: Collection[Node], found: Built) -> None:
+    counts = _element_counts(cursor, step.node)
+    size = counts * step.dtype.itemsize
+    before = cursor.pos
+    start = cursor.take(size, step.align)
+    if step.align > 4 and not counts.all():  # padding is before the first element, and without one there is none
+        cursor.pos = np.where(counts > 0, cursor.pos, before)
+        start = np.where(counts > 0, start, before)
+    if step.node in wanted:
+        octets = ranges(cursor, start, size)
+        found[step.node] = build.sequences(step.node, counts, octets.view(step.dtype))
+
+
+def _text(cursor: Cursor, step: Text, wanted: Collection[Node], found: Built) -> None:
+    counts = cursor.counts()
+    is_wide = step.node.field.type.base == "wstring"
+    start = cursor.take(4 * counts if is_wide else counts, 1)
+    if is_wide:
+        if step.node in wanted:
+            texts = [_wide(cursor, at, count) for at, count in zip(start.tolist(), counts.tolist(), strict=True)]
+            octets = np.frombuffer(b"".join(texts), np.uint8)
+            found[step.node] = build.texts(step.node, np.fromiter(map(len, texts), np.int64, len(texts)), octets)
+        return
+    last = cursor.octets[cursor.pos - 1]
+    if last[counts > 0].any():  # no NUL
+        raise UnsuitedError
+    if step.node in wanted:
+        size = np.maximum(counts - 1, 0)
+        try:
+            found[step.node] = build.texts(step.node, size, ranges(cursor, start, size))
+        except ValueError as error:
+            if isinstance(error, BagError):
+                raise
+            raise UnsuitedError from None  # no UTF-8
+
+
+def _wide(cursor: Cursor, start: int, count: int) -> bytes:
+    units = cursor.words[start >> 2 : (start >> 2) + count]
+    if count and units.max() > 0xFFFF:
+        raise UnsuitedError
+    try:
+        return units.astype("<u2").tobytes().decode("utf-16-le").encode()
+    except UnicodeError:
+        raise UnsuitedError from None
+
+
+def ranges(cursor: Cursor, start: Ints, size: Ints) -> NDArray[np.uint8]:
+    """The bytes of several parts, which are known to be there, behind each other."""
+    total, count = int(size.sum()), len(size)
+    if not total:
+        return np.empty(0, np.uint8)
+    longest = int(size.max())
+    if longest * count == total:  # all alike, as names of frames are
+        return gathered(cursor, start, longest).view(np.uint8)
+    if total <= _SHORT * count:
+        shift = start - (np.cumsum(size) - size)
+        return cursor.octets[np.repeat(shift, size) + np.arange(total)]
+    view = memoryview(cursor.data)
+    ends = (start + size).tolist()
+    return np.frombuffer(b"".join([view[at:end] for at, end in zip(start.tolist(), ends, strict=True)]), np.uint8)
+
+
+def _each(cursor: Cursor, step: Each, wanted: Collection[Node], found: Built) -> None:
+    node = step.node
+    counts = _element_counts(cursor, node)
+    starts = _starts(cursor, step.steps, counts)
+    if node not in wanted:
+        return
+    inside = cursor.at(starts, np.repeat(cursor.limit, counts))
+    built = run(inside, step.steps, _Everything())
+    children = built[node] if isinstance(step.steps[0], Text) and step.steps[0].node is node else None
+    if children is None:
+        children = build.struct(node, [build.assembled(child, built, len(starts)) for child in node.children])
+    found[node] = build.lists(node, counts, children)
+
+
+class _Everything:
+    """Holds every node: of elements, all fields are wanted."""
+
+    def __contains__(self, node: object) -> bool:
+        return True
+
+    def __iter__(self) -> Iterator[Node]:
+        return iter(())
+
+    def __len__(self) -> int:
+        return 0
+
+
+def _starts(cursor: Cursor, steps: Program, counts: Ints) -> Ints:
+    """Where all elements begin; moves the cursor behind the last."""
+    total, longest = int(counts.sum()), int(counts.max(initial=0))
+    if longest > 2:
+        found = _alike(cursor, steps, counts)
+        if found is not None:
+            return found
+        if longest > _FEW and total < _WIDE * longest:
+            raise UnsuitedError
+    starts = np.empty(total, np.int64)
+    first = np.cumsum(counts) - counts
+    pos = cursor.pos.copy()
+    active = np.flatnonzero(counts)
+    for number in range(longest):
+        starts[first[active] + number] = pos[active]
+        pos[active] = _behind(cursor, steps, pos[active], cursor.limit[active])
+        active = active[counts[active] > number + 1]
+    cursor.pos = pos
+    return starts
+
+
+def _behind(cursor: Cursor, steps: Program, pos: Ints, limit: Ints) -> Ints:
+    """The ends of elements that begin there."""
+    inside = cursor.at(pos, limit)
+    run(inside, steps, ())
+    return inside.pos
+
+
+def _alike(cursor: Cursor, steps: Program, counts: Ints) -> Ints | None:
+    """The same where the elements of a list, all but the first, are equally long: guessed of two, and then proved.
+
+    None when they are not. It is proved, as each element begins where that before it ends.
+    """
+    some = np.flatnonzero(counts)
+    limit = cursor.limit[some]
+    try:
+        one = _behind(cursor, steps, cursor.pos[some], limit)
+        two = one.copy()
+        longer = counts[some] > 1
+        two[longer] = _behind(cursor, steps, one[longer], limit[longer])
+        each = counts[some]
+        first = np.cumsum(each) - each
+        number = np.arange(int(each.sum())) - np.repeat(first, each)
+        starts: Ints = np.repeat(one, each) + (number - 1) * np.repeat(two - one, each)
+        starts[first] = cursor.pos[some]
+        limits = np.repeat(limit, each)
+        if (starts > limits).any():
+            return None
+        ends = _behind(cursor, steps, starts, limits)
+    except UnsuitedError:
+        return None
+    is_last = np.zeros(len(starts), bool)
+    is_last[first + each - 1] = True
+    if (ends[:-1] != starts[1:])[~is_last[:-1]].any():
+        return None
+    cursor.pos = cursor.pos.copy()
+    cursor.pos[some] = ends[is_last]
+    return starts

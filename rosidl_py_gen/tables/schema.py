@@ -1,0 +1,91 @@
+"""The Arrow schema of a message class.
+
+Decides the types: nested messages are structs, sequences lists, fixed arrays lists of fixed size, bytes (``uint8[]``,
+``byte[]``, ``char[]``) binary, since a list of them is eight times as large in Parquet and no image is read number by
+number; `Time` and `Duration` are nanoseconds. A message without fields has the type null: neither Parquet nor DuckDB
+has structs without fields. Nothing else is ever null. What a schema says of ROS is in its metadata.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.cdr.typesupport import constants, referenced_classes
+from rosidl_py_gen.tables.arrow import pa
+from rosidl_py_gen.tables.columns import LOG_TIME, OPEN, PUBLISH_TIME, Kind
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.bags.common import BagTopic
+    from rosidl_py_gen.tables.columns import Chosen, Node
+
+TOPIC, TYPE, HASH = b"ros.topic", b"ros.type", b"ros.type_hash"
+DEFINITION, ENCODING, QOS = b"ros.definition", b"ros.definition_encoding", b"ros.offered_qos"
+CONSTANTS = b"ros.constants"
+ITEM = "item"
+NUMBERS = {
+    "?": pa.bool_(),
+    "b": pa.int8(),
+    "B": pa.uint8(),
+    "h": pa.int16(),
+    "H": pa.uint16(),
+    "i": pa.int32(),
+    "I": pa.uint32(),
+    "q": pa.int64(),
+    "Q": pa.uint64(),
+    "f": pa.float32(),
+    "d": pa.float64(),
+}
+NANOSECONDS = pa.timestamp("ns")
+_ONE = {
+    Kind.STRING: pa.string(),
+    Kind.TIME: NANOSECONDS,
+    Kind.DURATION: pa.duration("ns"),
+    Kind.EMPTY: pa.null(),
+}
+
+
+def element_type(node: Node) -> Any:
+    """The Arrow type of one element of a column."""
+    if node.kind is Kind.NUMBER:
+        return NUMBERS[node.code]
+    if node.kind is Kind.STRUCT:
+        return pa.struct([field_of(child) for child in node.children])
+    return _ONE[node.kind]
+
+
+def type_of(node: Node) -> Any:
+    """The Arrow type of a column; raises `BagError` when Arrow has none so large."""
+    try:
+        if node.is_binary:
+            return pa.binary(node.length if node.length is not None else OPEN)
+        one = element_type(node)
+        if node.length is None:
+            return one
+        return pa.list_(pa.field(ITEM, one, nullable=node.kind is Kind.EMPTY), node.length)
+    except (OverflowError, ValueError) as error:
+        raise BagError(f"{node.name}: Arrow has no type for {node.field.type}: {error}") from None
+
+
+def field_of(node: Node, name: str | None = None) -> Any:
+    """The Arrow field of a column."""
+    nullable = node.kind is Kind.EMPTY and node.length is None
+    return pa.field(name or node.name, type_of(node), nullable, {TYPE: str(node.field.type)})
+
+
+def schema_of(cls: type[Any], columns: Sequence[Chosen], topic: BagTopic | None = None) -> Any:
+    """The schema of a table with these columns behind the bag's times; raises `BagError`."""
+    times = [pa.field(name, NANOSECONDS, nullable=False) for name in (LOG_TIME, PUBLISH_TIME)]
+    fields = [field_of(column.node, column.name) for column in columns]
+    return pa.schema([*times, *fields], metadata=_metadata(cls, topic))
+
+
+def _metadata(cls: type[Any], topic: BagTopic | None) -> dict[bytes, str]:
+    named = {name: constants(one) for name, one in {cls._TYPE.name: cls, **referenced_classes(cls)}.items()}
+    told = {TYPE: cls._TYPE.name, HASH: cls._TYPE.hash, CONSTANTS: json.dumps({k: v for k, v in named.items() if v})}
+    if topic is not None:
+        told |= {TOPIC: topic.name, DEFINITION: topic.definition, ENCODING: topic.encoding, QOS: topic.offered_qos}
+    return told

@@ -1,0 +1,69 @@
+"""Messages and rows of tables as the same plain values, to compare them; not how the package makes tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagWriter
+
+Imu: Any = get_message("sensor_msgs/msg/Imu")
+
+
+def of_message(message: Any) -> Any:
+    """Dicts and lists; times in nanoseconds, a message without fields None."""
+    if isinstance(message, np.ndarray):
+        return message.tolist()
+    if isinstance(message, list):
+        return [of_message(one) for one in message]
+    if not hasattr(message, "_TYPE"):
+        return message
+    info = message._TYPE
+    if not info.fields:
+        return None
+    if info.name in ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"):
+        return message.sec * 10**9 + message.nanosec
+    return {field.ros_name: of_message(getattr(message, field.py_name)) for field in info.fields}
+
+
+def of_row(value: Any) -> Any:
+    """The same of what ``to_pylist`` gives."""
+    if isinstance(value, pd.Timestamp | pd.Timedelta):
+        return value.value
+    if isinstance(value, bytes):
+        return list(value)
+    if isinstance(value, list):
+        return [of_row(one) for one in value]
+    if isinstance(value, dict):
+        return {name: of_row(one) for name, one in value.items()}
+    return value
+
+
+def rows(table: Any) -> list[Any]:
+    """All rows, without the bag's times."""
+    table.validate(full=True)
+    return [of_row(row) for row in table.drop_columns(["log_time", "publish_time"]).to_pylist()]
+
+
+def same(left: Any, right: Any) -> bool:
+    """NaN equals NaN, and 0.0 is not -0.0."""
+    return repr(left) == repr(right)
+
+
+def write(path: Path, topic: str, *messages: Any, step: int = 10) -> Path:
+    with BagWriter(path) as writer:
+        for number, message in enumerate(messages):
+            writer.write(topic, message, number * step)
+    return path
+
+
+def imus(count: int) -> list[Any]:
+    made = [Imu() for _ in range(count)]
+    for number, one in enumerate(made):
+        one.header.stamp.sec, one.header.frame_id = number, "base" if number % 3 else "a longer frame"
+        one.linear_acceleration.x = number / 2
+    return made

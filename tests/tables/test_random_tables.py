@@ -1,0 +1,113 @@
+"""Random definitions, random values: what a table holds is what `messages` gives, and makes the same bag again."""
+
+from __future__ import annotations
+
+import random
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from reference_cdr import Reference
+from scale import examples
+from strategies import World, values, worlds
+from table_values import of_message, rows, same
+
+from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.tables import reading
+
+
+@st.composite
+def worlds_and_many_values(draw: st.DrawFn) -> tuple[World, Reference, list[dict[str, Any]]]:
+    world = draw(worlds())
+    reference = world.reference()
+    some = draw(st.lists(values(reference, world.top), min_size=1, max_size=4))
+    return world, reference, some * draw(st.sampled_from((1, 1, 3, 12)))
+
+
+def _bag(path: Path, world: World, data: list[bytes]) -> Path:
+    with BagWriter(path) as writer:
+        writer.add_topic("/t", world.compile())
+        for number, one in enumerate(data):
+            writer.write("/t", one, number, number // 2)
+    return path
+
+
+@settings(max_examples=examples(400))
+@given(worlds_and_many_values(), st.integers(0, 2**32), st.booleans())
+def test_a_table_has_the_values_of_messages_and_makes_the_same_bag(
+    case: tuple[World, Reference, list[dict[str, Any]]], seed: int, one_by_one: bool
+) -> None:
+    world, reference, many = case
+    pad = random.Random(seed).randbytes
+    data = [reference.encode(world.top, value, pad=pad) for value in many]
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        if one_by_one:
+            patch.setattr(reading, "program_of", lambda cls: None)
+        path = _bag(Path(folder) / "a.mcap", world, data)
+        with BagReader(path) as bag:
+            messages = list(bag.messages("/t"))
+            table = bag.table("/t")
+            assert same(rows(table), [of_message(one.message) or {} for one in messages])
+            assert table.column("log_time").cast("int64").to_pylist() == [one.log_time for one in messages]
+            assert table.column("publish_time").cast("int64").to_pylist() == [one.publish_time for one in messages]
+        again = Path(folder) / "b.mcap"
+        with BagWriter(again) as writer:
+            assert writer.write_table(table) == len(messages)
+        with BagReader(again) as bag:
+            found = list(bag.messages("/t"))
+            assert [repr(one) for one in found] == [repr(one) for one in messages]
+            assert same([of_message(one.message) for one in found], [of_message(one.message) for one in messages])
+            assert bag.channels[0].type_hash == world.compile()._TYPE.hash
+
+
+@settings(max_examples=examples(200))
+@given(worlds_and_many_values(), st.integers(0, 2**32))
+def test_messages_are_read_at_once_if_they_are_as_they_should_be(
+    case: tuple[World, Reference, list[dict[str, Any]]], seed: int
+) -> None:
+    world, reference, many = case
+    if not reference.definition(world.top).fields:
+        return
+    pad = random.Random(seed).randbytes
+    with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reading, "column", None)
+        path = _bag(Path(folder) / "a.mcap", world, [reference.encode(world.top, value, pad=pad) for value in many])
+        with BagReader(path) as bag:
+            assert bag.table("/t").num_rows == len(many)
+
+
+@settings(max_examples=examples(300))
+@given(worlds_and_many_values(), st.data())
+def test_bytes_that_are_wrong_are_the_same_errors_as_of_messages(
+    case: tuple[World, Reference, list[dict[str, Any]]], draw: st.DataObject
+) -> None:
+    world, reference, many = case
+    data = [reference.encode(world.top, value) for value in many]
+    which = draw.draw(st.integers(0, len(data) - 1))
+    wrong = bytearray(data[which])
+    for _ in range(draw.draw(st.integers(1, 3))):
+        wrong[draw.draw(st.integers(0, len(wrong) - 1))] = draw.draw(st.integers(0, 255))
+    data[which] = bytes(wrong[: draw.draw(st.integers(0, len(wrong)))] if draw.draw(st.booleans()) else wrong)
+    with tempfile.TemporaryDirectory() as folder:
+        path = _bag(Path(folder) / "a.mcap", world, data)
+        with BagReader(path) as bag:
+            assert _result(lambda: rows(bag.table("/t"))) == _result(
+                lambda: [of_message(one.message) or {} for one in bag.messages("/t")]
+            )
+        with BagReader(path) as one, BagReader(path) as other, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            table = one.table("/t", on_error="skip")
+            messages = list(other.messages("/t", on_error="skip"))
+            assert same(rows(table), [of_message(item.message) or {} for item in messages])
+            assert one.left_out == other.left_out
+
+
+def _result(call: Any) -> str:
+    try:
+        return repr(call())
+    except ValueError as error:
+        return f"{type(error).__name__}: {error}"
