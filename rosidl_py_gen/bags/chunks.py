@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import lz4.frame  # type: ignore[import-untyped]
+import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Chunk
@@ -24,7 +25,11 @@ if TYPE_CHECKING:
     from collections.abc import Container, Mapping
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from rosidl_py_gen.bags.storage import Channel, Raw
+
+    Array = NDArray[Any]
 
 RECORD = struct.Struct("<BQ")
 """Kind and length of a record of MCAP."""
@@ -42,6 +47,11 @@ MESSAGE = struct.Struct("<BQHIQQ")
 """The same of a message, then channel, sequence, log time and publish time; the rest of the record is its data."""
 LEAST_MESSAGE = MESSAGE.size - RECORD.size
 IS_MESSAGE = int(Opcode.MESSAGE)  # comparing with the enum costs as much as the rest of the loop
+_HEADS = np.dtype(
+    [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("number", "<u4"), ("log", "<u8"), ("publish", "<u8")]
+)
+_ALIKE = 4
+"""After so many messages of equal length, more are expected."""
 _LARGE = 8
 """A message is large when its chunk has at most so many times its size."""
 _MAX_LZ4 = 255
@@ -149,6 +159,50 @@ class Unpacker:
                     raise BagError(f"{self.where}: damaged: a message of channel {channel}, which there is not")
             at = end
         return found
+
+    def heads(self, data: bytes | bytearray, known: Container[int], size: int = -1) -> tuple[Array, NDArray[np.int64]]:
+        """What `messages` reads before the data of each message, all at once, as an array, and where the data are.
+
+        Raises:
+            BagError: as `messages`.
+        """
+        size = len(data) if size < 0 else size
+        at = self._places(data, size)
+        every: Array = np.ndarray((max(0, size - MESSAGE.size + 1),), f"V{MESSAGE.size}", data, 0, (1,))
+        heads = every[at].view(_HEADS)
+        for channel in np.unique(heads["channel"]).tolist():
+            if channel not in known:
+                raise BagError(f"{self.where}: damaged: a message of channel {channel}, which there is not")
+        return heads, at + MESSAGE.size
+
+    def _places(self, data: bytes | bytearray, size: int) -> NDArray[np.int64]:
+        """Where messages begin. Many that are equally long are found at once: guessed, and then looked at."""
+        found: list[NDArray[np.int64]] = []
+        single: list[int] = []
+        octets: Array = np.ndarray(size, np.uint8, data)
+        at, before, alike, enough = 0, -1, 0, _ALIKE
+        while at < size:
+            opcode, length = RECORD.unpack_from(data, at)
+            step = RECORD.size + length
+            if at + step > size:
+                raise BagError(f"{self.where}: damaged: a record in a chunk is longer than the chunk")
+            if opcode == IS_MESSAGE:
+                if length < LEAST_MESSAGE:
+                    raise BagError(f"{self.where}: damaged: a message of {length} bytes, shorter than its times")
+                alike = alike + 1 if length == before else 0
+                before = length
+                if alike == enough:
+                    rows = np.ndarray((size - at) // step * step, np.uint8, octets, at).reshape(-1, step)
+                    wrong = np.flatnonzero((rows[:, : RECORD.size] != rows[0, : RECORD.size]).any(axis=1))
+                    count = int(wrong[0]) if len(wrong) else len(rows)
+                    found += [np.array(single, np.int64), at + step * np.arange(count)]
+                    single = []
+                    at += count * step
+                    alike, enough = 0, (enough if count > 4 * _ALIKE else 2 * enough)
+                    continue
+                single.append(at)
+            at += step
+        return np.concatenate([*found, np.array(single, np.int64)])
 
 
 class _Bytes:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from contextlib import ExitStack
 
-    from rosidl_py_gen.bags.storage import Raw, Storage
+    from rosidl_py_gen.bags.storage import Block, Raw, Storage
 
 SUFFIX = ".zstd"
 _SUFFIXES = ".mcap", ".db3"
@@ -158,6 +158,14 @@ class CompressedMessages:
         if len(unpacked) > self._max_bytes:
             raise BagError(f"{place}: it becomes more than {self._max_bytes} bytes, which is max_unpacked_bytes")
         return unpacked
+
+    def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Block] | None:
+        found = self._storage.blocks(topics, start, end)
+        for first in found or ():
+            begin = int(first.begin[0])
+            is_packed = bytes(first.data[begin : begin + len(_MAGIC)]) == _MAGIC
+            return None if is_packed else chain(iter([first]), found or ())
+        return found
 
     def close(self) -> None:
         self._storage.close()

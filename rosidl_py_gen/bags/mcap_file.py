@@ -10,16 +10,18 @@ from bisect import bisect_left
 from dataclasses import replace
 from functools import cached_property
 from heapq import heapify, heappop, heappush
+from itertools import pairwise
 from operator import attrgetter
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from mcap.writer import MCAP0_MAGIC
 
-from rosidl_py_gen.bags.chunks import WHOLE, Unpacker, head_of, is_large, pieces
+from rosidl_py_gen.bags.chunks import LEAST_MESSAGE, WHOLE, Unpacker, head_of, is_large, pieces
 from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.bags.mcap_index import Index, Part, read_index, walk
-from rosidl_py_gen.bags.storage import LOG_TIME, MAX_UNPACKED_BYTES, Channel, damage_told
+from rosidl_py_gen.bags.storage import LOG_TIME, MAX_UNPACKED_BYTES, Block, Channel, damage_told
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Container, Iterable, Iterator, Mapping
@@ -163,6 +165,54 @@ class McapFile:
                     self._require_few(waiting)
         yield from waiting
 
+    def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Block] | None:
+        with damage_told(self._path):
+            parts = [one for one in self._parts if one.first < end and one.last >= start]
+            known = self._channels(self._index)
+            wanted = [number for number, one in known.items() if topics is None or one.topic in topics]
+            if len(wanted) != 1:
+                return None
+            parts = [one for one in parts if one.channels is None or wanted[0] in one.channels]
+            if any(one.last > other.first for one, other in pairwise(parts)):
+                return None
+        return self._in_blocks(parts, wanted[0], known, start, end)
+
+    def _in_blocks(
+        self, parts: list[Part], wanted: int, known: Mapping[int, Channel], start: int, end: int
+    ) -> Iterator[Block]:
+        with damage_told(self._path):
+            for part in parts:
+                for data, size in self._contents(part, known):
+                    heads, begin = self._unpacker.heads(data, known, size)
+                    mine = heads["channel"] == wanted
+                    if not mine.all():
+                        heads, begin = heads[mine], begin[mine]
+                    log_times = heads["log"]
+                    if not len(log_times):
+                        continue
+                    self._require_span(part, int(log_times.min()), int(log_times.max()))
+                    if start > part.first or end <= part.last:
+                        mine = (log_times >= start) & (log_times <= min(end, 1 << 64) - 1)
+                        heads, begin = heads[mine], begin[mine]
+                    if (heads["log"][1:] < heads["log"][:-1]).any():
+                        order = np.argsort(heads["log"], kind="stable")
+                        heads, begin = heads[order], begin[order]
+                    if not len(begin):
+                        continue
+                    sizes = heads["length"].astype(np.int64) - LEAST_MESSAGE
+                    yield Block(known[wanted], data, begin, sizes, heads["log"], heads["publish"])
+
+    def _contents(self, part: Part, known: Container[int]) -> Iterator[tuple[bytes | bytearray, int]]:
+        """The records of a part, at once or piece by piece, and how many bytes of each are whole records."""
+        head = head_of(self._read, part.offset, part.end, str(self._path)) if part.is_chunk else None
+        if head is not None and self._is_cut(head, known):
+            yield from pieces(self._read, head, False)  # its checksum was compared
+            return
+        data = self._read(part.offset, max(0, part.end - part.offset))
+        if head is not None:
+            data = self._unpacker.unpacked(data)
+        yield data, len(data)
+
     # --------------------------------------------------------------------------------------------------------- parts
 
     def _blocks(
@@ -204,12 +254,14 @@ class McapFile:
         """By log time. Raises `BagError`: parts are chosen and ordered by the times that are told of them."""
         if found:
             found.sort(key=LOG_TIME)
-            first, last = found[0][2], found[-1][2]
-            if first < part.first or last > part.last:
-                raise BagError(
-                    f"{self._path}: damaged: a chunk says its messages are from {part.first} to {part.last} ns, and "
-                    f"has some from {first} to {last} ns"
-                )
+            self._require_span(part, found[0][2], found[-1][2])
+
+    def _require_span(self, part: Part, first: int, last: int) -> None:
+        if first < part.first or last > part.last:
+            raise BagError(
+                f"{self._path}: damaged: a chunk says its messages are from {part.first} to {part.last} ns, and "
+                f"has some from {first} to {last} ns"
+            )
 
     def _read(self, at: int, size: int) -> bytes:
         with self._reading:

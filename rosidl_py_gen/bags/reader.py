@@ -27,7 +27,7 @@ from rosidl_py_gen.bags.definitions import (
 from rosidl_py_gen.bags.mcap_file import McapFile, by_name, joined
 from rosidl_py_gen.bags.pacing import paced
 from rosidl_py_gen.bags.sqlite_file import SqliteFile
-from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES, Channel, Raw, Storage, merged
+from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES, Channel, Raw, Storage, in_blocks, merged
 from rosidl_py_gen.bags.table import frame, table
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import DecodeError, RosidlError
@@ -368,7 +368,7 @@ class BagReader:
             f"{self.path}: {name}",
             [Known(one, cls, found.is_certain, described(one, found)) for one, cls, found in known],
             columns,
-            self._merged([name], start_ns, end_ns),
+            in_blocks(self._files, [name], start_ns or 0, _END if end_ns is None else end_ns),
             lambda some: self._decoded(some, False, False, on_error == "skip"),
             batch_bytes,
         )

@@ -146,6 +146,9 @@ class SqliteFile:
                     raise BagError(f"{self._path}: a message on {known[key].topic} is no bytes with a time")
                 yield known[key], data, stamp, stamp
 
+    def blocks(self, topics: Collection[str] | None, start: int, end: int) -> None:
+        return None
+
     def close(self) -> None:
         self._base.close()
         if self._copy is not None:

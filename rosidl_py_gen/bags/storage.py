@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import contextlib
 import heapq
-from itertools import chain
+from itertools import chain, pairwise
 from operator import itemgetter
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
 from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.errors import RosidlError
@@ -19,6 +19,9 @@ from rosidl_py_gen.errors import RosidlError
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
     from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
 
 MAX_TIME = (1 << 64) - 1
 """Of MCAP; databases have half of it."""
@@ -48,6 +51,21 @@ they are in, and so do the arrays that are decoded from them.
 """
 
 
+class Block(NamedTuple):
+    """Messages of one channel by log time, without an object for each: a row of the arrays, and their bytes in `data`.
+
+    Attributes:
+        begin, size: where the bytes of each are.
+    """
+
+    channel: Channel
+    data: bytes | bytearray
+    begin: NDArray[np.int64]
+    size: NDArray[np.int64]
+    log_times: NDArray[np.uint64]
+    publish_times: NDArray[np.uint64]
+
+
 class Storage(Protocol):
     """One file."""
 
@@ -66,6 +84,9 @@ class Storage(Protocol):
 
     def messages(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
         """Raw messages with ``start <= log_time < end``, by log time; None means all topics."""
+
+    def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Block] | None:
+        """The same in blocks; None where that is not possible, or not the same order."""
 
     def close(self) -> None:
         """May be called twice."""
@@ -99,3 +120,17 @@ def merged(files: list[Storage], topics: Collection[str] | None, start: int, end
 def _late(file: Storage, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
     """Begun when its first message may be due, so that not every file of a bag has a chunk in memory."""
     yield from file.messages(topics, start, end)
+
+
+def in_blocks(
+    files: list[Storage], topics: Collection[str] | None, start: int, end: int
+) -> Iterator[Block] | Iterator[Raw]:
+    """The messages of several files: in blocks where one after the other gives them by log time, else as `merged`."""
+    due = [(span, file) for file in files if (span := file.span()) is not None and span[0] < end and span[1] >= start]
+    due.sort(key=itemgetter(0))
+    if not any(one[0][1] > other[0][0] for one, other in pairwise(due)):
+        each = [file.blocks(topics, max(0, start), end) for _, file in due]
+        blocks = [one for one in each if one is not None]
+        if len(blocks) == len(each):
+            return chain.from_iterable(blocks)
+    return merged(files, topics, start, end)

@@ -14,19 +14,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.storage import Block
 from rosidl_py_gen.tables import build
 from rosidl_py_gen.tables.arrow import from_numpy, pa
+from rosidl_py_gen.tables.batch import Blocks, Single, compact, owned, parts
 from rosidl_py_gen.tables.columns import chosen
 from rosidl_py_gen.tables.objects import column
 from rosidl_py_gen.tables.program import program_of
-from rosidl_py_gen.tables.rows import UnsuitedError, joined, run
+from rosidl_py_gen.tables.rows import UnsuitedError, run
 from rosidl_py_gen.tables.schema import NANOSECONDS, schema_of
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rosidl_py_gen.bags.common import BagMessage, BagTopic
-    from rosidl_py_gen.bags.storage import Raw
-    from rosidl_py_gen.tables.columns import Chosen, Node
+    from rosidl_py_gen.bags.storage import Channel, Raw
+    from rosidl_py_gen.tables.columns import Node
     from rosidl_py_gen.tables.rows import Cursor
+
+    Times = NDArray[np.uint64]
 
 MOST_ROWS = 1 << 16
 _PORTION = 1 << 18
@@ -83,38 +89,35 @@ class Columns:
             for child in node.children:
                 self._want(child)
 
-    def batches(self, messages: Sequence[Raw]) -> Iterator[Any]:
+    def batches(self, messages: Single | Blocks) -> Iterator[Any]:
         """The messages as one record batch, or several small ones where they have to be read one by one."""
         try:
             yield self._at_once(messages)
         except UnsuitedError:
-            for portion in _portions(messages):
+            for portion in _portions(messages.raw()):
                 found = list(self._decode(portion))
-                made = [column(one, [item.message for item in found]) for one in self._chosen] if found else []
                 if found:
-                    yield self._batch([one.log_time for one in found], [one.publish_time for one in found], made)
+                    columns = [column(one, [item.message for item in found]) for one in self._chosen]
+                    log_times = np.array([one.log_time for one in found], np.uint64)
+                    yield self._batch(log_times, np.array([one.publish_time for one in found], np.uint64), columns)
 
-    def _at_once(self, messages: Sequence[Raw]) -> Any:
+    def _at_once(self, messages: Single | Blocks) -> Any:
         if self._program is None:
             raise UnsuitedError
-        _, data, log_times, publish_times = zip(*messages, strict=True)
-        cursor = joined(data)
+        cursor = messages.cursor()
+        log_times, publish_times = messages.times()
         try:
             found = run(cursor, self._program, self._wanted)
             if not self._known.is_certain:
                 _require_ends(cursor)
-            columns = [_assembled(one, found, len(messages)) for one in self._chosen]
+            columns = [build.assembled(one.node, found, len(messages)) for one in self._chosen]
         except BagError as error:
             raise BagError(f"{self._where} from {log_times[0]} to {log_times[-1]} ns: {error}") from None
         return self._batch(log_times, publish_times, columns)
 
-    def _batch(self, log_times: Sequence[int], publish_times: Sequence[int], columns: list[Any]) -> Any:
+    def _batch(self, log_times: Times, publish_times: Times, columns: list[Any]) -> Any:
         times = [_times(self._where, one) for one in (log_times, publish_times)]
         return pa.RecordBatch.from_arrays([*times, *columns], schema=self.schema)
-
-
-def _assembled(one: Chosen, found: dict[Node, Any], count: int) -> Any:
-    return build.assembled(one.node, found, count)
 
 
 def _require_ends(cursor: Cursor) -> None:
@@ -125,12 +128,11 @@ def _require_ends(cursor: Cursor) -> None:
         raise UnsuitedError
 
 
-def _times(where: str, times: Sequence[int]) -> Any:
-    try:
-        return from_numpy(np.array(times, np.int64), NANOSECONDS)
-    except OverflowError:
-        wrong = next(one for one in times if one > _MOST_TIME)
-        raise BagError(f"{where} at {wrong} ns: tables have times up to {_MOST_TIME} ns") from None
+def _times(where: str, times: Times) -> Any:
+    if (times > _MOST_TIME).any():
+        wrong = times[times > _MOST_TIME][0]
+        raise BagError(f"{where} at {wrong} ns: tables have times up to {_MOST_TIME} ns")
+    return from_numpy(times.view(np.int64), NANOSECONDS)
 
 
 def _portions(messages: Sequence[Raw]) -> Iterator[Sequence[Raw]]:
@@ -151,7 +153,7 @@ def reader(
     where: str,
     known: Sequence[Known],
     columns: Sequence[str] | str | None,
-    found: Iterator[Raw],
+    found: Iterator[Raw] | Iterator[Block],
     decode: Decode,
     batch_bytes: int,
 ) -> Any:
@@ -178,38 +180,56 @@ def reader(
 
 
 def _batches(
-    by_key: dict[tuple[str, ...], Columns], found: Iterator[Raw], schema: Any, batch_bytes: int
+    by_key: dict[tuple[str, ...], Columns], found: Iterator[Raw] | Iterator[Block], schema: Any, batch_bytes: int
 ) -> Iterator[Any]:
-    waiting: list[Raw] = []
-    size = 0
-    channel, current, columns = None, None, None
+    waiting = Waiting(batch_bytes)
     for message in found:
-        if message[0] is not channel:
-            channel = message[0]
-            columns = by_key.get(channel.info.key)
-            if columns is not current and waiting:
-                assert current is not None
-                yield from _alike(current.batches(waiting), schema)
-                waiting, size = [], 0
-            current = columns
-        if columns is None:
-            continue
-        data = message[1]
-        if type(data) is memoryview:
-            message = message[0], owned(data), message[2], message[3]
-        waiting.append(message)
-        size += len(data)
-        if size >= batch_bytes or len(waiting) >= MOST_ROWS:
-            yield from _alike(columns.batches(waiting), schema)
-            waiting, size = [], 0
-    if waiting:
-        assert current is not None
-        yield from _alike(current.batches(waiting), schema)
+        for columns, messages in waiting.take(message, by_key):
+            yield from _alike(columns.batches(messages), schema)
+    for columns, messages in waiting.rest():
+        yield from _alike(columns.batches(messages), schema)
 
 
-def owned(data: memoryview) -> bytes | memoryview:
-    """The data, copied where they would keep a chunk in memory that is much larger."""
-    return data if 2 * len(data) >= len(data.obj) else bytes(data)  # type: ignore[arg-type]
+class Waiting:
+    """Messages of one topic until there are enough for a batch."""
+
+    def __init__(self, batch_bytes: int) -> None:
+        self._most = batch_bytes
+        self._held: list[Any] = []
+        self._size = self._rows = 0
+        self._channel: Channel | None = None
+        self._columns: Columns | None = None
+
+    def take(
+        self, message: Raw | Block, by_key: dict[tuple[str, ...], Columns]
+    ) -> Iterator[tuple[Columns, Single | Blocks]]:
+        """Add a message or a block, and give the batches that are full."""
+        if message[0] is not self._channel:
+            columns = by_key.get(message[0].info.key)
+            if columns is not self._columns:
+                yield from self.rest()
+            self._channel, self._columns = message[0], columns
+        if self._columns is None:
+            return
+        if not isinstance(message, Block):
+            yield from self._add(owned(message), len(message[1]), 1)
+            return
+        for part in parts(message, self._most, MOST_ROWS):
+            yield from self._add(compact(part), int(part.size.sum()), len(part.size))
+
+    def _add(self, message: Raw | Block, size: int, rows: int) -> Iterator[tuple[Columns, Single | Blocks]]:
+        self._held.append(message)
+        self._size += size
+        self._rows += rows
+        if self._size >= self._most or self._rows >= MOST_ROWS:
+            yield from self.rest()
+
+    def rest(self) -> Iterator[tuple[Columns, Single | Blocks]]:
+        """What waits, as a batch."""
+        if self._held:
+            assert self._columns is not None
+            held, self._held, self._size, self._rows = self._held, [], 0, 0
+            yield self._columns, Blocks(held) if isinstance(held[0], Block) else Single(held)
 
 
 def _alike(batches: Iterator[Any], schema: Any) -> Iterator[Any]:

@@ -85,8 +85,6 @@ class Cursor:
 def joined(messages: Sequence[bytes | memoryview]) -> Cursor:
     """A cursor behind the header of each message. Raises `UnsuitedError`."""
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
-    if (sizes < _HEADER).any():
-        raise UnsuitedError
     if len(messages) == 1:
         data: bytes | memoryview = messages[0]
     elif (sizes & 7).any():
@@ -98,6 +96,13 @@ def joined(messages: Sequence[bytes | memoryview]) -> Cursor:
         data = b"".join(messages)
     start = np.zeros(len(messages), np.int64)
     np.cumsum((sizes[:-1] + 7) & -8, out=start[1:])
+    return cursor_at(data, start, sizes)
+
+
+def cursor_at(data: bytes | memoryview, start: Ints, sizes: Ints) -> Cursor:
+    """A cursor behind the header of each message, which begin at multiples of 8. Raises `UnsuitedError`."""
+    if (sizes < _HEADER).any():
+        raise UnsuitedError
     cursor = Cursor(data, start + _HEADER, start + sizes)
     if ((cursor.words[start >> 2] & 0xFFFF) != _LITTLE_ENDIAN).any():
         raise UnsuitedError
@@ -212,11 +217,9 @@ def _element_counts(cursor: Cursor, node: Node) -> Ints:
 def _many(cursor: Cursor, step: Many, wanted: Collection[Node], found: Built) -> None:
     counts = _element_counts(cursor, step.node)
     size = counts * step.dtype.itemsize
-    before = cursor.pos
-    start = cursor.take(size, step.align)
-    if step.align > 4 and not counts.all():  # padding is before the first element, and without one there is none
-        cursor.pos = np.where(counts > 0, cursor.pos, before)
-        start = np.where(counts > 0, start, before)
+    if step.align > 4:  # padding is before the first element, and without one there is none
+        cursor.pos = np.where(counts > 0, cursor.pos + ((_HEADER - cursor.pos) & (step.align - 1)), cursor.pos)
+    start = cursor.take(size, 1)
     if step.node in wanted:
         octets = ranges(cursor, start, size)
         found[step.node] = build.sequences(step.node, counts, octets.view(step.dtype))

@@ -163,7 +163,7 @@ def test_polars_pandas_and_duckdb_take_it(tmp_path: Path) -> None:
 def test_batches_have_messages_of_so_many_bytes(tmp_path: Path) -> None:
     with BagReader(write(tmp_path / "a.mcap", "/imu", *imus(100))) as bag:
         sizes = [batch.num_rows for batch in bag.batches("/imu", batch_bytes=3300)]
-        assert len(sizes) > 5 and sum(sizes) == 100
+        assert len(sizes) >= 5 and sum(sizes) == 100
         assert [batch.num_rows for batch in bag.batches("/imu", batch_bytes=0)] == [1] * 100
 
 
