@@ -94,9 +94,9 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "param": (),
     "lifecycle": (),
 }
-# Names with an underscore that other modules may use: what generated classes have for the code that calls them, and
-# what is public in every named tuple.
-SHARED = {"_replace", "_TYPE", "_decode", "_encode", "_encode_into", "_FIELDS"}
+# Names with an underscore that other modules may use: what generated classes have for the code that calls them,
+# what is public in every named tuple, and what bags have for tables.
+SHARED = {"_source", "_replace", "_TYPE", "_decode", "_encode", "_encode_into", "_FIELDS"}
 # The same for modules of the runtime only: what nodes and contexts are made of, which users do not see.
 SHARED_IN_RUNTIME = {
     "_scope",
@@ -128,6 +128,8 @@ SEAMS = {
     "lz4": ("bags.chunks",),
     "websockets": ("tools.foxglove.server", "tools.foxglove.viewer"),
     "pyarrow": ("tables.arrow",),
+    "duckdb": ("tables.query",),
+    "fsspec": ("tables.places",),
     "pytest": ("runtime.pytest_plugin",),
 }
 # Who may ask the machine what time it is; everybody else asks the loop, or the clocks of the transport, which stand

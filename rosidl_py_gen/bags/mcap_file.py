@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from mcap.records import Channel as ChannelRecord
     from mcap.records import Schema
+    from numpy.typing import NDArray
 
     from rosidl_py_gen.bags.chunks import Head
     from rosidl_py_gen.bags.storage import Raw
@@ -169,38 +170,39 @@ class McapFile:
         with damage_told(self._path):
             parts = [one for one in self._parts if one.first < end and one.last >= start]
             known = self._channels(self._index)
-            wanted = [number for number, one in known.items() if topics is None or one.topic in topics]
-            if len(wanted) != 1:
+            wanted = {number: one.topic for number, one in known.items() if topics is None or one.topic in topics}
+            if len(set(wanted.values())) < len(wanted):  # two channels of a topic, whose messages may be mixed
                 return None
-            parts = [one for one in parts if one.channels is None or wanted[0] in one.channels]
+            parts = [one for one in parts if one.channels is None or not wanted.keys().isdisjoint(one.channels)]
             if any(one.last > other.first for one, other in pairwise(parts)):
                 return None
-        return self._in_blocks(parts, wanted[0], known, start, end)
+        return self._in_blocks(parts, wanted, known, start, end)
 
     def _in_blocks(
-        self, parts: list[Part], wanted: int, known: Mapping[int, Channel], start: int, end: int
+        self, parts: list[Part], wanted: Container[int], known: Mapping[int, Channel], start: int, end: int
     ) -> Iterator[Block]:
         with damage_told(self._path):
             for part in parts:
                 for data, size in self._contents(part, known):
                     heads, begin = self._unpacker.heads(data, known, size)
-                    mine = heads["channel"] == wanted
-                    if not mine.all():
-                        heads, begin = heads[mine], begin[mine]
-                    log_times = heads["log"]
-                    if not len(log_times):
-                        continue
-                    self._require_span(part, int(log_times.min()), int(log_times.max()))
-                    if start > part.first or end <= part.last:
-                        mine = (log_times >= start) & (log_times <= min(end, 1 << 64) - 1)
-                        heads, begin = heads[mine], begin[mine]
-                    if (heads["log"][1:] < heads["log"][:-1]).any():
-                        order = np.argsort(heads["log"], kind="stable")
-                        heads, begin = heads[order], begin[order]
-                    if not len(begin):
-                        continue
-                    sizes = heads["length"].astype(np.int64) - LEAST_MESSAGE
-                    yield Block(known[wanted], data, begin, sizes, heads["log"], heads["publish"])
+                    for number in np.unique(heads["channel"]).tolist():
+                        if number in wanted:
+                            mine = heads["channel"] == number
+                            block = Block(known[number], data, begin[mine], *_columns(heads[mine]))
+                            yield from self._due(block, part, start, end)
+
+    def _due(self, block: Block, part: Part, start: int, end: int) -> Iterator[Block]:
+        """The messages of a part that are asked for, by log time."""
+        times = block.log_times
+        self._require_span(part, int(times.min()), int(times.max()))
+        rows = np.arange(len(times))
+        if start > part.first or end <= part.last:
+            rows = np.flatnonzero((times >= start) & (times <= min(end, 1 << 64) - 1))
+        if (times[1:] < times[:-1]).any():
+            rows = rows[np.argsort(times[rows], kind="stable")]
+        if len(rows):
+            whole = len(rows) == len(times) and rows[0] == 0 and (np.diff(rows) == 1).all()
+            yield block if whole else block.rows(rows)
 
     def _contents(self, part: Part, known: Container[int]) -> Iterator[tuple[bytes | bytearray, int]]:
         """The records of a part, at once or piece by piece, and how many bytes of each are whole records."""
@@ -278,6 +280,11 @@ class McapFile:
 
     def close(self) -> None:
         self._stream.close()
+
+
+def _columns(heads: NDArray[np.void]) -> tuple[NDArray[Any], ...]:
+    """Sizes, log times and publish times of messages."""
+    return heads["length"].astype(np.int64) - LEAST_MESSAGE, heads["log"], heads["publish"]
 
 
 def _topic(channel: ChannelRecord, schema: Schema | None, count: int | None) -> BagTopic:

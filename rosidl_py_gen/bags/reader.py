@@ -20,14 +20,13 @@ from rosidl_py_gen.bags.definitions import (
     Definitions,
     TopicDefinition,
     WrongDefinitionError,
-    described,
     is_empty,
     measuring,
 )
 from rosidl_py_gen.bags.mcap_file import McapFile, by_name, joined
 from rosidl_py_gen.bags.pacing import paced
 from rosidl_py_gen.bags.sqlite_file import SqliteFile
-from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES, Channel, Raw, Storage, in_blocks, merged
+from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES, Channel, Raw, Source, Storage, in_blocks, merged
 from rosidl_py_gen.bags.table import frame, table
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import DecodeError, RosidlError
@@ -358,20 +357,19 @@ class BagReader:
             ExtraMissingError: there is no pyarrow. BagError: no such topic or column, definitions of the topic whose
                 columns differ, a time or a column that Arrow has no room for; while reading, too. Others as `messages`.
         """
-        from rosidl_py_gen.tables.reading import Known, reader
+        from rosidl_py_gen.tables.reading import reader
 
+        channels = [topic] if isinstance(topic, BagTopic) else self._channels_of(topic)
+        source = self._source([channels[0].name], start_ns, end_ns, on_error)
+        return reader(self, channels, columns, source, batch_bytes)
+
+    def _source(
+        self, names: list[str], start_ns: int | None, end_ns: int | None, on_error: str, may_leave_out: bool = False
+    ) -> Source:
         if on_error not in ("raise", "skip"):
             raise ValueError(f'on_error is "raise" or "skip", got {on_error!r}')
-        channels, name = ([topic], topic.name) if isinstance(topic, BagTopic) else (self._channels_of(topic), topic)
-        known = [(one, self.message_class(one), self.definition(one)) for one in channels]
-        return reader(
-            f"{self.path}: {name}",
-            [Known(one, cls, found.is_certain, described(one, found)) for one, cls, found in known],
-            columns,
-            in_blocks(self._files, [name], start_ns or 0, _END if end_ns is None else end_ns),
-            lambda some: self._decoded(some, False, False, on_error == "skip"),
-            batch_bytes,
-        )
+        found = in_blocks(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
+        return Source(found, lambda some: self._decoded(some, False, may_leave_out, on_error == "skip"))
 
     def table(
         self,

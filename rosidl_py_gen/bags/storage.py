@@ -17,11 +17,13 @@ from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Callable, Collection, Iterable, Iterator
     from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
+
+    from rosidl_py_gen.bags.common import BagMessage
 
 MAX_TIME = (1 << 64) - 1
 """Of MCAP; databases have half of it."""
@@ -65,6 +67,11 @@ class Block(NamedTuple):
     log_times: NDArray[np.uint64]
     publish_times: NDArray[np.uint64]
 
+    def rows(self, chosen: slice | NDArray[np.int64]) -> Block:
+        """Some of the messages."""
+        begin, size, log_times, publish_times = (one[chosen] for one in self[2:])
+        return Block(self.channel, self.data, begin, size, log_times, publish_times)  # type: ignore[arg-type]
+
 
 class Storage(Protocol):
     """One file."""
@@ -86,7 +93,7 @@ class Storage(Protocol):
         """Raw messages with ``start <= log_time < end``, by log time; None means all topics."""
 
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Block] | None:
-        """The same in blocks; None where that is not possible, or not the same order."""
+        """The same in blocks; None where the messages of a topic would not be in order then."""
 
     def close(self) -> None:
         """May be called twice."""
@@ -120,6 +127,18 @@ def merged(files: list[Storage], topics: Collection[str] | None, start: int, end
 def _late(file: Storage, topics: Collection[str] | None, start: int, end: int) -> Iterator[Raw]:
     """Begun when its first message may be due, so that not every file of a bag has a chunk in memory."""
     yield from file.messages(topics, start, end)
+
+
+class Source(NamedTuple):
+    """What tables are made of.
+
+    Attributes:
+        found: blocks, in the order of their messages for each topic, or messages in their order.
+        decoded: messages of raw ones, with the errors that reading them has, or without those it leaves out.
+    """
+
+    found: Iterator[Block] | Iterator[Raw]
+    decoded: Callable[[Iterable[Raw]], Iterator[BagMessage]]
 
 
 def in_blocks(

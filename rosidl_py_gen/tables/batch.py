@@ -115,7 +115,7 @@ def parts(block: Block, most_bytes: int, most_rows: int) -> list[Block]:
         end = min(at + most_rows, max(at + 1, int(np.searchsorted(ends, done + most_bytes, "right"))))
         cuts.append((at, end))
         at, done = end, int(ends[end - 1])
-    return [Block(block.channel, block.data, *(one[at:end] for one in block[2:])) for at, end in cuts]  # type: ignore[arg-type]
+    return [block.rows(slice(at, end)) for at, end in cuts]
 
 
 def compact(block: Block) -> Block:

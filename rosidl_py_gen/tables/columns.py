@@ -17,7 +17,7 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.cdr.record_layout import remembered
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Collection, Iterable, Iterator
 
     from rosidl_py_gen.cdr.message import Field
 
@@ -108,12 +108,14 @@ def nodes_of(cls: type[Any]) -> tuple[Node, ...]:
     if count > MOST_COLUMNS:
         raise BagError(f"{cls._TYPE.name} has {count} columns; expected at most {MOST_COLUMNS}")
     names = {field.ros_name for field in cls._TYPE.fields}
-    return tuple(_node(field, _free(field.ros_name, names)) for field in cls._TYPE.fields)
+    taken = LOG_TIME, PUBLISH_TIME
+    return tuple(_node(field, free_name(field.ros_name, names, taken)) for field in cls._TYPE.fields)
 
 
-def _free(name: str, names: set[str]) -> str:
+def free_name(name: str, names: Collection[str], taken: Collection[str]) -> str:
+    """The name of a column among others, with underscores behind it where it is taken."""
     found = name
-    while found in (LOG_TIME, PUBLISH_TIME) or (found != name and found in names):
+    while found in taken or (found != name and found in names):
         found += "_"
     return found
 

@@ -7,14 +7,15 @@ wrong or leaves it out, in small portions, as objects take many times the bytes 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.definitions import described
 from rosidl_py_gen.bags.storage import Block
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import build
 from rosidl_py_gen.tables.arrow import from_numpy, pa
 from rosidl_py_gen.tables.batch import Blocks, Single, compact, owned, parts
@@ -25,14 +26,19 @@ from rosidl_py_gen.tables.rows import UnsuitedError, run
 from rosidl_py_gen.tables.schema import NANOSECONDS, schema_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from rosidl_py_gen.bags.common import BagMessage, BagTopic
-    from rosidl_py_gen.bags.storage import Channel, Raw
+    from rosidl_py_gen.bags.definitions import TopicDefinition
+    from rosidl_py_gen.bags.storage import Channel, Raw, Source
     from rosidl_py_gen.tables.columns import Node
     from rosidl_py_gen.tables.rows import Cursor
 
     Times = NDArray[np.uint64]
+    Decoded = Callable[[Iterable[Raw]], Iterator[BagMessage]]
 
 MOST_ROWS = 1 << 16
 _PORTION = 1 << 18
@@ -40,45 +46,36 @@ _MOST_TIME = (1 << 63) - 1
 _PADDING = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
-    """A channel of the bag, as its messages are read.
+class Bag(Protocol):
+    """What is asked of a `BagReader`."""
 
-    Attributes:
-        cls: of its messages.
-        is_certain: the definition is that of the recording; else messages have to end where it says they do.
-        told: the channel with this definition, for the metadata.
-    """
+    path: Path
 
-    channel: BagTopic
-    cls: type[Any]
-    is_certain: bool
-    told: BagTopic
+    def message_class(self, topic: str | BagTopic) -> type[Any]: ...
 
-
-Decode = Callable[[Iterable["Raw"]], Iterator["BagMessage"]]
-"""Messages of raw ones, with the errors that reading them has, or without those it leaves out."""
+    def definition(self, topic: str | BagTopic) -> TopicDefinition: ...
 
 
 class Columns:
     """The columns of a topic, for one definition of its messages; makes batches.
 
     Args:
-        where: the bag and the topic, for errors.
-        decode: for messages that have to be read one by one.
+        decoded: for messages that have to be read one by one.
 
     Raises:
-        BagError: as `chosen`.
+        BagError: as `chosen`, and as `BagReader.message_class`.
     """
 
-    def __init__(self, where: str, known: Known, columns: Sequence[str] | str | None, decode: Decode) -> None:
-        self._where, self._known, self._decode = where, known, decode
+    def __init__(self, bag: Bag, channel: BagTopic, columns: Sequence[str] | str | None, decoded: Decoded) -> None:
+        self._where, self._decoded = f"{bag.path}: {channel.name}", decoded
+        self.cls, found = bag.message_class(channel), bag.definition(channel)
+        self._is_certain = found.is_certain
         try:
-            self._chosen = chosen(known.cls, columns)
-            self.schema = schema_of(known.cls, self._chosen, known.told)
+            self._chosen = chosen(self.cls, columns)
+            self.schema = schema_of(self.cls, self._chosen, _told(channel, found))
         except BagError as error:
-            raise BagError(f"{where}: {error}") from None
-        self._program = program_of(known.cls)
+            raise BagError(f"{self._where}: {error}") from None
+        self._program = program_of(self.cls)
         self._wanted: set[Node] = set()
         for one in self._chosen:
             self._want(one.node)
@@ -95,7 +92,7 @@ class Columns:
             yield self._at_once(messages)
         except UnsuitedError:
             for portion in _portions(messages.raw()):
-                found = list(self._decode(portion))
+                found = list(self._decoded(portion))
                 if found:
                     columns = [column(one, [item.message for item in found]) for one in self._chosen]
                     log_times = np.array([one.log_time for one in found], np.uint64)
@@ -108,7 +105,7 @@ class Columns:
         log_times, publish_times = messages.times()
         try:
             found = run(cursor, self._program, self._wanted)
-            if not self._known.is_certain:
+            if not self._is_certain:
                 _require_ends(cursor)
             columns = [build.assembled(one.node, found, len(messages)) for one in self._chosen]
         except BagError as error:
@@ -118,6 +115,14 @@ class Columns:
     def _batch(self, log_times: Times, publish_times: Times, columns: list[Any]) -> Any:
         times = [_times(self._where, one) for one in (log_times, publish_times)]
         return pa.RecordBatch.from_arrays([*times, *columns], schema=self.schema)
+
+
+def _told(channel: BagTopic, found: TopicDefinition) -> BagTopic:
+    """With the definition, for the metadata, where there is a text of it."""
+    try:
+        return described(channel, found)
+    except RosidlError:  # parts of services that are not on the search path
+        return channel
 
 
 def _require_ends(cursor: Cursor) -> None:
@@ -150,33 +155,25 @@ def _portions(messages: Sequence[Raw]) -> Iterator[Sequence[Raw]]:
 
 
 def reader(
-    where: str,
-    known: Sequence[Known],
-    columns: Sequence[str] | str | None,
-    found: Iterator[Raw] | Iterator[Block],
-    decode: Decode,
-    batch_bytes: int,
+    bag: Bag, channels: Sequence[BagTopic], columns: Sequence[str] | str | None, source: Source, batch_bytes: int
 ) -> Any:
     """A ``pyarrow.RecordBatchReader`` of a topic; see `BagReader.batches`.
 
     Args:
-        known: its channels, one at least.
-        found: its messages; those of other channels are left out.
+        channels: of the topic, one at least; messages of others are left out.
     """
     by_class: dict[type[Any], Columns] = {}
     by_key: dict[tuple[str, ...], Columns] = {}
-    for one in known:
-        if one.cls not in by_class:
-            by_class[one.cls] = Columns(where, one, columns, decode)
-        by_key[one.channel.key] = by_class[one.cls]
+    for one in channels:
+        made = Columns(bag, one, columns, source.decoded)
+        by_key[one.key] = by_class.setdefault(made.cls, made)
     schema = next(iter(by_class.values())).schema
-    for made in by_class.values():
-        if not made.schema.equals(schema):
-            raise BagError(
-                f"{where} was recorded with {len(by_class)} definitions that have other columns; name columns that all "
-                "have, or take one of `channels`"
-            )
-    return pa.RecordBatchReader.from_batches(schema, _batches(by_key, found, schema, max(1, batch_bytes)))
+    if not all(made.schema.equals(schema) for made in by_class.values()):
+        raise BagError(
+            f"{bag.path}: {channels[0].name} was recorded with {len(by_class)} definitions that have other columns; "
+            "name columns that all have, or take one of `channels`"
+        )
+    return pa.RecordBatchReader.from_batches(schema, _batches(by_key, source.found, schema, max(1, batch_bytes)))
 
 
 def _batches(

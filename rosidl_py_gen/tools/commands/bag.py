@@ -62,7 +62,10 @@ def _split_options(command: F) -> F:
 
 @click.group(no_args_is_help=True)
 def bag() -> None:
-    """Recordings: record, play, info, convert. Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files."""
+    """Recordings: record, play, info, convert; as tables: table, sql.
+
+    Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files.
+    """
 
 
 @bag.command()
@@ -211,3 +214,54 @@ def convert(**arguments: Any) -> None:
     rosidl-py bag convert my_bag short.mcap --topics /imu --start-offset 10 --duration 5
     """
     run_command("bag.convert", **arguments)
+
+
+_skips = click.option(
+    "--skip-damaged", "skips", is_flag=True, help="Leave out messages that cannot be decoded, instead of ending."
+)
+
+
+@bag.command()
+@click.argument("bags", nargs=-1, required=True, type=click.Path(), metavar="BAG...")
+@click.option("-o", "--out", required=True, metavar="PLACE", help="A folder, or a URL that fsspec knows.")
+@click.option("--include-large", is_flag=True, help="Also images and clouds, and messages that have some inside.")
+@_part_options
+@_skips
+@click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
+@options.paths
+@options.as_json
+def table(**arguments: Any) -> None:
+    """Write bags as a Parquet dataset, for polars, pandas, DuckDB and Spark. Needs the extra tables.
+
+    There is a file for each topic and bag, PLACE/topic=.../bag=.../*.parquet.
+
+    \b
+    rosidl-py bag table my_bag --out dataset
+    rosidl-py bag table drives/*.mcap --out dataset --topics /imu --topics /odom
+    """
+    run_command("bag.table", **arguments)
+
+
+@bag.command()
+@click.argument("query")
+@click.argument("bags", nargs=-1, required=True, type=click.Path(), metavar="BAG...")
+@click.option(
+    "-f",
+    "--format",
+    "form",
+    type=click.Choice(["table", "csv", "json", "parquet"]),
+    help="table unless --output has an ending; json is a line for each row.",
+)
+@click.option("-o", "--output", type=click.Path(), metavar="FILE", help="Instead of standard output.")
+@_skips
+@options.paths
+def sql(**arguments: Any) -> None:
+    """Ask bags, or a dataset that `bag table` has written, with the SQL of DuckDB. Needs the extra tables.
+
+    Topics are tables, nested fields are a.b, and each table has columns log_time, publish_time and bag.
+
+    \b
+    rosidl-py bag sql 'select log_time, linear_acceleration.x from "/imu" limit 5' my_bag
+    rosidl-py bag sql 'select max(twist.twist.linear.x) from odom' dataset --format csv
+    """
+    run_command("bag.sql", **arguments)

@@ -1,0 +1,269 @@
+"""Bags as Parquet datasets, which pandas, polars, DuckDB and Spark read as one: ``topic=%2Fimu/bag=drive/….parquet``.
+
+Decides what is a file: the messages of one topic of one bag that have one definition, in row groups by time. A bag is
+read once for all topics; what waits for its row group is bounded, and the largest is written when it becomes too much.
+Images and clouds are left out unless they are asked for: they are bytes that no query looks into.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.storage import Block
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.cdr.typesupport import referenced_classes
+from rosidl_py_gen.errors import RosidlError
+from rosidl_py_gen.tables.arrow import pa, parquet
+from rosidl_py_gen.tables.columns import free_name, nodes_of
+from rosidl_py_gen.tables.places import joined, written
+from rosidl_py_gen.tables.reading import Columns, Waiting
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Callable, Collection, Iterator
+
+    from rosidl_py_gen.bags import BagReader, BagTopic
+
+TOPIC, BAG = "topic", "bag"
+LARGE_TYPES = {
+    *("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
+    *("sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointCloud"),
+    *("foxglove_msgs/msg/RawImage", "foxglove_msgs/msg/CompressedImage", "foxglove_msgs/msg/CompressedVideo"),
+    *(
+        "foxglove_msgs/msg/PointCloud",
+        "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+        "theora_image_transport/msg/Packet",
+    ),
+}
+"""Messages of these types, and of those that have them inside, are large."""
+ROW_GROUP_BYTES = 1 << 24
+_BATCH_BYTES = 1 << 20
+_MOST_WAITING = 1 << 25
+"""Bytes of all topics that wait for their row groups."""
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """A file of a dataset.
+
+    Attributes:
+        messages: how many rows.
+    """
+
+    topic: str
+    type_name: str
+    path: str
+    messages: int
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What `write_dataset` has done.
+
+    Attributes:
+        left_out: topics that were not written, or not wholly, with the reason; those of large messages too.
+    """
+
+    files: list[Written]
+    left_out: dict[str, str]
+
+
+def write_dataset(
+    bag: BagReader,
+    out: str | os.PathLike[str],
+    *,
+    name: str | None = None,
+    topics: Collection[str] | None = None,
+    include_large: bool = False,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    on_error: str = "raise",
+    overwrite: bool = False,
+    compression: str = "zstd",
+    row_group_bytes: int = ROW_GROUP_BYTES,
+    progress: Callable[[int], None] | None = None,
+) -> Report:
+    """Write the topics of a bag as a Parquet dataset, partitioned by topic and bag; several bags may share it.
+
+    Args:
+        out: a folder, or a URL that fsspec knows.
+        name: of the bag; None is that of its file or folder.
+        topics: those to write, also large ones; None is all whose type is known, which leaves out images and clouds.
+        include_large: not even those.
+        overwrite: files that are there already are replaced.
+        row_group_bytes: about so much of Arrow's memory becomes a row group.
+        progress: called with the number of messages so far.
+
+    Raises:
+        BagError: a file exists already; and as `BagReader.batches`. OSError: it cannot be written.
+    """
+    made = _Dataset(bag, str(out), name or bag_name(bag.path.name), overwrite, compression, row_group_bytes)
+    channels = _chosen(bag, topics, include_large, made.left_out)
+    source = bag._source([*dict.fromkeys(one.name for one in channels)], start_ns, end_ns, on_error, topics is None)
+    for channel in channels:
+        made.add(channel, Columns(bag, channel, None, source.decoded))
+    with made:
+        done = 0
+        for message in source.found if made.by_key else ():
+            done += made.take(message)
+            if progress is not None:
+                progress(done)
+    return Report(made.files, {**made.left_out, **{key: one.reason for key, one in bag.left_out.items()}})
+
+
+def _chosen(
+    bag: BagReader, topics: Collection[str] | None, include_large: bool, left_out: dict[str, str]
+) -> list[BagTopic]:
+    """The channels that are written; says of others why they are not."""
+    found = []
+    for name in () if topics is None else topics:
+        if name not in bag.topics:
+            raise BagError(f"{bag.path} has no topic {name}{did_you_mean(name, bag.topics)}")
+    for channel in bag.channels:
+        if (topics is not None and channel.name not in topics) or channel.count == 0:
+            continue
+        try:
+            cls = bag.message_class(channel)
+            nodes_of(cls)
+        except RosidlError as error:
+            if topics is not None:
+                raise
+            left_out[channel.name] = str(error).removeprefix(f"{channel.name}: ")
+            continue
+        if topics is None and not include_large and is_large(cls):
+            left_out[channel.name] = f"{channel.type_name} is large"
+            continue
+        found.append(channel)
+    return found
+
+
+def is_large(cls: type[Any]) -> bool:
+    """Whether messages of a class are images or clouds, or have some."""
+    return not LARGE_TYPES.isdisjoint(referenced_classes(cls))
+
+
+def bag_name(name: str) -> str:
+    """A name without the endings of files of bags."""
+    name = name.removesuffix(".zstd")
+    return name.removesuffix(".mcap").removesuffix(".db3") or name
+
+
+class _File:
+    """One file, and what waits to be written to it."""
+
+    def __init__(self, path: str, channel: BagTopic, columns: Columns, batch_bytes: int) -> None:
+        self.path, self.channel, self.columns = path, channel, columns
+        self.waiting = Waiting(batch_bytes)
+        self.batches: list[Any] = []
+        self.size = self.rows = 0
+        self.writer: Any = None
+        self.schema = _renamed(columns.schema)
+
+
+class _Dataset:
+    def __init__(
+        self, bag: BagReader, out: str, name: str, overwrite: bool, compression: str, row_group_bytes: int
+    ) -> None:
+        self._bag, self._out, self._name, self._overwrite = bag, out, name, overwrite
+        self._compression, self._most = compression, row_group_bytes
+        self._open = ExitStack()
+        self._waiting = 0
+        self.by_key: dict[tuple[str, ...], _File] = {}
+        self.files: list[Written] = []
+        self.left_out: dict[str, str] = {}
+
+    def add(self, channel: BagTopic, columns: Columns) -> None:
+        """Make a file known for the messages of a channel."""
+        kind = f"{channel.type_name.rpartition('/')[2]}-{columns.cls._TYPE.hash.removeprefix('RIHS01_')[:8]}.parquet"
+        folders = f"{TOPIC}={quote(channel.name, safe='')}", f"{BAG}={quote(self._name, safe='')}"
+        path = joined(self._out, *folders, quote(kind, safe=""))
+        same = next((one for one in self.by_key.values() if one.path == path), None)
+        self.by_key[channel.key] = same or _File(path, channel, columns, min(_BATCH_BYTES, self._most))
+
+    def take(self, message: Any) -> int:
+        """Take a message or a block; returns of how many messages it is."""
+        file = self.by_key.get(message[0].info.key)
+        if file is None:
+            return 0
+        for columns, messages in file.waiting.take(message, {message[0].info.key: file.columns}):
+            self._keep(file, columns.batches(messages))
+        return len(message.begin) if isinstance(message, Block) else 1
+
+    def _keep(self, file: _File, batches: Iterator[Any]) -> None:
+        for batch in batches:
+            file.batches.append(pa.RecordBatch.from_arrays(batch.columns, schema=file.schema))
+            file.size += batch.nbytes
+            self._waiting += batch.nbytes
+            if file.size >= self._most:
+                self._write(file)
+            while self._waiting > _MOST_WAITING:
+                self._write(max(self.by_key.values(), key=lambda one: one.size))
+
+    def _write(self, file: _File) -> None:
+        """What waits as a row group."""
+        if file.writer is None:
+            stream = self._open.enter_context(written(file.path, self._overwrite))
+            file.writer = self._open.enter_context(self._writer(stream, file))
+        table = pa.Table.from_batches(file.batches, file.schema)
+        try:
+            file.writer.write_table(table, row_group_size=max(1, table.num_rows))
+        except (pa.ArrowInvalid, pa.ArrowNotImplementedError) as error:
+            raise BagError(f"{self._bag.path}: {file.channel.name}: Parquet has no room for it: {error}") from None
+        file.rows += table.num_rows
+        self._waiting -= file.size
+        file.batches, file.size = [], 0
+
+    def _writer(self, stream: Any, file: _File) -> Any:
+        return parquet().ParquetWriter(
+            stream,
+            file.schema,
+            compression=self._compression,
+            use_dictionary=_texts(file.schema),  # numbers seldom repeat, and looking whether they do takes long
+        )
+
+    def __enter__(self) -> _Dataset:
+        return self
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        if kind is not None:
+            self._open.__exit__(kind, error, trace)
+            return
+        with self._open:
+            for file in self.by_key.values():
+                for columns, messages in file.waiting.rest():
+                    self._keep(file, columns.batches(messages))
+                if file.batches:
+                    self._write(file)
+        for file in dict.fromkeys(self.by_key.values()):
+            if file.rows:
+                channel = file.channel
+                self.files.append(Written(channel.name, channel.type_name, file.path, file.rows))
+
+
+def _renamed(schema: Any) -> Any:
+    """Columns called as the partitions have an underscore behind their names."""
+    names = set(schema.names)
+    fields = [field.with_name(free_name(field.name, names, (TOPIC, BAG))) for field in schema]
+    return pa.schema(fields, metadata=schema.metadata)
+
+
+def _texts(schema: Any) -> list[str]:
+    """The paths of columns of text."""
+    found: list[str] = []
+
+    def walk(kind: Any, path: str) -> None:
+        if pa.types.is_struct(kind):
+            for field in kind:
+                walk(field.type, f"{path}.{field.name}")
+        elif pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
+            walk(kind.value_type, f"{path}.list.element")
+        elif pa.types.is_string(kind):
+            found.append(path)
+
+    for field in schema:
+        walk(field.type, field.name)
+    return found

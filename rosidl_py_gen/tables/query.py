@@ -1,0 +1,205 @@
+"""SQL over bags and datasets, by DuckDB: topics are tables, and their columns those of `BagReader.table`.
+
+Decides what becomes a table: the topics that the query names, of bags as a Parquet dataset in a temporary folder, as
+DuckDB reads what a query needs of that, several times if it has to, in bounded memory. Names are those of topics,
+``"/imu"``, also without the first slash. Every table has a column ``bag`` more.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
+
+from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.base.resources import extra_missing
+from rosidl_py_gen.tables.dataset import TOPIC, write_dataset
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+
+    from typing_extensions import Self
+
+    from rosidl_py_gen.bags import BagReader
+
+try:
+    import duckdb
+except ModuleNotFoundError as missing:
+    raise extra_missing(missing) or missing from None
+
+_QUOTED = re.compile(r'"((?:[^"]|"")*)"')
+_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_RESULT = "result of the query"
+_ROWS = 1000
+
+
+def is_dataset(path: Path) -> bool:
+    """Whether a folder is one that `write_dataset` has written."""
+    return path.is_dir() and any(path.glob(f"{TOPIC}=*"))
+
+
+def named(query: str, topics: Sequence[str]) -> list[str]:
+    """Those topics that a query may name: SQL does not look at case, so one that is written as it is comes first."""
+    words = {text.replace('""', '"') for text in _QUOTED.findall(query)} | set(_WORD.findall(query))
+    exact = [one for one in topics if one in words or one.removeprefix("/") in words]
+    known, words = {one.lower() for one in exact}, {word.lower() for word in words}
+    others = [one for one in topics if one.lower() not in known]
+    return [*exact, *(one for one in others if one.lower() in words or one.removeprefix("/").lower() in words)]
+
+
+class Database:
+    """Topics of bags and datasets as tables of DuckDB. Use it with ``with``.
+
+    Raises:
+        BagError: names of topics differ in case only, which SQL does not tell apart.
+    """
+
+    def __init__(self) -> None:
+        self._folder = TemporaryDirectory(prefix="rosidl-py-gen-tables-")
+        self._base: Any = duckdb.connect(config={"autoinstall_known_extensions": "false"})
+        self._base.execute("set enable_progress_bar = false")
+        self._files: dict[str, list[str]] = {}
+        self._known: list[str] = []
+
+    def add(
+        self,
+        query: str,
+        bags: Mapping[str, BagReader],
+        datasets: Iterable[Path] = (),
+        *,
+        on_error: str = "raise",
+        progress: Callable[[int], None] | None = None,
+    ) -> dict[str, str]:
+        """Make the topics known that a query names, of bags by name of the bag; returns those left out, and why.
+
+        Raises:
+            BagError, DecodeError: as `write_dataset`.
+        """
+        folders = [(unquote(one.name.partition("=")[2]), one) for path in datasets for one in _folders(path)]
+        topics = dict.fromkeys(
+            [*(topic for bag in bags.values() for topic in bag.topics), *(one for one, _ in folders)]
+        )
+        self._known += topics
+        wanted = named(query, list(topics))
+        for topic, folder in folders:
+            if topic in wanted:
+                self._files.setdefault(topic, []).extend(map(str, sorted(folder.glob("**/*.parquet"))))
+        left_out: dict[str, str] = {}
+        done = 0
+        for name, bag in bags.items():
+            mine = [topic for topic in wanted if topic in bag.topics]
+            report = write_dataset(
+                bag,
+                self._folder.name,
+                name=name,
+                topics=mine,
+                on_error=on_error,
+                compression="lz4",
+                progress=None if progress is None else partial(_shifted, progress, done),
+            )
+            done += sum(bag.topics[topic].count or 0 for topic in mine)
+            left_out.update(report.left_out)
+            for one in report.files:
+                self._files.setdefault(one.topic, []).append(one.path)
+        return left_out
+
+    def run(self, query: str) -> Result:
+        """The result of a query.
+
+        Raises:
+            BagError: what DuckDB says of it.
+        """
+        self._make_views()
+        return Result(self._base, _asked(lambda: self._base.sql(query), self._known))
+
+    def _make_views(self) -> None:
+        names: dict[str, str] = {}
+        for topic in self._files:
+            other = names.setdefault(topic.lower(), topic)
+            if other != topic:
+                raise BagError(f"{other} and {topic} are one table in SQL, which does not look at case")
+        for topic, files in self._files.items():
+            listed = ", ".join(_text(one) for one in files)
+            source = f"read_parquet([{listed}], union_by_name=true, hive_partitioning=true, hive_types_autocast=false)"
+            self._execute(f"create view {_name(topic)} as select * exclude ({TOPIC}) from {source}")
+            short = topic.removeprefix("/")
+            if short and short.lower() not in names:
+                self._execute(f"create or replace view {_name(short)} as select * from {_name(topic)}")
+
+    def _execute(self, statement: str) -> None:
+        _asked(lambda: self._base.execute(statement))
+
+    def close(self) -> None:
+        """Remove what was written; may be called twice."""
+        self._base.close()
+        self._folder.cleanup()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Result:
+    """What a query gives.
+
+    Attributes:
+        columns: their names; none when the statement gives nothing.
+    """
+
+    def __init__(self, base: Any, found: Any) -> None:
+        self._base = base
+        self.columns: list[str] = [] if found is None else list(found.columns)
+        if found is not None:
+            _asked(lambda: found.create_view(_RESULT, replace=True))
+
+    def rows(self) -> Iterator[list[str]]:
+        """Rows as texts, as DuckDB writes them; nothing is an empty one. Raises `BagError`."""
+        if self.columns:
+            _asked(lambda: self._base.execute(f'select columns(*)::varchar from "{_RESULT}"'))
+            while rows := _asked(lambda: self._base.fetchmany(_ROWS)):
+                for row in rows:
+                    yield ["" if one is None else one for one in row]
+
+    def write(self, path: str, form: str) -> None:
+        """Write a file: ``csv``, ``json`` (a line for each row) or ``parquet``. Raises `BagError`."""
+        if not self.columns:
+            raise BagError("this statement has no rows to write")
+        _asked(lambda: self._base.execute(f'copy (from "{_RESULT}") to {_text(path)} (format {form})'))
+
+
+def _asked(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
+    """What a call gives; errors of DuckDB as `BagError`, of a missing table with the topics there are."""
+    try:
+        return call()
+    except (duckdb.Error, RuntimeError) as error:
+        said = str(error)
+    # Raised here, without the error of DuckDB as its context: that has references to all it was about.
+    missing = re.search(r"Table with name (.+?) does not exist", said) if topics else None
+    if missing and any(missing[1] in (one, one.removeprefix("/")) for one in topics):
+        raise BagError(f"there is no message of {missing[1]}")
+    if missing:
+        near = did_you_mean(missing[1], topics)
+        raise BagError(f"no topic {missing[1]}{near}; there are {', '.join(topics)[:500]}")
+    raise BagError(f"DuckDB: {'; '.join(line.strip() for line in said.splitlines() if line.strip(' ^'))}")
+
+
+def _shifted(progress: Callable[[int], None], done: int, count: int) -> None:
+    progress(done + count)
+
+
+def _folders(path: Path) -> list[Path]:
+    return sorted(path.glob(f"{TOPIC}=*"))
+
+
+def _text(value: str) -> str:
+    return "'" + value.replace("'", "''") + "'"
+
+
+def _name(value: str) -> str:
+    return '"' + value.replace('"', '""') + '"'

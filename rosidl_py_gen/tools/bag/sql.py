@@ -1,0 +1,90 @@
+"""``bag sql``: a query over bags, or over a dataset that `bag table` has written."""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import shutil
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.bags import BagReader
+from rosidl_py_gen.tables.query import Database, is_dataset, named
+from rosidl_py_gen.tools import ToolError, printing
+from rosidl_py_gen.tools.bag.part import progress_bar
+from rosidl_py_gen.tools.bag.table import names_of
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tables.query import Result
+
+_MOST_SHOWN = 10_000
+
+
+def run(
+    query: str, bags: Sequence[str], form: str | None, output: str | None, skips: bool, paths: Sequence[str]
+) -> int:
+    """Returns the exit code."""
+    atexit.unregister(gc.freeze)  # what DuckDB's bindings find of their own at the end they complain of
+    form = form or _form(output)
+    if form == "parquet" and output is None:
+        raise ToolError("Parquet is for files: name one with --output")
+    if output is not None and Path(output).exists():
+        raise ToolError(f"{output} exists already")
+    with ExitStack() as stack:
+        base = stack.enter_context(Database())
+        datasets = [path for path in bags if is_dataset(Path(path))]
+        names = names_of([path for path in bags if path not in datasets])
+        readers = {name: stack.enter_context(BagReader(path, search_path=paths)) for name, path in names.items()}
+        topics = {topic for reader in readers.values() for topic in reader.topics}
+        counts = [
+            reader.topics[one].count
+            for reader in readers.values()
+            for one in named(query, [*topics])
+            if one in reader.topics
+        ]
+        with progress_bar(sum(one or 0 for one in counts)) as show:
+            on_error = "skip" if skips else "raise"
+            left_out = base.add(query, readers, map(Path, datasets), on_error=on_error, progress=show)
+        for topic, reason in left_out.items():
+            printing.note(f"left out {topic}: {reason}")
+        _give(base.run(query), form, output)
+    return 0
+
+
+def _form(output: str | None) -> str:
+    suffix = Path(output or "").suffix.removeprefix(".")
+    if output is None:
+        return "table"
+    if suffix not in ("csv", "json", "parquet"):
+        raise ToolError(f"{output}: say the format with --format, or by a name that ends with .csv, .json or .parquet")
+    return suffix
+
+
+def _give(result: Result, form: str, output: str | None) -> None:
+    if form == "table":
+        _show(result, output)
+    elif output is not None:
+        result.write(output, form)
+    else:
+        with TemporaryDirectory(prefix="rosidl-py-gen-tables-") as folder:
+            path = Path(folder) / "result"
+            result.write(str(path), form)
+            with path.open(encoding="utf-8") as stream:
+                shutil.copyfileobj(stream, sys.stdout)
+        sys.stdout.flush()
+
+
+def _show(result: Result, output: str | None) -> None:
+    if output is not None:
+        raise ToolError("a table is for the terminal: --format csv, json or parquet for a file")
+    rows: list[list[str]] = []
+    for row in result.rows():
+        if len(rows) == _MOST_SHOWN:
+            printing.note(f"only the first {_MOST_SHOWN} rows are shown: --format csv gives all")
+            break
+        rows.append(row)
+    printing.table(rows, *result.columns)

@@ -1,0 +1,106 @@
+"""``rosidl-py bag table`` and ``rosidl-py bag sql``."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagWriter
+from rosidl_py_gen.tools.bag.table import names_of
+
+Imu: Any = get_message("sensor_msgs/msg/Imu")
+Image: Any = get_message("sensor_msgs/msg/Image")
+String: Any = get_message("std_msgs/msg/String")
+
+
+def drive(path: Path, broken: bool = False) -> str:
+    with BagWriter(path) as writer:
+        for number in range(50):
+            message = Imu()
+            message.linear_acceleration.x, message.header.frame_id = number / 2, f"f{number}"
+            writer.write("/imu", message, number * 10**9)
+        writer.write("/image", Image(), 1)
+        writer.add_topic("/s", String)
+        writer.write("/s", String(data="x").encode()[: 9 if broken else 10], 10**9)
+    return str(path)
+
+
+def test_bags_become_a_dataset_that_can_be_asked(run_here: Any, tmp_path: Path) -> None:
+    first, second, out = drive(tmp_path / "a.mcap"), drive(tmp_path / "b"), tmp_path / "out"
+    code, said, err = run_here("bag", "table", first, second, "--out", str(out))
+    assert (code, said) == (0, f"102 messages of 2 topics in {out}\n")
+    assert err == "".join(f"{one}: left out /image: sensor_msgs/msg/Image is large\n" for one in "ab")
+    query = 'select bag, count(*), max(linear_acceleration.x) from "/imu" group by bag order by bag'
+    assert run_here("bag", "sql", query, str(out)) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
+    assert run_here("bag", "sql", query, first, second) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
+    code, _, err = run_here("bag", "table", first, "--out", str(out))
+    assert code == 1 and err.endswith("parquet exists already\n")
+    assert run_here("bag", "table", first, "--out", str(out), "--overwrite", "--include-large")[0] == 0
+
+
+def test_a_part_of_a_bag_is_chosen_as_for_convert(run_here: Any, tmp_path: Path) -> None:
+    bag, out = drive(tmp_path / "a.mcap"), tmp_path / "out"
+    part = ("--topics", "/imu", "--start-offset", "10", "--duration", "5")
+    code, said, _ = run_here("bag", "table", bag, "-o", str(out), *part, "--json")
+    told = json.loads(said)
+    assert code == 0 and [(one["topic"], one["messages"], one["bag"]) for one in told["files"]] == [("/imu", 5, "a")]
+    assert pq.read_table(told["files"][0]["path"]).num_rows == 5
+    code, _, err = run_here("bag", "table", bag, "-o", str(out), "--topics", "/im")
+    assert code == 1 and "has no topic /im; did you mean" in err
+
+
+def test_the_answer_has_the_format_that_is_asked_for(run_here: Any, tmp_path: Path) -> None:
+    bag = drive(tmp_path / "a.mcap")
+    query = "select log_time, header.frame_id, angular_velocity from imu order by log_time limit 2"
+    code, said, _ = run_here("bag", "sql", query, bag, "--format", "csv")
+    assert code == 0 and list(csv.DictReader(io.StringIO(said)))[1]["frame_id"] == "f1"
+    code, said, _ = run_here("bag", "sql", query, bag, "--format", "json")
+    rows = [json.loads(line) for line in said.splitlines()]
+    assert code == 0 and rows[0]["angular_velocity"] == {"x": 0.0, "y": 0.0, "z": 0.0} and len(rows) == 2
+    for name in ("x.csv", "x.json", "x.parquet"):
+        assert run_here("bag", "sql", query, bag, "-o", str(tmp_path / name)) == (0, "", "")
+    assert pq.read_table(tmp_path / "x.parquet").column("frame_id").to_pylist() == ["f0", "f1"]
+    for arguments, wrong in {
+        ("-o", str(tmp_path / "x.csv")): "exists already",
+        ("-o", str(tmp_path / "x.txt")): "say the format",
+        ("-o", str(tmp_path / "y"), "-f", "table"): "a table is for the terminal",
+        ("-f", "parquet"): "name one with --output",
+    }.items():
+        code, said, err = run_here("bag", "sql", query, bag, *arguments)
+        assert code == 1 and said == "" and wrong in err
+
+
+def test_errors_name_bag_topic_and_message(run_here: Any, tmp_path: Path) -> None:
+    bag, out = drive(tmp_path / "broken.mcap", broken=True), tmp_path / "out"
+    for command in (("table", bag, "-o", str(out)), ("sql", 'select * from "/s"', bag)):
+        code, _, err = run_here("bag", *command)
+        assert code == 1 and f"{bag}: /s at 1000000000 ns: std_msgs/msg/String.data" in err
+    code, said, err = run_here("bag", "table", bag, "-o", str(out), "--skip-damaged")
+    assert code == 0 and said == f"50 messages of 1 topics in {out}\n" and "left out /s: " in err
+    code, _, err = run_here("bag", "sql", "select * from nothing", bag)
+    assert code == 1 and "no topic nothing; there are /image, /imu, /s" in err
+
+
+def test_a_bar_shows_on_a_terminal_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from rosidl_py_gen.tools import printing
+    from rosidl_py_gen.tools.bag import part
+
+    monkeypatch.setattr(printing, "is_terminal", lambda: True)
+    monkeypatch.setattr("sys.stderr", screen := io.StringIO())
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    with part.progress_bar(10) as show:
+        show(4)
+    assert "4/10" in screen.getvalue()
+
+
+def test_bags_of_the_same_name_are_told_apart_by_their_folders() -> None:
+    assert names_of(["a/x.mcap", "b/x.mcap", "y", "a/x.mcap"]) == {"a/x": "a/x.mcap", "b/x": "b/x.mcap", "y": "y"}
+    assert names_of(["/x.db3.zstd"]) == {"x": "/x.db3.zstd"}
