@@ -1,0 +1,205 @@
+"""What is said of old messages under new definitions is what happens when they are decoded."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from compiler_worlds import texts
+from hypothesis import assume, event, given, settings
+from hypothesis import strategies as st
+from reference_cdr import Reference
+from scale import examples
+from strategies import World, values, worlds
+
+from rosidl_py_gen import DecodeError, compile_text, to_dict
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.compiler.changes.facts import Facts, facts_of
+from rosidl_py_gen.compiler.changes.wire import Reading, Verdict, Wire
+from rosidl_py_gen.errors import DefinitionError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+NAME = "a_msgs/msg/Sample"
+POINT = f"\n{'=' * 80}\nMSG: a_msgs/Point\n"
+
+
+def facts(definitions: Mapping[str, str]) -> Facts:
+    return facts_of(texts(definitions), [split_ros_name(name) for name in definitions])
+
+
+def verdict(old: str, new: str, points: tuple[str, str] = ("float64 x", "float64 x")) -> Verdict:
+    sides = [
+        facts({NAME: text, "a_msgs/msg/Point": point}).messages for text, point in zip((old, new), points, strict=True)
+    ]
+    return Wire(*sides).verdict(NAME, NAME)
+
+
+CASES = [
+    # old, new, how, why
+    ("int32 a", "int32 a", "same", ""),
+    ("int32 a", "int32 B=3\nint32 a 5  # other words", "same", ""),
+    ("uint8 a\nbyte b", "byte a\nchar b", "same", ""),
+    ("bool a\nbool[] b", "uint8 a\nint8[] b", "same", ""),
+    ("string<=3 a\nint8[<=4] b", "string<=5 a\nint8[] b", "same", ""),
+    ("int32 a\nstring b", "int32 a", "without", "b: not read"),
+    ("int32 a\nstring b", "", "without", "a, b: not read"),
+    ("int32 a", "int32 b", "renamed", "b: is what a was"),
+    ("int32 a\nint32 b", "int32 b\nint32 a", "other", "b: is read from the place of a"),
+    ("int32 a", "uint32 a", "sometimes", "a: int32 is read as uint32, the same from 0 to 2147483647"),
+    ("uint8 a", "bool a", "sometimes", "a: uint8 is read as bool, of which only 0 and 1 are values"),
+    ("string a", "string<=2 a", "sometimes", "a: texts of more than 2 characters are too long"),
+    ("int8[] a", "int8[<=2] a", "sometimes", "a: more than 2 elements cannot be read"),
+    ("int32 a", "int32 a\nint32 b", "fails", "b: messages end before it"),
+    ("int32 a", "float32 a", "other", "a: int32 is read as float32"),
+    ("int32 a", "int64 a", "other", "a: int32 is read as int64"),
+    ("string a", "wstring a", "other", "a: string is read as wstring"),
+    ("int32[3] a", "int32[4] a", "other", "a: int32[3] is read as int32[4]"),
+    ("int32[3] a", "int32[] a", "other", "a: int32[3] is read as int32[]"),
+    ("int32 a\nint32 b", "int32 c\nint32 a\nint32 b", "other", "c: is read from the place of a"),
+    ("", "uint8 a", "other", "a: a message without fields is one byte, which is no field's"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "reading", "reason"), CASES)
+def test_a_change_is_judged_by_its_layout(old: str, new: str, reading: str, reason: str) -> None:
+    found = verdict(old, new)
+    assert (found.reading.value, "; ".join(found.reasons)) == (reading, reason)
+
+
+@pytest.mark.parametrize(
+    ("text", "reading", "reason"),
+    [
+        ("int8 a\nPoint at", "fails", "at.y: messages end before it"),
+        ("Point at\nint8 a", "other", "at.y: is read from what comes behind"),
+        ("Point[] at", "other", "at[].y: is read from what comes behind"),
+        ("Point[2] at", "other", "at[].y: is read from what comes behind"),
+    ],
+)
+def test_a_field_more_in_a_nested_message_harms_what_is_behind_it(text: str, reading: str, reason: str) -> None:
+    found = verdict(text, text, ("float64 x", "float64 x\nfloat64 y"))
+    assert (found.reading.value, found.reasons) == (reading, (reason,))
+    found = verdict(text, text, ("float64 x\nfloat64 y", "float64 x"))
+    assert found.reading.value == ("without" if reading == "fails" else "other")
+
+
+def test_no_more_than_ten_reasons_are_given() -> None:
+    old = "\n".join(f"int32 a{number}" for number in range(50))
+    assert len(verdict(old, old.replace("int32", "uint32")).reasons) == 10
+
+
+# --- decoded ----------------------------------------------------------------------------------------------------------
+
+
+def leaves(value: Any) -> list[Any]:
+    """The values of a message in the order of its fields, without their names."""
+    if isinstance(value, dict):
+        return [leaf for one in value.values() for leaf in leaves(one)]
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [len(value), *(leaf for one in value for leaf in leaves(one))]
+    return [value]
+
+
+def same(one: Any, other: Any) -> bool:
+    """Equal, NaN to itself; True is 1, as a bool that is read as a number is."""
+    return len(one) == len(other) and all(a == b or (a != a and b != b) for a, b in zip(one, other, strict=True))
+
+
+def decoded(old: Any, message: Any, new: Any) -> tuple[Any, Any]:
+    return to_dict(message), to_dict(new.decode(message.encode()))
+
+
+@st.composite
+def changed_worlds(draw: st.DrawFn) -> tuple[World, World, Reference, dict[str, Any]]:
+    """A world, what became of it, and a value of its top type."""
+    world = draw(worlds(nasty=False))
+    last = len(world.texts) - 1
+    chosen = draw(st.sampled_from((last, last, draw(st.integers(0, last)))))
+    name, text = world.texts[chosen]
+    lines = [line for line in text.splitlines() if line]
+    for _ in range(draw(st.integers(1, 2))):
+        at = draw(st.integers(0, max(0, len(lines) - 1)))
+        match draw(st.integers(0, 7)) if lines else 7:
+            case 0:
+                del lines[at]
+            case 1:
+                del lines[-1]
+            case 2:
+                lines[at], lines[-1] = lines[-1], lines[at]
+            case 3:
+                lines[at] = lines[at].replace(lines[at].split()[1], "renamed", 1)
+            case 4:
+                lines[at] = lines[at].replace("<=5", "<=9").replace("<=3]", "]").replace("<=2]", "<=1]")
+            case 5:
+                swapped = {"uint8": "byte", "byte": "char", "bool": "uint8", "int16": "uint16", "float32": "int32"}
+                kind = lines[at].split("[")[0].split()[0]
+                lines[at] = (
+                    lines[at].replace(kind, swapped.get(kind, kind), 1).split(" ", 2)[0] + " " + lines[at].split()[1]
+                )
+            case 6:
+                lines.insert(at, "int16 inserted")
+            case _:
+                lines.append(draw(st.sampled_from(("uint8 more", "string more", "float64[2] more"))))
+    new = (*world.texts[:chosen], (name, "\n".join(lines) + "\n"), *world.texts[chosen + 1 :])
+    reference = world.reference()
+    return world, World(new, ()), reference, draw(values(reference, world.top))
+
+
+@settings(max_examples=examples(400))
+@given(changed_worlds())
+def test_what_is_claimed_is_what_decoding_gives(case: tuple[World, World, Reference, dict[str, Any]]) -> None:
+    old, new, reference, value = case
+    try:
+        now = new.compile()
+    except DefinitionError:  # two fields of one name
+        assume(False)
+    sides = [facts(dict(world.texts)).messages for world in (old, new)]
+    found = Wire(*sides).verdict(old.top, old.top)
+    event(found.reading.value)
+    message = reference.build(old.compile(), value)
+    then = to_dict(message)
+    if found.reading is Reading.FAILS:
+        with pytest.raises(DecodeError):
+            now.decode(message.encode())
+        return
+    if found.reading in (Reading.SOMETIMES, Reading.OTHER):  # nothing is claimed of this one
+        return
+    read = to_dict(now.decode(message.encode()))
+    if found.reading is Reading.SAME:
+        assert same(leaves(read), leaves(then)) and names(read) == names(then)
+    else:  # under new names, or without the last ones
+        assert same(leaves(read), leaves(then)[: len(leaves(read))])
+
+
+def names(value: Any, path: str = "") -> list[str]:
+    if not isinstance(value, dict):
+        return [path]
+    return [name for key, one in value.items() for name in names(one, f"{path}.{key}")]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "value", "read"),
+    [
+        ("int32 a", "uint32 a", {"a": -1}, {"a": 2**32 - 1}),
+        ("int32 a", "uint32 a", {"a": 7}, {"a": 7}),
+        ("int8[] a", "int8[<=2] a", {"a": [1, 2]}, {"a": [1, 2]}),
+        ("int8[] a", "int8[<=2] a", {"a": [1, 2, 3]}, DecodeError),
+        ("string a", "string<=2 a", {"a": "abc"}, {"a": "abc"}),  # by us; others refuse it, and so does encoding it
+        ("uint8 a", "bool a", {"a": 1}, {"a": True}),
+        ("int32 a\nint32 b", "int32 b\nint32 a", {"a": 1, "b": 2}, {"b": 1, "a": 2}),
+        ("int32 a", "float32 a", {"a": 1}, {"a": pytest.approx(1e-45, abs=1e-45)}),
+        ("int32 a", "int64 a", {"a": 1}, DecodeError),
+    ],
+)
+def test_what_depends_on_values_or_is_wrong_is_so_for_some_message(
+    old: str, new: str, value: dict[str, Any], read: Any
+) -> None:
+    assert verdict(old, new).reading in (Reading.SOMETIMES, Reading.OTHER)
+    data = compile_text(NAME, old)(**value).encode()
+    if read is DecodeError:
+        with pytest.raises(DecodeError):
+            compile_text(NAME, new).decode(data)
+    else:
+        assert to_dict(compile_text(NAME, new).decode(data)) == read
