@@ -172,6 +172,46 @@ def interface(**arguments: Any) -> None:
 
 
 @_cli.command()
+@click.argument("old")
+@click.argument("new")
+@_PATH
+@click.option(
+    "--filter", "selection", default="", metavar="NAMES", help="Only these packages or interfaces, separated by : or ;."
+)
+@click.option(
+    "--fail-on",
+    "fail_on",
+    multiple=True,
+    type=click.Choice(["data", "code", "hash", "default", "unit", "addition", "any", "nothing"]),
+    help="Exit with 1 on changes of this sort; may be given several times.  [default: data, code]",
+)
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=click.FloatRange(0),
+    default=5.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How long a node may take to appear.",
+)
+@_JSON
+def diff(**arguments: Any) -> None:
+    """Compare definitions: what was added, removed and changed, and whether old data are still read.
+
+    OLD and NEW are each a folder of packages, a git revision (main, or v1.2:src/my_msgs), a bag, or a running node by
+    its full name (/robot). With folder:, git:, bag: or node: in front, nothing is guessed. Exits with 1 on a breaking
+    change.
+
+    
+    rosidl-py-gen diff main .
+    rosidl-py-gen diff v1.2:src/my_msgs HEAD:src/my_msgs --json
+    rosidl-py-gen diff drive.mcap ~/robot_ws/src --fail-on data
+    rosidl-py-gen diff /robot ~/robot_ws/src --fail-on hash
+    """
+    _run("diff", **arguments)
+
+
+@_cli.command()
 @click.argument("names", nargs=-1)
 @_PATH
 @click.option("--out", default="dist", metavar="DIR", show_default=True, help="Receives the wheels.")

@@ -81,26 +81,30 @@ def compile_text(name: str, text: str) -> type[Any]:
         InvalidNameError: a name has another shape.
         DefinitionError: the text has problems, located as ``<name>:line:column``.
     """
+    with _lock:
+        return _class(library_of_text(name, text), split_ros_name(name, "msg"), _says_all_the_same)
+
+
+def library_of_text(name: str, text: str) -> Library:
+    """The definitions of such a text, read and checked; arguments and errors as of `compile_text`."""
     from rosidl_py_gen.compiler.spec.find import SearchPath
     from rosidl_py_gen.compiler.spec.model import Source
     from rosidl_py_gen.compiler.spec.resolve import Library, check, raise_findings
 
     if not isinstance(text, str):
         raise TypeError(f"expected the text of a definition, found {type(text).__name__}")
-    top = split_ros_name(name, "msg")
+    top, names = split_ros_name(name, "msg"), {}
     with _lock:
         defaults = _library(()).search
-        library = Library(SearchPath(defaults.packages, [], ["the text", *defaults.searched]))
-        names = []
-        for part, body, is_idl in _parts(top, text):
-            name_in_file, kind = _read_as(part, body, is_idl)
-            library.add_text(name_in_file, Source(f"<{part}>", body, kind))
-            names.append(name_in_file)
-        check(library, names)
-        raise_findings(library)
-        if library.owner(top) is None or not library.knows(str(top)):
-            raise DefinitionError(Problem(f"<{top}>", 0, 0, f"the text does not define {top}"))
-        return _class(library, top, _says_all_the_same)
+    library = Library(SearchPath(defaults.packages, [], ["the text", *defaults.searched]))
+    for part, body, is_idl in _parts(top, text):
+        name_in_file, kind = _read_as(part, body, is_idl)
+        names[name_in_file] = library.add_text(name_in_file, Source(f"<{part}>", body, kind))
+    check(library, names)
+    raise_findings(library)
+    if library.owner(top) is None or not library.knows(str(top)):
+        raise DefinitionError(Problem(f"<{top}>", 0, 0, f"the text does not define {top}"))
+    return library
 
 
 def _read_as(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:

@@ -1,0 +1,7 @@
+"""Nodes for commands that ask them."""
+
+from __future__ import annotations
+
+from worlds import dds, memory, network, only_loopback, pytest_generate_tests, pytest_pyfunc_call
+
+__all__ = ["dds", "memory", "network", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call"]

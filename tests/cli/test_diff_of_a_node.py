@@ -1,0 +1,63 @@
+"""``rosidl-py-gen diff`` with a running node: what it tells of its types, and what it cannot."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from compiler_worlds import write
+from worlds import start_process
+
+from rosidl_py_gen import compile_text
+from rosidl_py_gen.cli.robot import RobotError, learned_from
+
+if TYPE_CHECKING:
+    from worlds import World
+
+BATTERY = "robot_msgs/msg/Battery"
+
+
+async def test_a_node_tells_the_types_of_its_topics_services_and_actions(memory: World) -> None:
+    robot, other = memory.pair()
+    robot.create_publisher(compile_text(BATTERY, "uint8 FULL=100\nfloat32 volts 24.0\n"), "battery")
+    robot.create_service(compile_text("robot_msgs/srv/Dock", "string station\n---\nbool ok\n"), "dock", lambda _: None)
+    robot.create_action_server(
+        compile_text("robot_msgs/action/Go", "int8 a\n---\nint8 b\n---\nint8 c\n"), "go", lambda goal: None
+    )
+    facts, notes = await learned_from(other, "/alice", 5)
+    assert {BATTERY, "robot_msgs/srv/Dock", "robot_msgs/action/Go"} <= {*facts.interfaces}, notes
+    assert "rcl_interfaces/srv/SetParameters" in facts.interfaces  # which every node has
+    battery = facts.messages[BATTERY]
+    assert [(one.name, str(one.type), one.default) for one in battery.fields] == [("volts", "float32", "24.0")]
+    assert battery.constants is None  # the node has no text of it that it could tell them from
+    assert facts.interfaces["robot_msgs/srv/Dock"] == ("robot_msgs/srv/Dock_Request", "robot_msgs/srv/Dock_Response")
+    assert [note for note in notes if "left out" in note] == []
+
+
+async def test_a_node_that_is_not_there_is_an_error(memory: World) -> None:
+    _, other = memory.pair()
+    with pytest.raises(RobotError, match='no node /alic appeared; did you mean "/alice"'):
+        await learned_from(other, "/alic", 0.2)
+
+
+async def test_types_that_a_node_does_not_describe_are_left_out_with_a_word(memory: World) -> None:
+    robot = memory.node("silent", overrides={"start_type_description_service": False}, enable_rosout=False)
+    robot.create_publisher(compile_text(BATTERY, "int8 a\n"), "battery")
+    facts, notes = await learned_from(memory.node("asking"), "/silent", 5)
+    assert BATTERY not in facts.interfaces
+    assert [note for note in notes if note.startswith(f"/silent: left out {BATTERY} of /battery: ")]
+
+
+async def test_a_robot_is_compared_with_a_workspace(dds: World, tmp_path: Path) -> None:
+    robot = dds.node("robot", parameter_events=False, enable_rosout=False)
+    robot.create_publisher(compile_text(BATTERY, "float32 volts\nuint8 cells\n"), "battery")
+    write(tmp_path, {"robot_msgs/msg/Battery.msg": "float32 volts\n"})
+    command = (sys.executable, "-m", "rosidl_py_gen.cli", "diff", "/robot", str(tmp_path))
+    process = await start_process(*command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE)
+    out, err = await asyncio.wait_for(process.communicate(), 60)
+    assert process.returncode == 1, err
+    assert b"field     - cells: uint8" in out and b"old data  read without what is gone" in out
+    assert out.endswith(b" unchanged; changes of code, data, hash; breaking: code, data\n")
