@@ -54,7 +54,7 @@ def run(
             with writer:
                 count = _copy(reader, writer, part, channels)
         except BaseException:
-            _remove(Path(output))  # part of a bag would look like all of it
+            remove(Path(output))  # part of a bag would look like all of it
             raise
     if as_json:
         printing.document({"path": output, "messages": count, "topics": len(part.topics)})
@@ -63,7 +63,8 @@ def run(
     return 0
 
 
-def _remove(path: Path) -> None:
+def remove(path: Path) -> None:
+    """Take back a bag that was begun."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:

@@ -1,0 +1,368 @@
+"""``rosidl-py bag migrate``: recordings carried over to changed definitions."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from changed_worlds import changed_worlds
+from compiler_worlds import write
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scale import examples
+
+from rosidl_py_gen import compile_text, get_message, to_dict, type_hash
+from rosidl_py_gen.bags import BagReader, BagTopic, BagWriter, RawMessage
+from rosidl_py_gen.compiler.changes.migration import MigrationError, Rules, plan
+from rosidl_py_gen.errors import DefinitionError, EncodeError
+from rosidl_py_gen.runtime import QoSProfile
+from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.tools.bag.carrying import carrier
+from rosidl_py_gen.tools.bag.migrate import fields_of
+from rosidl_py_gen.tools.bag.rules import parse_rules
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from reference_cdr import Reference
+    from strategies import World
+
+    Run = Callable[..., tuple[int, str, str]]
+
+NAME = "robot_msgs/msg/Wheel"
+THEN = (
+    "float64 speed\nstring name\nint32 turns\nint8[] debug\nPoint[] track\n"
+    + "=" * 80
+    + "\nMSG: robot_msgs/Point\nint16 x\nint16 y\n"
+)
+NOW = {
+    "robot_msgs/msg/Wheel.msg": "# A wheel.\nuint8 MAX=3\nstring label\nfloat32 speed\nint64 turns\n"
+    "float32 slip 0.5\nPoint[] track\n",
+    "robot_msgs/msg/Point.msg": "int32 x\nint8 z 7\n",
+}
+RULES = "fields:\n  robot_msgs/Wheel: {name: label, debug: null}\n"
+String: Any = get_message("std_msgs/msg/String")
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> str:
+    """Three messages of a wheel, and one of a type that does not change."""
+    cls = compile_text(NAME, THEN)
+    point = cls._TYPE.fields[-1].cls
+    with BagWriter(tmp_path / "drive") as writer:
+        writer.add_topic("/wheel", cls, qos=[QoSProfile().transient_local()])
+        for number in range(3):
+            track = [point(x=number, y=5)] * number
+            wheel = cls(speed=number / 4, name=f"w{number}", turns=number, debug=[1], track=track)
+            writer.write("/wheel", wheel, log_time_ns=number, publish_time_ns=10 + number)
+        writer.write("/words", String(data="a"), log_time_ns=9)
+    return str(tmp_path / "drive")
+
+
+@pytest.fixture
+def now(tmp_path: Path) -> str:
+    return str(write(tmp_path / "now", NOW))
+
+
+def rules(tmp_path: Path, text: str = RULES) -> str:
+    (tmp_path / "rules.yaml").write_text(text)
+    return str(tmp_path / "rules.yaml")
+
+
+def test_a_recording_is_carried_over_by_field_name(run_here: Run, bag: str, now: str, tmp_path: Path) -> None:
+    out = str(tmp_path / "new.mcap")
+    code, said, err = run_here("bag", "migrate", bag, "--path", now, "-o", out, "--rules", rules(tmp_path))
+    assert (code, err) == (0, "")
+    assert said.splitlines() == [
+        "robot_msgs/msg/Wheel, in /wheel",
+        "    speed: float64 -> float32",
+        "    name -> label",
+        "    turns: int32 -> int64",
+        "    - debug: dropped, as a rule says",
+        "    + slip: its default, 0.5",
+        "robot_msgs/msg/Point, in /wheel",
+        "    x: int16 -> int32",
+        "    - y: dropped",
+        "    + z: its default, 7",
+        "/words [std_msgs/msg/String] stays as it is: not defined in --path",
+        f"4 messages of 2 topics in {out}, 3 of them carried over",
+    ]
+    with BagReader(out) as reader, BagReader(bag) as old:
+        topic = reader.topics["/wheel"]
+        assert topic.definition.startswith("# A wheel.\nuint8 MAX=3\n")  # as it is in the file
+        assert topic.type_hash == type_hash(get_message(NAME, path=now))
+        assert topic.offered_qos == old.topics["/wheel"].offered_qos
+        items = [*reader.messages("/wheel")]
+        assert [(one.log_time, one.publish_time) for one in items] == [(0, 10), (1, 11), (2, 12)]
+        last = items[-1].message
+        assert (last.speed, last.label, last.turns, last.slip) == (0.5, "w2", 2, 0.5)
+        assert [(one.x, one.z) for one in last.track] == [(2, 7), (2, 7)]
+        (same,) = reader.raw_messages("/words")
+        (before,) = old.raw_messages("/words")
+        assert same.data == before.data and same.channel.definition == before.channel.definition
+
+
+def test_a_dry_run_writes_nothing_and_json_has_the_list(run_here: Run, bag: str, now: str, tmp_path: Path) -> None:
+    arguments = ("bag", "migrate", bag, "--path", now, "--rules", rules(tmp_path))
+    before = sorted(tmp_path.rglob("*"))
+    code, said, _ = run_here(*arguments, "--dry-run", "--json")
+    assert code == 0 and sorted(tmp_path.rglob("*")) == before
+    told = json.loads(said)
+    wheel, words = told["topics"]
+    assert (told["messages"], wheel["count"], words["note"]) == (None, 3, "not defined in --path")
+    assert wheel["carried_over"] and not words["carried_over"]
+    assert wheel["changes"][0] == {
+        "old_type": NAME,
+        "type": NAME,
+        "renamed": {"name": "label"},
+        "converted": {"speed": ["float64", "float32"], "turns": ["int32", "int64"]},
+        "dropped": ["debug"],
+        "defaulted": ["slip"],
+    }
+    code, _, err = run_here(*arguments)
+    assert code == 2 and "--output, or --dry-run" in err
+
+
+def test_a_type_that_is_called_otherwise_needs_a_rule(run_here: Run, bag: str, tmp_path: Path) -> None:
+    text = "types:\n  robot_msgs/Wheel: new_msgs/WheelState\n  robot_msgs/Point: new_msgs/Spot\n"
+    now = str(
+        write(
+            tmp_path / "now",
+            {"new_msgs/msg/WheelState.msg": "string name\nSpot[] track\n", "new_msgs/msg/Spot.msg": "int8 x\n"},
+        )
+    )
+    out = str(tmp_path / "out")
+    code, said, err = run_here("bag", "migrate", bag, "--path", now, "-o", out, "--rules", rules(tmp_path, text))
+    assert code == 0 and "robot_msgs/msg/Wheel -> new_msgs/msg/WheelState, in /wheel" in said, err
+    with BagReader(out) as reader:
+        assert reader.topics["/wheel"].type_name == "new_msgs/msg/WheelState"
+        assert [one.message.name for one in reader.messages("/wheel")] == ["w0", "w1", "w2"]
+    code, said, _ = run_here("bag", "migrate", bag, "--path", now, "-o", f"{out}2")
+    assert code == 0 and f"/wheel [{NAME}] stays as it is: not among the new definitions" in said
+    text = text.replace("WheelState", "Whel")
+    code, _, err = run_here("bag", "migrate", bag, "--path", now, "-o", f"{out}3", "--rules", rules(tmp_path, text))
+    assert code == 1 and "rules.yaml:2:21: new_msgs/msg/Whel is not among the new definitions" in err
+
+
+def test_everything_that_cannot_be_carried_over_is_told_before_anything_is_written(
+    run_here: Run, bag: str, tmp_path: Path
+) -> None:
+    now = str(write(tmp_path / "now", {"robot_msgs/msg/Wheel.msg": "int32 speed\nint8 name\nint8[] track\n"}))
+    out = tmp_path / "out"
+    code, _, err = run_here("bag", "migrate", bag, "--path", now, "-o", str(out))
+    assert code == 1 and not out.exists()
+    for reason in (
+        "speed: float64 cannot become int32",
+        "name: string cannot become int8",
+        "track: robot_msgs/msg/Point[] cannot",
+    ):
+        assert reason in err
+
+
+VALUES = [
+    ("int64 a", "int8 a", {"a": 200}, "a"),
+    ("int64 a", "float64 a", {"a": 2**53 + 1}, "a: 9007199254740993 is no floating point number"),
+    ("float64 a", "float32 a", {"a": 1e300}, "a"),
+    ("string a", "string<=2 a", {"a": "abc"}, "a"),
+    ("int8[] a", "int8[2] a", {"a": [1]}, "a"),
+    ("int8[] a", "int8[<=2] a", {"a": [1, 2, 3]}, "a"),
+    ("int64[] a", "uint8[] a", {"a": [1, -1]}, "a: expected 0 to 255, found -1 to 1"),
+    ("int64[] a", "float32[] a", {"a": [2**62 + 1]}, "a: has values that are no float32 numbers"),
+    ("uint64[] a", "float64[] a", {"a": [2**64 - 1]}, "a: has values that are no float64 numbers"),
+    ("float64[] a", "float32[] a", {"a": [1e300]}, "a: has values that are no float32 numbers"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "value", "reason"), VALUES)
+def test_a_value_that_does_not_fit_is_told_with_its_message_and_nothing_is_left(
+    run_here: Run, tmp_path: Path, old: str, new: str, value: dict[str, Any], reason: str
+) -> None:
+    path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
+    with BagWriter(path) as writer:
+        writer.write("/a", compile_text("val_msgs/msg/A", old)(), log_time_ns=1)
+        writer.write("/a", compile_text("val_msgs/msg/A", old)(**value), log_time_ns=2)
+    now = str(write(tmp_path / "now", {"val_msgs/msg/A.msg": new}))
+    code, _, err = run_here("bag", "migrate", str(path), "--path", now, "-o", str(out))
+    fixed = "[2]" in new  # the empty sequence of the first message does not fit either
+    assert code == 1 and f"error: {path}: /a at {1 if fixed else 2} ns: val_msgs/msg/A.{reason}" in err, err
+    assert not out.exists()
+
+
+CARRIED = [
+    ("int8[] a", "int64[] a", [1, -2], [1, -2]),
+    ("bool[] a", "float32[] a", [True, False], [1.0, 0.0]),
+    ("bool a", "uint8 a", True, 1),
+    ("int64[] a", "float64[] a", [2**53, -5], [2.0**53, -5.0]),
+    ("float64[] a", "float32[] a", [0.1, float("inf"), float("nan")], [np.float32(0.1), np.inf, np.nan]),
+    ("int8[3] a", "int16[] a", [1, 2, 3], [1, 2, 3]),
+    ("int8[] a", "int8[<=3] a", [1, 2, 3], [1, 2, 3]),
+    ("string[] a", "wstring[] a", ["é", ""], ["é", ""]),
+    ("float32 a", "float64 a", 0.5, 0.5),
+    ("byte[] a", "int8[] a", [5], [5]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "value", "expected"), CARRIED)
+def test_values_that_fit_are_the_same(
+    run_here: Run, tmp_path: Path, old: str, new: str, value: Any, expected: Any
+) -> None:
+    path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
+    with BagWriter(path) as writer:
+        writer.write("/a", compile_text("val_msgs/msg/A", old)(a=value), log_time_ns=1)
+    now = str(write(tmp_path / "now", {"val_msgs/msg/A.msg": new}))
+    code, _, err = run_here("bag", "migrate", str(path), "--path", now, "-o", str(out))
+    assert code == 0, err
+    with BagReader(out) as reader:
+        (found,) = reader.messages("/a")
+    np.testing.assert_array_equal(found.message.a, expected)
+
+
+def test_messages_whose_type_did_not_change_keep_their_bytes_and_get_the_new_text(
+    run_here: Run, bag: str, tmp_path: Path
+) -> None:
+    now = str(write(tmp_path / "now", {"std_msgs/msg/String.msg": "# Ours.\nstring data\n"}))
+    out = str(tmp_path / "out")
+    code, said, err = run_here("bag", "migrate", bag, "--path", now, "-o", out, "--topics", "/words")
+    assert code == 0 and said == f"1 messages of 1 topics in {out}, 0 of them carried over\n", err
+    with BagReader(out) as reader, BagReader(bag) as old:
+        assert reader.topics["/words"].definition == "# Ours.\nstring data\n"
+        assert [one.data for one in reader.raw_messages()] == [one.data for one in old.raw_messages("/words")]
+
+
+def test_a_topic_with_two_definitions_becomes_one_with_the_new(run_here: Run, tmp_path: Path) -> None:
+    path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
+    with BagWriter(path) as writer:
+        for number, text in enumerate(("int8 a", "int16 a\nint8 b")):
+            cls = compile_text("two_msgs/msg/A", text)
+            known = BagTopic("/a", "two_msgs/msg/A", text, type_hash=type_hash(cls))
+            writer.write_raw(RawMessage(known, cls(a=number).encode(), number, number))
+    now = str(write(tmp_path / "now", {"two_msgs/msg/A.msg": "int64 a"}))
+    code, said, err = run_here("bag", "migrate", str(path), "--path", now, "-o", str(out))
+    assert code == 0 and said.count("two_msgs/msg/A, in /a") == 2, err
+    with BagReader(out) as reader:
+        assert len(reader.channels) == 1
+        assert [one.message.a for one in reader] == [0, 1]
+
+
+def test_a_bag_without_definitions_needs_those_of_then(run_here: Run, tmp_path: Path) -> None:
+    path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
+    cls = compile_text("bare_msgs/msg/A", "int8 a")
+    with BagWriter(path) as writer:
+        writer.add_topic("/a", BagTopic("/a", "bare_msgs/msg/A"))
+        writer.write("/a", cls(a=5).encode(), log_time_ns=1)
+    now = str(write(tmp_path / "now", {"bare_msgs/msg/A.msg": "int64 a"}))
+    code, _, err = run_here("bag", "migrate", str(path), "--path", now, "-o", str(out))
+    assert code == 1 and "--old-path gives the definitions of then" in err and not out.exists()
+    then = str(write(tmp_path / "then", {"bare_msgs/msg/A.msg": "int8 a"}))
+    code, _, err = run_here("bag", "migrate", str(path), "--path", now, "--old-path", then, "-o", str(out))
+    assert code == 0, err
+    with BagReader(out) as reader:
+        assert [one.message.a for one in reader] == [5]
+
+
+def test_damage_names_bag_topic_and_message(run_here: Run, now: str, tmp_path: Path) -> None:
+    path, out = tmp_path / "old.mcap", tmp_path / "out.mcap"
+    with BagWriter(path) as writer:
+        writer.add_topic("/wheel", compile_text(NAME, THEN))
+        writer.write("/wheel", b"\0\1\0\0\0", log_time_ns=7)
+    code, _, err = run_here("bag", "migrate", str(path), "--path", now, "-o", str(out), "--rules", rules(tmp_path))
+    assert code == 1 and f"{path}: /wheel at 7 ns: {NAME}.speed: at byte" in err and not out.exists()
+
+
+def test_rules_that_were_not_needed_are_named(run_here: Run, bag: str, now: str, tmp_path: Path) -> None:
+    text = RULES + "types: {robot_msgs/Whel: robot_msgs/Wheel}\n"
+    code, _, err = run_here("bag", "migrate", bag, "--path", now, "--dry-run", "--rules", rules(tmp_path, text))
+    assert code == 0 and "no rule about robot_msgs/msg/Whel was needed" in err
+
+
+@settings(max_examples=examples(200))
+@given(changed_worlds())
+def test_random_values_of_random_definitions_are_carried_over_or_refused(
+    case: tuple[World, World, Reference, dict[str, Any]],
+) -> None:
+    old_world, new_world, reference, value = case
+    old = old_world.compile()
+    try:
+        new = new_world.compile()
+    except DefinitionError:  # two fields of one name
+        assume(False)
+    try:
+        plans = plan(fields_of(old), fields_of(new), old_world.top, Rules())
+    except MigrationError as error:
+        assert "cannot become" in str(error)
+        return
+    message = reference.build(old, value)
+    try:
+        carried = to_dict(new.decode(carrier(plans, old, new)(message).encode()))
+    except EncodeError as error:  # a bound or a range is narrower
+        assert error.path.startswith(("p", "q"))
+        return
+    before, otherwise, top = to_dict(message), to_dict(new()), plans[old_world.top, old_world.top]
+    for step in top.steps:
+        if step.old_type == step.new_type and not step.old_type.is_message:
+            assert repr(carried[step.new]) == repr(before[step.old])
+    for name in top.defaulted:
+        assert repr(carried[name]) == repr(otherwise[name])
+    assert {*top.dropped} == {*before} - {*carried}
+
+
+# --- rules ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("type: {}", 'r:1:1: expected types or fields, found "type"; did you mean "types"?'),
+        ("types: [a]", "r:1:8: types: expected the name of then: the name of now"),
+        ("types:\n  Wheel: a/B", 'r:2:3: "Wheel" is not an interface name'),
+        ("fields:\n  a/B: x", "r:2:8: a/B: expected the field of then: the field of now, or null"),
+        ("fields:\n  a/B: {x: [y]}", "r:2:12: expected a name"),
+        ("fields:\n  a/B: {x: y, x: z}", 'r:2:15: "x" is there twice'),
+        ("- a", "r:1:1: expected types: and fields:"),
+        ("types: &a {}\nfields: *a", "r:1:8: anchors and aliases are not supported"),
+        ("types: {", "r:1:9: "),
+        ("a: \x01", "r: "),
+        ("[" * 5000, "r: nested far deeper than rules are"),
+        ("types: !!python/object/apply:os.system [ls]", "r:1:8: types: expected"),
+    ],
+)
+def test_rules_that_are_wrong_are_told_with_their_place(text: str, error: str) -> None:
+    with pytest.raises(ToolError) as caught:
+        parse_rules(text, "r")
+    assert str(caught.value).startswith(error), str(caught.value)
+
+
+def test_words_of_yaml_are_names_here() -> None:
+    found = parse_rules("fields:\n  a/B: {y: no, on: 'null', off: ~, 1: x}\n")
+    assert {old: rule.target for old, rule in found.fields["a/msg/B"].items()} == {
+        "y": "no",
+        "on": "null",
+        "off": "",
+        "1": "x",
+    }
+    assert parse_rules("") == parse_rules("types:\nfields: {}\n")
+
+
+def test_a_file_of_rules_that_is_none_is_an_error(run_here: Run, bag: str, now: str, tmp_path: Path) -> None:
+    file = tmp_path / "rules.yaml"
+    for data, error in (
+        (b"\xff", "expected UTF-8, found the byte 0xff"),
+        (b" " * (1 << 20) + b"  ", "expected at most"),
+    ):
+        file.write_bytes(data)
+        code, _, err = run_here("bag", "migrate", bag, "--path", now, "--dry-run", "--rules", str(file))
+        assert code == 1 and error in err
+    code, _, err = run_here("bag", "migrate", bag, "--path", now, "--dry-run", "--rules", str(tmp_path / "none"))
+    assert code == 1 and "No such file" in err
+
+
+@settings(max_examples=examples(300))
+@given(st.text(st.sampled_from("typesfield:{}[]-&*!~'\"\n ab/B,#|>%@\t"), max_size=60))
+def test_any_text_is_rules_or_our_error(text: str) -> None:
+    try:
+        parse_rules(text)
+    except ToolError as error:
+        assert str(error).startswith("<rules>")
