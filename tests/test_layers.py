@@ -49,7 +49,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     "top": ("base", "support", "types"),
 }
 # What has a method for something that stands above it, and loads that when the method is called.
-OFFERED = {("mcap.reader", "tables.reading"), ("bags.writer", "tables.writing")}
+OFFERED = {("bags.reader", "tables.reading"), ("bags.writer", "tables.writing")}
 # Which part a module belongs to: the longest prefix counts.
 OWNERS = {
     "": "top",
@@ -90,7 +90,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "": (*_LOW, "parameters", "actions", "types", "node", "lifecycle"),
 }
 # These use what the runtime shows to everybody: `rosidl_py_gen.runtime` and `rosidl_py_gen.runtime.qos`.
-ABOVE_THE_RUNTIME = ("numpy", "tf", "mcap", "tables", "tools")
+ABOVE_THE_RUNTIME = ("numpy", "tf", "bags", "tables", "tools")
 MOST_MODULES = 16
 # What each folder of the command line may import of the others; all may import what lies beside the folders.
 TOOLS: dict[str, tuple[str, ...]] = {

@@ -62,8 +62,7 @@ def _split_options(command: F) -> F:
 
 @click.group(no_args_is_help=True)
 def bag() -> None:
-    """Recordings: record, play, info, convert; as tables: table, sql.
-    """Recordings: record, play, info, convert, migrate.
+    """Recordings: record, play, info, convert, migrate; as tables: table, sql.
 
     Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files.
     """
@@ -266,34 +265,50 @@ def sql(**arguments: Any) -> None:
     rosidl-py bag sql 'select max(twist.twist.linear.x) from odom' dataset --format csv
     """
     run_command("bag.sql", **arguments)
+
+
+@bag.command()
 @_path
+@click.option(
     "--path",
     "paths",
     multiple=True,
     required=True,
     metavar="DIR",
     help="A folder with the new definitions; may be given several times.",
+)
 @click.option("-o", "--output", type=click.Path(), help="A folder, or a file that ends with .mcap.")
 @click.option("--rules", "rules_file", type=click.Path(), metavar="FILE", help="YAML: what types and fields are now.")
+@click.option(
     "--old-path",
     "old_paths",
+    multiple=True,
+    metavar="DIR",
     help="A folder with the definitions of then, for bags that do not have theirs; may be given several times.",
+)
 @click.option("--topics", "topics", multiple=True, metavar="TOPIC", help="Only this one; may be given several times.")
 @_compression
 @_split_options
 @click.option("--dry-run", is_flag=True, help="Only say what would be carried over, dropped and defaulted.")
+@options.as_json
 def migrate(**arguments: Any) -> None:
     """Carry a recording over to changed definitions, field by field, by their names.
+
     What is dropped, and what gets its default value, is listed. A file of rules says which types and fields have other
     names now:
+
+    \b
     types:
       my_msgs/msg/Wheel: my_msgs/msg/WheelState
     fields:
       my_msgs/msg/Wheel:
         name: label
         debug: null     # let go
+
+    \b
     rosidl-py bag migrate drive --path ~/robot_ws/src -o drive_now
     rosidl-py bag migrate drive --path ~/robot_ws/src --rules renames.yaml --dry-run
+    """
     if arguments["output"] is None and not arguments["dry_run"]:
         raise click.UsageError("say where to write: --output, or --dry-run")
     run_command("bag.migrate", **arguments)
