@@ -1,8 +1,9 @@
-"""Reading and recording of bags: python bench/bags.py [--only decode|write|record].
+"""Reading and recording of bags: python bench/bags.py [--only decode|tables|write|record].
 
 Decoding: the same files read by us, mcap-ros2-support, mcap-ros2-support-fast and rosbags, in turn; the shortest CPU
-time of several rounds each. Writing: 6 MB images through `BagWriter`. Recording: a process that publishes such images
-33 times a second, 205 MB/s, and `rosidl-py bag record` beside it; lost ones are counted.
+time of several rounds each. Tables: see bag_tables.py. Writing: 6 MB images through `BagWriter`.
+Recording: a process that publishes such images 33 times a second, 205 MB/s, and `rosidl-py bag record` beside it; lost
+ones are counted.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import bag_tables
 import numpy as np
 from mcap.decoder import DecoderFactory as McapDecoderFactory
 
@@ -158,6 +160,11 @@ def take_turns(them: dict[str, Callable[[Path], int]], name: str, bag: Path, cou
     print(f"{name}: {', '.join(shown)}", flush=True)
 
 
+def tables(folder: Path) -> None:
+    bag_tables.imus(folder / "imus", sample("sensor_msgs/msg/Imu"), __file__)
+    bag_tables.mixed(folder / "mixed", {name: sample(name) for name in ROBOT_HZ}, ROBOT_HZ, 5 * ROBOT_SECONDS)
+
+
 # ----------------------------------------------------------------------------------------------- writing and recording
 
 
@@ -212,15 +219,19 @@ async def publish() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=["decode", "write", "record"])
+    parser.add_argument("--only", choices=["decode", "tables", "write", "record"])
+    parser.add_argument("--memory", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--folder", help="where to write; it has to have 2 GB", default=None)
     parser.add_argument("--peer", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.peer:
         asyncio.run(publish())
         return
+    if arguments.memory:
+        bag_tables.memory(arguments.memory[0], Path(arguments.memory[1]))
+        return
     with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
-        for part in (decode, write, record):
+        for part in (decode, tables, write, record):
             if arguments.only in (None, part.__name__):
                 part(Path(folder))
 

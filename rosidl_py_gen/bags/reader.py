@@ -350,7 +350,7 @@ class BagReader:
             topic: a name, or one of `channels`, for messages of this definition only.
             columns: paths such as ``"header.stamp"``, which name their columns; None means all fields. Of the other
                 fields only the sizes are looked at.
-            start_ns, end_ns, on_error: as of `messages`.
+            start_ns: as of `messages`, and so are `end_ns` and `on_error`.
             batch_bytes: a batch has messages of so many bytes, or one that is larger.
 
         Raises:

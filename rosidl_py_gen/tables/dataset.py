@@ -47,7 +47,7 @@ _MOST_WAITING = 1 << 25
 
 
 @dataclass(frozen=True, slots=True)
-class Written:
+class DatasetFile:
     """A file of a dataset.
 
     Attributes:
@@ -61,14 +61,14 @@ class Written:
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class DatasetReport:
     """What `write_dataset` has done.
 
     Attributes:
         left_out: topics that were not written, or not wholly, with the reason; those of large messages too.
     """
 
-    files: list[Written]
+    files: list[DatasetFile]
     left_out: dict[str, str]
 
 
@@ -86,7 +86,7 @@ def write_dataset(
     compression: str = "zstd",
     row_group_bytes: int = ROW_GROUP_BYTES,
     progress: Callable[[int], None] | None = None,
-) -> Report:
+) -> DatasetReport:
     """Write the topics of a bag as a Parquet dataset, partitioned by topic and bag; several bags may share it.
 
     Args:
@@ -112,7 +112,7 @@ def write_dataset(
             done += made.take(message)
             if progress is not None:
                 progress(done)
-    return Report(made.files, {**made.left_out, **{key: one.reason for key, one in bag.left_out.items()}})
+    return DatasetReport(made.files, {**made.left_out, **{key: one.reason for key, one in bag.left_out.items()}})
 
 
 def _chosen(
@@ -173,7 +173,7 @@ class _Dataset:
         self._open = ExitStack()
         self._waiting = 0
         self.by_key: dict[tuple[str, ...], _File] = {}
-        self.files: list[Written] = []
+        self.files: list[DatasetFile] = []
         self.left_out: dict[str, str] = {}
 
     def add(self, channel: BagTopic, columns: Columns) -> None:
@@ -241,7 +241,7 @@ class _Dataset:
         for file in dict.fromkeys(self.by_key.values()):
             if file.rows:
                 channel = file.channel
-                self.files.append(Written(channel.name, channel.type_name, file.path, file.rows))
+                self.files.append(DatasetFile(channel.name, channel.type_name, file.path, file.rows))
 
 
 def _renamed(schema: Any) -> Any:

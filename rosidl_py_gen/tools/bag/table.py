@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.tables.dataset import Report, bag_name, write_dataset
+from rosidl_py_gen.tables.dataset import DatasetReport, bag_name, write_dataset
 from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.bag.part import part_of, progress_bar
 
@@ -61,7 +61,7 @@ def _shifted(show: Callable[[int], None], done: int) -> Callable[[int], None]:
     return lambda count: show(done + count)
 
 
-def _tell(reports: dict[str, Report], out: str, as_json: bool) -> None:
+def _tell(reports: dict[str, DatasetReport], out: str, as_json: bool) -> None:
     files = [(name, one) for name, report in reports.items() for one in report.files]
     left_out = [(name, *one) for name, report in reports.items() for one in report.left_out.items()]
     for name, topic, reason in left_out:
