@@ -35,13 +35,23 @@ def carrier(plans: Plans, old: type[Message], new: type[Message]) -> Callable[[A
             makers[pair] = _maker(pair)
         return makers[pair]
 
+    def carry_of(step: Step, path: str) -> Carry | None:
+        return None if step.way is Way.MESSAGE and is_same(step) else _carry(step, path, maker)
+
+    def is_same(step: Step) -> bool:
+        """Whether messages stay what they are, down to the last one."""
+        pair = step.old_type.base, step.new_type.base
+        nested = (one for one in plans[pair].steps if one.way is Way.MESSAGE)
+        same_class = old_classes[pair[0]] is new_classes[pair[1]]
+        return same_class and not plans[pair].changes and all(map(is_same, nested))
+
     def _maker(pair: tuple[str, str]) -> Carry:
         then: Any = old_classes[pair[0]]
         cls: Any = new_classes[pair[1]]
         then_names = {one.ros_name: one.py_name for one in then._TYPE.fields}
         now_names = {one.ros_name: one.py_name for one in cls._TYPE.fields}
         steps = [
-            (then_names[step.old], now_names[step.new], _carry(step, f"{pair[1]}.{step.new}", maker))
+            (then_names[step.old], now_names[step.new], carry_of(step, f"{pair[1]}.{step.new}"))
             for step in plans[pair].steps
         ]
 
