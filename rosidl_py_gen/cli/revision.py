@@ -62,6 +62,9 @@ def checked_out(text: str, beside: str) -> Iterator[tuple[Path | None, str, list
     top = Path(_git(["rev-parse", "--show-toplevel"], place, f'"{text}" is neither a file nor a revision: {beside}'))
     if revision.startswith("-") or not revision:
         raise RevisionError(f'"{text}": expected a git revision, such as main, v1.2 or HEAD~1:src/my_msgs')
+    if revision == "HEAD" and path is None and _is_unborn(top):
+        yield None, "HEAD:", ["there is no commit yet: everything is new"]
+        return
     commit = _git(
         ["rev-parse", "--verify", "--quiet", f"{revision}^{{commit}}"], top, f'no revision "{revision}" in {top}'
     )
@@ -86,6 +89,14 @@ def checked_out(text: str, beside: str) -> Iterator[tuple[Path | None, str, list
         root = Path(folder) / (PurePosixPath(inside).name or top.name or "root")
         _write(root, wanted, _contents(wanted, top, shown))
         yield root, shown if not inside else f"{revision}:{inside}", notes
+
+
+def _is_unborn(top: Path) -> bool:
+    """Whether nothing was ever committed here: hooks run before the first commit, too."""
+    if _run(["rev-parse", "--verify", "--quiet", "HEAD"], top).returncode == 0:
+        return False
+    listed = _run(["rev-list", "--max-count=1", "--all"], top)
+    return listed.returncode == 0 and not listed.stdout.strip()
 
 
 def _split(text: str) -> tuple[str, str | None]:

@@ -1,0 +1,102 @@
+"""The hooks for pre-commit, and the index at the end of the page about CI."""
+
+from __future__ import annotations
+
+import functools
+import re
+import subprocess
+import sys
+import threading
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from compiler_worlds import REPOSITORY, write
+
+from rosidl_py_gen.cli import main
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+HOOKS = {one["id"]: one for one in yaml.safe_load((REPOSITORY / ".pre-commit-hooks.yaml").read_text())}
+MANIFEST = """<package><name>team_msgs</name><version>1.0.0</version><description>d</description>
+<maintainer email="a@b.c">a</maintainer><license>MIT</license></package>"""
+FILES = {"src/team_msgs/package.xml": MANIFEST, "src/team_msgs/msg/Wheel.msg": "float64 speed\n"}
+
+
+def run(hook: str) -> int:
+    """What pre-commit runs, in this process."""
+    program, *words = [*HOOKS[hook]["entry"].split(), *HOOKS[hook]["args"]]
+    assert program == "rosidl-py-gen"
+    try:
+        main(words)
+    except SystemExit as end:
+        assert isinstance(end.code, int)
+        return end.code
+    return 0
+
+
+def git(*words: str) -> None:
+    subprocess.run(["git", "-c", "user.name=a", "-c", "user.email=a@b.c", *words], check=True, capture_output=True)
+
+
+@pytest.fixture
+def repository(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(write(tmp_path / "team", FILES))
+    git("init", "-q")
+    return Path.cwd()
+
+
+def test_hooks_say_all_that_pre_commit_needs() -> None:
+    assert [*HOOKS] == ["rosidl-py-gen-check", "rosidl-py-gen-diff"]
+    for hook in HOOKS.values():
+        assert hook["language"] == "python" and hook["pass_filenames"] is False
+        wanted = re.compile(hook["files"])
+        assert all(map(wanted.search, (*FILES, "a/srv/B.srv", "x.idl", "CMakeLists.txt", "action/Go.action")))
+        assert not any(map(wanted.search, ("a.py", "README.md", "msg", "msg.txt", "mypackage.xml")))
+
+
+def test_the_hooks_pass_before_the_first_commit_and_fail_for_what_is_wrong(repository: Path, capsys: Any) -> None:
+    assert [run(one) for one in HOOKS] == [0, 0]
+    assert "there is no commit yet: everything is new" in capsys.readouterr().err
+    git("add", "-A")
+    git("commit", "-q", "-m", "one")
+    file = repository / "src/team_msgs/msg/Wheel.msg"
+    file.write_text("float64 speed  # words\n")
+    assert [run(one) for one in HOOKS] == [0, 0]
+    file.write_text("float64 speed\nint8 more\n")
+    assert [run(one) for one in HOOKS] == [0, 1]
+    file.write_text("flaot64 speed\n")
+    assert [run(one) for one in HOOKS] == [1, 1]
+
+
+@pytest.fixture
+def server(repository: Path) -> Iterator[str]:
+    """The folder as a web server shows it."""
+
+    class Quiet(SimpleHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            pass
+
+    handler = functools.partial(Quiet, directory=str(repository))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as served:
+        thread = threading.Thread(target=served.serve_forever, name="index")
+        thread.start()
+        yield f"http://127.0.0.1:{served.server_port}"
+        served.shutdown()
+        thread.join()
+
+
+def test_a_folder_of_wheels_behind_a_web_server_is_an_index(repository: Path, server: str, tmp_path: Path) -> None:
+    main(["wheel", "--path", "src", "--out", "simple/team-msgs"])
+    command = [sys.executable, "-m", "pip", "install", "-q", "--isolated", "--no-deps", "--no-cache-dir"]
+    target = tmp_path / "installed"
+    done = subprocess.run(
+        [*command, "--index-url", f"{server}/simple", "--target", str(target), "team-msgs==1.0.0"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (target / "team_msgs/msg/_wheel.py").exists()
