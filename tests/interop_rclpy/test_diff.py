@@ -1,0 +1,48 @@
+"""``rosidl-py-gen diff`` with a node of rclpy: it describes the messages of its topics, and of services what it can."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import shutil
+import sys
+from pathlib import Path
+
+from rclpy_peer import Peer
+from rclpy_worlds import fresh
+from worlds import ROOT, start_process
+
+
+async def test_a_robot_of_rclpy_is_compared_with_a_workspace(shared_peer: Peer, tmp_path: Path) -> None:
+    topic = fresh("compared")
+    await shared_peer.ask("publisher", topic=topic, type="test_msgs/msg/BasicTypes")
+    for kind in ("msg", "srv", "action"):
+        shutil.copytree(ROOT / "tests/interfaces/test_msgs" / kind, tmp_path / "test_msgs" / kind)
+    changed = tmp_path / "test_msgs/msg/BasicTypes.msg"
+    changed.write_text(changed.read_text().replace("int16 int16_value", "uint16 int16_value") + "int8 more\n")
+    environment = {**os.environ, "ROSIDL_PY_GEN_CACHE": str(tmp_path / "cache")}
+    environment.pop("AMENT_PREFIX_PATH", None)
+    command = (
+        sys.executable,
+        "-m",
+        "rosidl_py_gen.cli",
+        "diff",
+        f"/{shared_peer.name}",
+        str(tmp_path),
+        "--json",
+        "--timeout",
+        "15",
+    )
+    process = await start_process(
+        *command, env=environment, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE
+    )
+    out, err = await asyncio.wait_for(process.communicate(), 80)
+    assert process.returncode == 1, err
+    told = json.loads(out)
+    (change,) = [one for one in told["changed"] if one["name"] == "test_msgs/msg/BasicTypes"]
+    message = change["messages"][0]
+    assert [(one["what"], one["name"]) for one in message["fields"]] == [("type", "int16_value"), ("added", "more")]
+    assert message["old_data"]["reading"] == "fails" and message["constants"] == []
+    assert told["removed"] == []
+    await shared_peer.ask("unpublish", topic=topic)
