@@ -36,7 +36,7 @@ class Outbox(Writer, Protocol):
 
 
 class MemoryClient(ClientEnd):
-    """See `port.ClientPort`."""
+    """See `service_port.ClientPort`."""
 
     def __init__(self, service: Service, peers: ServicePeers, reader: Inbox, writer: Outbox, gid: bytes) -> None:
         super().__init__(peers, *service.channels, reader, writer, gid)
@@ -70,7 +70,7 @@ _Asker: TypeAlias = "tuple[MemoryClient, int]"
 
 
 class MemoryServer(ServerEnd):
-    """See `port.ServerPort`."""
+    """See `service_port.ServerPort`."""
 
     def take(self) -> Request | None:
         items: Any = self._reader.queue.items

@@ -95,7 +95,7 @@ class _End:
 
 
 class ClientEnd(_End):
-    """The part of a `port.ClientPort` that knows its servers.
+    """The part of a `service_port.ClientPort` that knows its servers.
 
     Args:
         requests: where requests go.
@@ -118,7 +118,7 @@ class ClientEnd(_End):
         self._present_at = -1
 
     def servers(self) -> Servers:
-        """See `port.ClientPort`."""
+        """See `service_port.ClientPort`."""
         version = self._peers.version
         if version != self._known_at or not self._known.is_available:
             self._known_at = version
@@ -130,7 +130,7 @@ class ClientEnd(_End):
         raise NotImplementedError
 
     def present(self) -> frozenset[bytes]:
-        """See `port.ClientPort`."""
+        """See `service_port.ClientPort`."""
         peers = self._peers
         if peers.version != self._present_at:
             self._present_at = peers.version
@@ -139,11 +139,11 @@ class ClientEnd(_End):
         return self._present
 
     def cancel(self, number: int) -> None:
-        """See `port.ClientPort`."""
+        """See `service_port.ClientPort`."""
         self._asked.pop(number, None)
 
     def look_for_lost(self) -> None:
-        """See `port.ClientPort`."""
+        """See `service_port.ClientPort`."""
         present = self.present()
         self._reader.fetch()
         lost = [number for number, servers in self._asked.items() if servers and servers.isdisjoint(present)]
@@ -155,15 +155,15 @@ class ClientEnd(_End):
         return (self._lost.popleft(), Unanswered(), None) if self._lost else None
 
     def close(self) -> None:
-        """See `port.ClientPort`."""
+        """See `service_port.ClientPort`."""
         self._writer.close()
         self._reader.close()
 
 
 class ServerEnd(_End):
-    """The part of a `port.ServerPort` that is no correlation."""
+    """The part of a `service_port.ServerPort` that is no correlation."""
 
     def close(self) -> None:
-        """See `port.ServerPort`."""
+        """See `service_port.ServerPort`."""
         self._reader.close()
         self._writer.close()

@@ -46,7 +46,7 @@ class ServiceWriter(Writer, Protocol):
 
 
 class DdsClient(ClientEnd):
-    """See `port.ClientPort`.
+    """See `service_port.ClientPort`.
 
     Args:
         refusal: why servers on Fast DDS cannot be talked to; None when they can.
@@ -119,7 +119,7 @@ class DdsClient(ClientEnd):
 
 
 class DdsServer(ServerEnd):
-    """See `port.ServerPort`."""
+    """See `service_port.ServerPort`."""
 
     def __init__(
         self,

@@ -78,7 +78,7 @@ class _End(ZenohReader):
 
 
 class ZenohClient(_End):
-    """See `port.ClientPort`."""
+    """See `service_port.ClientPort`."""
 
     def __init__(self, owner: EndpointOwner, replies: EndpointFound, requests: EndpointFound, key: str) -> None:
         self._requests = requests
@@ -265,7 +265,7 @@ class _Query(NamedTuple):
 
 
 class ZenohServer(_End):
-    """See `port.ServerPort`; keeps the queries that are not answered yet."""
+    """See `service_port.ServerPort`; keeps the queries that are not answered yet."""
 
     def __init__(self, owner: EndpointOwner, requests: EndpointFound, replies: EndpointFound, key: str) -> None:
         self._queries: dict[_Asker, _Query] = {}
