@@ -16,6 +16,7 @@ import numpy as np
 
 from rosidl_py_gen.bags.common import BagError
 from rosidl_py_gen.cdr.arrays import UnfitValueError
+from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables import build
 from rosidl_py_gen.tables.columns import OPEN
 from rosidl_py_gen.tables.program import Each, Many, Records, Run, Step, Text
@@ -40,7 +41,7 @@ _FEW, _WIDE = 8, 32
 """Elements that vary in size are found one behind the other, in lists of few or in many lists at once."""
 
 
-class UnsuitedError(Exception):
+class UnsuitedError(RosidlError):
     """Read them one by one."""
 
 
