@@ -48,8 +48,9 @@ def show(found: Comparison, breaking: Sequence[str]) -> None:
         f"{len(found.changed)} changed, {len(found.added)} added, {len(found.removed)} removed, "
         f"{len(found.same)} unchanged"
     )
-    sorts = ", ".join(sorted(sort.value for sort in found.sorts())) or "nothing"
-    _line(f"{counts}; changes of {sorts}; {'breaking: ' + ', '.join(breaking) if breaking else 'not breaking'}")
+    sorts = ", ".join(sorted(sort.value for sort in found.sorts()))
+    parts = [counts, *([f"changes of {sorts}"] if sorts else [])]
+    _line("; ".join([*parts, f"breaking: {', '.join(breaking)}" if breaking else "not breaking"]))
 
 
 def _line(text: str, colour: str = "") -> None:
