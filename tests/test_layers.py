@@ -42,7 +42,8 @@ PARTS: dict[str, tuple[str, ...]] = {
         "bags",
     ),
     "numpy": ("base", "support", "types", "top"),
-    "tf": ("base", "support", "types", "top", "numpy", "runtime"),
+    "sync": ("base", "support", "types", "top", "runtime"),
+    "tf": ("base", "support", "types", "top", "numpy", "runtime", "sync"),
     "bags": ("base", "support", "types", "top", "runtime"),
     "tables": ("base", "support", "types", "top", "bags"),
     "tools": ("base", "support", "spec", "compiler", "types", "runtime", "msgs", "top", "cli", "bags", "tables"),
@@ -65,6 +66,7 @@ OWNERS = {
     "runtime": "runtime",
     "cli": "cli",
     "numpy": "numpy",
+    "sync": "sync",
     "tf": "tf",
     "bags": "bags",
     "mcap": "bags",
@@ -90,7 +92,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
     "": (*_LOW, "parameters", "actions", "types", "node", "lifecycle"),
 }
 # These use what the runtime shows to everybody: `rosidl_py_gen.runtime` and `rosidl_py_gen.runtime.qos`.
-ABOVE_THE_RUNTIME = ("numpy", "tf", "bags", "tables", "tools")
+ABOVE_THE_RUNTIME = ("numpy", "sync", "tf", "bags", "tables", "tools")
 MOST_MODULES = 16
 # What each folder of the command line may import of the others; all may import what lies beside the folders.
 TOOLS: dict[str, tuple[str, ...]] = {

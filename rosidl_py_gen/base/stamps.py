@@ -6,7 +6,7 @@ Decides nothing about clocks, which are `runtime/time`; everything that counts n
 from __future__ import annotations
 
 from operator import index
-from typing import Protocol
+from typing import Any, Protocol
 
 NS_PER_S = 1_000_000_000
 
@@ -21,6 +21,16 @@ class SecNanosec(Protocol):
 def stamp_ns(stamp: SecNanosec) -> int:
     """Nanoseconds of a Time or a Duration, whose numbers may be numpy's; `TypeError` for those that are not whole."""
     return index(stamp.sec) * NS_PER_S + index(stamp.nanosec)
+
+
+def nanoseconds(time: Any) -> int:
+    """Nanoseconds of a `Time`, a Time message or a number of them; `TypeError` for anything else."""
+    if hasattr(time, "nanoseconds"):
+        return index(time.nanoseconds)
+    try:
+        return stamp_ns(time) if hasattr(time, "sec") else index(time)
+    except (AttributeError, TypeError):
+        raise TypeError(f"expected a Time, a Time message or nanoseconds, got {time!r:.100}") from None
 
 
 def sec_nanosec(nanoseconds: int) -> tuple[int, int]:

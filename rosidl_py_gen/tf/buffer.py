@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.base.stamps import NS_PER_S, stamp_ns
+from rosidl_py_gen.base.stamps import NS_PER_S
+from rosidl_py_gen.base.stamps import nanoseconds as nanoseconds_of
 from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
 from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
@@ -151,13 +152,4 @@ class TransformBuffer:
 
 def nanoseconds(time: Any) -> int:
     """The nanoseconds of None (0), a number, a `Time` or a message."""
-    if time is None:
-        return 0
-    if isinstance(time, int | np.integer):
-        return int(time)
-    if hasattr(time, "nanoseconds"):
-        return int(time.nanoseconds)
-    try:
-        return stamp_ns(time)
-    except AttributeError:
-        raise TypeError(f"expected a Time, a Time message or nanoseconds, got {time!r:.100}") from None
+    return 0 if time is None else nanoseconds_of(time)

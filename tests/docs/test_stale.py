@@ -10,7 +10,10 @@ from doc_pages import PAGES, ROOT, links, prose, rows
 
 MODULES = [
     "rosidl_py_gen",
-    *(f"rosidl_py_gen.{part}" for part in ("runtime", "runtime.qos", "runtime.pytest_plugin", "numpy", "tf", "bags")),
+    *(
+        f"rosidl_py_gen.{part}"
+        for part in ("runtime", "runtime.qos", "runtime.pytest_plugin", "numpy", "sync", "tf", "bags")
+    ),
 ]
 NAME = re.compile(r"`(?:await |async for |async with )?([A-Za-z_][\w.]*)")
 # Not ours: Python's and asyncio's, and placeholders.

@@ -1,0 +1,165 @@
+"""Random streams: what comes out, and when, is what comes out of message_filters."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import random
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.base.stamps import set_stamp
+from rosidl_py_gen.sync import ApproximateTimeSynchronizer, Cache, MessageFilter, TimeSynchronizer
+
+PointStamped: Any = get_message("geometry_msgs/msg/PointStamped")
+ORACLE = Path(__file__).parent / "message_filters_oracle.py"
+PYTHON = "/usr/bin/python3"
+MS = 10**6
+
+
+def stamped(stamp: int, name: int) -> Any:
+    message = PointStamped()
+    set_stamp(message.header.stamp, stamp)
+    message.point.x = float(name)
+    return message
+
+
+def names(messages: Any) -> list[int]:
+    return [int(one.point.x) for one in messages]
+
+
+@pytest.fixture(scope="module")
+def message_filters() -> Iterator[subprocess.Popen[str]]:
+    found = subprocess.run([PYTHON, "-c", "import message_filters"], capture_output=True, check=False)
+    if found.returncode:
+        message = "needs message_filters for the system's Python: apt-get install python3-message-filters"
+        if os.environ.get("ROSIDL_TEST_REQUIRE_PEERS"):
+            pytest.fail(message)
+        pytest.skip(message)
+    process = subprocess.Popen(
+        [PYTHON, str(ORACLE)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    )
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def ask(process: subprocess.Popen[str], *request: Any) -> Any:
+    assert process.stdin is not None and process.stdout is not None
+    process.stdin.write(json.dumps(request) + "\n")
+    process.stdin.flush()
+    return json.loads(process.stdout.readline())
+
+
+def sets(inputs: int, queue_size: int, slop_s: float | None, messages: list[tuple[int, int]]) -> list[list[list[int]]]:
+    """What comes out of ours behind each message."""
+    found: list[list[list[int]]] = []
+    filters = [MessageFilter() for _ in range(inputs)]
+    made: Any = (
+        TimeSynchronizer(filters, queue_size=queue_size)
+        if slop_s is None
+        else ApproximateTimeSynchronizer(filters, slop_s=slop_s, queue_size=queue_size)
+    )
+    made.register_callback(lambda one, *others: found[-1].append(names([one, *others])))
+    for name, (index, stamp) in enumerate(messages):
+        found.append([])
+        filters[index].signal(stamped(stamp, name))
+    return found
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> tuple[int, int, list[tuple[int, int]]]:
+    """Inputs, queue size, and messages that come early, late, twice and not at all."""
+    inputs = draw(st.integers(1, 4))
+    step = draw(st.sampled_from([1, 7 * MS, 100 * MS]))
+    ticks = draw(st.lists(st.tuples(st.integers(0, inputs - 1), st.integers(0, 12)), max_size=40))
+    spread = draw(st.integers(0, 3))
+    messages = [
+        (index, (tick * 2 + number // 4) * step + number % (spread + 1)) for number, (index, tick) in enumerate(ticks)
+    ]
+    return inputs, draw(st.integers(1, 6)), messages
+
+
+@given(streams())
+def test_exact_sets_are_those_of_message_filters(message_filters: Any, stream: Any) -> None:
+    inputs, size, messages = stream
+    assert sets(inputs, size, None, messages) == ask(message_filters, "sets", inputs, size, None, messages)
+
+
+@given(streams(), st.sampled_from([0.0, 1e-9, 2e-9, 5e-9, 0.007, 0.014, 0.03, 0.1, 0.5, 10.0]))
+def test_approximate_sets_are_those_of_message_filters(message_filters: Any, stream: Any, slop_s: float) -> None:
+    inputs, size, messages = stream
+    assert sets(inputs, size, slop_s, messages) == ask(message_filters, "sets", inputs, size, slop_s, messages)
+
+
+def test_sensors_with_jitter_make_the_sets_of_message_filters(message_filters: Any) -> None:
+    """Three cameras at 30, 20 and 10 Hz, of which some frames are lost and some overtaken."""
+    rng = random.Random(5)
+    arriving = []
+    for index, period in enumerate((33 * MS, 50 * MS, 100 * MS)):
+        for number in range(300):
+            stamp = 10**9 + number * period + rng.randrange(5 * MS)
+            if rng.random() > 0.1:
+                arriving.append((stamp + rng.randrange(60 * MS), index, stamp))
+    messages = [(index, stamp) for _, index, stamp in sorted(arriving)]
+    for slop_s in (0.005, 0.02, 0.05):
+        wanted = ask(message_filters, "sets", 3, 10, slop_s, messages)
+        assert sets(3, 10, slop_s, messages) == wanted
+        assert slop_s < 0.02 or sum(map(len, wanted)) > 60
+
+
+@given(
+    st.integers(1, 8),
+    st.lists(st.integers(0, 30), max_size=20).map(sorted),
+    st.lists(st.tuples(st.integers(0, 31), st.integers(0, 31)).map(sorted), max_size=10),
+)
+def test_a_cache_answers_as_that_of_message_filters(
+    message_filters: Any, size: int, stamps: list[int], questions: list[list[int]]
+) -> None:
+    source = MessageFilter()
+    cache = Cache(source, size)
+    for name, stamp in enumerate(stamps):
+        source.signal(stamped(stamp, name))
+    answers = []
+    for start, end in questions:
+        around = cache.at_or_before(end), cache.at_or_after(start)
+        answers.append([names(cache.interval(start, end)), *(one and names([one])[0] for one in around)])
+    wanted, last = ask(message_filters, "cached", size, stamps, questions)
+    assert answers == wanted
+    # Of several with the highest stamp, message_filters gives the first that it has, and this the last.
+    latest = cache.latest()
+    assert (latest is None) == (last is None)
+    assert latest is None or stamps[names([latest])[0]] == stamps[last]
+
+
+@given(st.integers(1, 6), st.lists(st.integers(0, 20), max_size=20), st.integers(0, 21), st.integers(0, 5))
+def test_what_comes_late_is_in_the_cache_where_its_stamp_belongs(
+    size: int, stamps: list[int], start: int, length: int
+) -> None:
+    """message_filters in C++ sorts, its Python says so in a comment: this is the slow reference."""
+    source, kept = MessageFilter(), []
+    cache = Cache(source, size)
+    for name, stamp in enumerate(stamps):
+        source.signal(stamped(stamp, name))
+        kept = sorted([*kept[-(size - 1) :], (stamp, name)] if size > 1 else [(stamp, name)])
+    within = [name for stamp, name in kept if start <= stamp <= start + length]
+    assert names(cache.interval(start, start + length)) == within
+    assert (cache.oldest_stamp, cache.latest_stamp) == ((kept[0][0], kept[-1][0]) if kept else (None, None))
+
+
+def test_a_queue_full_of_what_nearly_fits_is_looked_through_in_time() -> None:
+    """message_filters tries 200 ** 5 combinations here."""
+    inputs, waiting = 6, 200
+    messages = [
+        (index, 10**9 + (index % 2) * 101 * MS + number) for number in range(waiting) for index in range(1, inputs)
+    ]
+    found = sets(inputs, waiting, 0.1, [*messages, (0, 10**9 + 50 * MS)])
+    assert list(itertools.chain(*found)) == []
