@@ -10,18 +10,21 @@ from __future__ import annotations
 import asyncio
 import inspect
 from collections import deque
+from functools import partial
+from math import isfinite
 from types import CoroutineType
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.base.registration import Registration, Registrations
 from rosidl_py_gen.base.signatures import require_signature
+from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.runtime import CallbackInUseError, ClosedError, Duration, WaitTimeoutError
 from rosidl_py_gen.sync.stamps import StampError, header_stamp
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable, Coroutine, Iterable
 
     from typing_extensions import Self
 
@@ -89,21 +92,7 @@ class MessageFilter:
             self._waiting.append(messages[0] if self._width == 1 else messages)
             self._waiters.wake()
             return None
-        begun: list[Coroutine[Any, Any, None]] = []
-        failures: list[Exception] = []
-        for output in self._outputs:
-            try:
-                answer = output.call(messages)
-            except Exception as error:  # the others are called all the same
-                failures.append(error)
-                continue
-            if answer is not None:
-                begun.append(answer)
-        if begun:
-            return begun[0] if len(begun) == 1 and not failures else _all(begun, failures)
-        if failures:
-            raise failures[0]
-        return None
+        return call_all(partial(output.call, messages) for output in self._outputs)
 
     def _count(self, waiting: deque[Any]) -> None:
         self.dropped += len(waiting) == waiting.maxlen
@@ -263,8 +252,26 @@ class _Output:
             self._under_way -= 1
 
 
-async def _all(begun: list[Coroutine[Any, Any, None]], failures: list[Exception]) -> None:
-    """Await all; raises the first failure."""
+def call_all(calls: Iterable[Callable[[], Coroutine[Any, Any, None] | None]]) -> Coroutine[Any, Any, None] | None:
+    """Call each, also behind one that fails; what is to be awaited of their answers, and raises the first failure."""
+    begun: list[Coroutine[Any, Any, None]] = []
+    failures: list[Exception] = []
+    for call in calls:
+        try:
+            answer = call()
+        except Exception as error:
+            failures.append(error)
+            continue
+        if answer is not None:
+            begun.append(answer)
+    if begun:
+        return begun[0] if len(begun) == 1 and not failures else _await_all(begun, failures)
+    if failures:
+        raise failures[0]
+    return None
+
+
+async def _await_all(begun: list[Coroutine[Any, Any, None]], failures: list[Exception]) -> None:
     answers = await asyncio.gather(*begun, return_exceptions=True)
     for failure in (*failures, *answers):
         if failure is not None:
@@ -294,3 +301,12 @@ def whole(what: str, value: object) -> int:
     if value < 1:
         raise ValueError(f"{what} must be 1 or more, got {value}")
     return value
+
+
+def span_ns(what: str, seconds: object) -> int:
+    """Seconds as nanoseconds; raises `TypeError`, `ValueError` for no number, a negative one, infinity and NaN."""
+    if not isinstance(seconds, int | float) or isinstance(seconds, bool):
+        raise TypeError(f"{what} must be a number of seconds, got {seconds!r:.100}")
+    if not isfinite(seconds) or seconds < 0:
+        raise ValueError(f"{what} must be 0 or more seconds, got {seconds}")
+    return round(seconds * NS_PER_S)

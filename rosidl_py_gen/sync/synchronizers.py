@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable
-from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.base.stamps import NS_PER_S
-from rosidl_py_gen.sync.filters import DEPTH, MessageFilter, require_stamps
+from rosidl_py_gen.sync.filters import DEPTH, MessageFilter, require_stamps, span_ns
 from rosidl_py_gen.sync.matching import ApproximateMatcher, ExactMatcher
 from rosidl_py_gen.sync.stamps import StampError, header_stamp
 
@@ -110,7 +108,9 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
     ) -> None:
         given = _filters(inputs)
         self._setup(callback, len(given), queue_size, given)
-        self._begin(given, ApproximateMatcher(len(given), queue_size, _slop(slop_s)), clock, allow_headerless)
+        self._begin(
+            given, ApproximateMatcher(len(given), queue_size, span_ns("slop_s", slop_s)), clock, allow_headerless
+        )
 
 
 def _filters(inputs: Iterable[MessageFilter]) -> tuple[MessageFilter, ...]:
@@ -121,11 +121,3 @@ def _filters(inputs: Iterable[MessageFilter]) -> tuple[MessageFilter, ...]:
     if not given:
         raise ValueError("inputs must be at least one filter, got none")
     return given
-
-
-def _slop(seconds: object) -> int:
-    if not isinstance(seconds, int | float) or isinstance(seconds, bool):
-        raise TypeError(f"slop_s must be a number of seconds, got {seconds!r:.100}")
-    if not isfinite(seconds) or seconds < 0:
-        raise ValueError(f"slop_s must be 0 or more seconds, got {seconds}")
-    return round(seconds * NS_PER_S)

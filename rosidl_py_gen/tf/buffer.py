@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+import asyncio
 import threading
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from rosidl_py_gen import get_message
+from rosidl_py_gen.base.registration import Registration, Registrations
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.stamps import nanoseconds as nanoseconds_of
 from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.runtime import Durability, Duration, QoSProfile
+from rosidl_py_gen.sync.filters import call_all
 from rosidl_py_gen.tf.errors import InvalidTransformError, TransformError, TransformTimeoutError
+from rosidl_py_gen.tf.messages import frame_and_stamp
 from rosidl_py_gen.tf.transform import Transform
 from rosidl_py_gen.tf.tree import FrameInfo, FrameTree, Link
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Coroutine
+
     from rosidl_py_gen.runtime import Node, TimeJump
 
 DEPTH = 100
+_ANY_NUMBER = 1 << 31
+"""Of calls under way: an async callback of a filter may itself wait for a transform, which must come in meanwhile."""
+T = TypeVar("T")
 
 
 class TransformBuffer:
@@ -38,29 +47,34 @@ class TransformBuffer:
         self._tree = FrameTree(round(cache_time_s * NS_PER_S))
         self._lock = threading.Lock()
         self._waiters = Waiters()
+        self._callbacks: Registrations[Callable[[], Coroutine[Any, Any, None] | None]] = Registrations()
+        self._tasks: set[asyncio.Future[None]] = set()
+        """What async callbacks of filters do, where transforms are given by hand."""
         self._logger = None if node is None else node.logger
         if node is not None:
             self._listen(node)
 
     def _listen(self, node: Node) -> None:
         cls: Any = get_message("tf2_msgs/msg/TFMessage")
-        node.create_subscription(cls, "/tf", lambda message: self._take(message, False), DEPTH)
+        node.create_subscription(cls, "/tf", lambda message: self._take(message, False), DEPTH, concurrency=_ANY_NUMBER)
         latched = QoSProfile(depth=DEPTH, durability=Durability.TRANSIENT_LOCAL)
-        node.create_subscription(cls, "/tf_static", lambda message: self._take(message, True), latched)
+        node.create_subscription(
+            cls, "/tf_static", lambda message: self._take(message, True), latched, concurrency=_ANY_NUMBER
+        )
 
         def forget(_: TimeJump) -> None:
             self.clear()
 
         node.clock.create_jump_callback(post=forget, on_clock_change=True, min_backward=Duration(nanoseconds=-1))
 
-    def _take(self, message: Any, is_static: bool) -> None:
+    def _take(self, message: Any, is_static: bool) -> Coroutine[Any, Any, None] | None:
         for transform in message.transforms:
             try:
                 self._insert(transform, is_static)
             except InvalidTransformError as error:
                 if self._logger is not None:
                     self._logger.warning(f"ignored a transform: {error}", throttle_s=1.0)
-        self._waiters.wake()
+        return self._tell()
 
     # ---------------------------------------------------------------------------------------------------- feeding
 
@@ -72,7 +86,11 @@ class TransformBuffer:
                 or the transform is older than what is kept.
         """
         self._insert(transform.to_message() if isinstance(transform, Transform) else transform, static)
-        self._waiters.wake()
+        answer = self._tell()
+        if answer is not None:
+            task = asyncio.ensure_future(answer)
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
 
     def _insert(self, message: Any, is_static: bool) -> None:
         stamp = message.header.stamp
@@ -80,6 +98,14 @@ class TransformBuffer:
         link = Link(message.header.frame_id, (move.x, move.y, move.z), (turn.x, turn.y, turn.z, turn.w))
         with self._lock:
             self._tree.insert(message.child_frame_id, nanoseconds(stamp), link, is_static=is_static)
+
+    def register_callback(self, callback: Callable[[], Coroutine[Any, Any, None] | None]) -> Registration:
+        """Call it behind each arrival of transforms, on the thread where they come, until the answer is closed."""
+        return self._callbacks.add(callback)
+
+    def _tell(self) -> Coroutine[Any, Any, None] | None:
+        self._waiters.wake()
+        return call_all(self._callbacks)
 
     def clear(self) -> None:
         """Forget what moves; static transforms stay, because nobody sends them again."""
@@ -112,6 +138,23 @@ class TransformBuffer:
             self._tree.require(target=target, source=source, fixed=fixed)
         before, after = self.lookup(fixed, source, source_time), self.lookup(target, fixed, target_time)
         return after @ before
+
+    def transform(self, message: T, target: str) -> T:
+        """A message in another frame, by the transform of its own time; see `Transform.transform`.
+
+        Raises:
+            ConversionError: no message with a frame, or one that cannot be transformed. Others as `lookup`.
+        """
+        return self.lookup(target, *frame_and_stamp(message)).transform(message)
+
+    def transform_at(self, message: T, target: str, target_time: Any, fixed: str) -> T:
+        """As `transform`, to where the message is in `target` at another time, as `fixed` does not move in between."""
+        return self.lookup_at(target, target_time, *frame_and_stamp(message), fixed).transform(message)
+
+    async def wait_and_transform(self, message: T, target: str, *, timeout_s: float | None = None) -> T:
+        """As `transform`, once that is possible; raises `TransformTimeoutError` as `wait_for`."""
+        found = await self.wait_for(target, *frame_and_stamp(message), timeout_s=timeout_s)
+        return found.transform(message)
 
     def can_transform(self, target: str, source: str, time: Any = None) -> bool:
         """Whether `lookup` would give something."""

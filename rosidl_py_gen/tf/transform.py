@@ -11,6 +11,7 @@ from rosidl_py_gen import get_message
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.numpy import ConversionError, quaternion_to_matrix
 from rosidl_py_gen.tf.algebra import product
+from rosidl_py_gen.tf.messages import T, transformed
 
 if TYPE_CHECKING:
     from rosidl_py_gen.numpy.common import M
@@ -59,6 +60,19 @@ class Transform:
             raise ConversionError(f"expected vectors of shape (..., 3), got {given.shape}")
         turned: Array = given @ quaternion_to_matrix(self.rotation).T
         return turned
+
+    def transform(self, message: T) -> T:
+        """A message of `source`, in `target`: a copy whose header has that frame, and the time of this transform.
+
+        Args:
+            message: a PointStamped, Vector3Stamped, QuaternionStamped, PoseStamped, PoseWithCovarianceStamped,
+                PoseArray, PolygonStamped or PointCloud2. Of a cloud only x, y and z change, and normals, as columns of
+                numbers.
+
+        Raises:
+            ConversionError: another message; its frame is not `source`; the cloud has no x, y and z of floats.
+        """
+        return transformed(self, message)
 
     def inverse(self) -> Transform:
         """From `target` to `source`."""

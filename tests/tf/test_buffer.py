@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from frames import LEVEL, QUARTER, S, filled, moved
 from worlds import World, run, until
 
 from rosidl_py_gen import get_message
@@ -26,24 +27,6 @@ from rosidl_py_gen.tf import (
 
 TransformStamped: Any = get_message("geometry_msgs/msg/TransformStamped")
 TFMessage: Any = get_message("tf2_msgs/msg/TFMessage")
-S = 10**9
-LEVEL = np.array([0.0, 0.0, 0.0, 1.0])
-QUARTER = np.array([0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
-
-
-def moved(parent: str, child: str, stamp_s: float = 1, x: float = 0, rotation: Any = LEVEL) -> Transform:
-    return Transform(parent, child, round(stamp_s * S), np.array([x, 0.0, 0.0]), rotation)
-
-
-def filled() -> TransformBuffer:
-    """map <- odom <- base_link <- lidar (static, turned left), and another tree."""
-    buffer = TransformBuffer()
-    for second in (1, 2, 3):
-        buffer.set_transform(moved("map", "odom", second, 10))
-        buffer.set_transform(moved("odom", "base_link", second, second))
-    buffer.set_transform(moved("base_link", "lidar", 0, 0.5, QUARTER), static=True)
-    buffer.set_transform(moved("tool", "camera", 1))
-    return buffer
 
 
 def test_a_point_is_carried_through_the_tree() -> None:
