@@ -46,7 +46,21 @@ PARTS: dict[str, tuple[str, ...]] = {
     "tf": ("base", "support", "types", "top", "numpy", "runtime", "sync"),
     "bags": ("base", "support", "types", "top", "runtime"),
     "tables": ("base", "support", "types", "top", "bags"),
-    "tools": ("base", "support", "spec", "compiler", "types", "runtime", "msgs", "top", "cli", "bags", "tables"),
+    "tools": (
+        "base",
+        "support",
+        "spec",
+        "compiler",
+        "types",
+        "runtime",
+        "msgs",
+        "top",
+        "cli",
+        "bags",
+        "tables",
+        "tf",
+        "numpy",
+    ),
     "top": ("base", "support", "types"),
 }
 # What has a method for something that stands above it, and loads that when the method is called.
@@ -107,6 +121,8 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "node": (),
     "param": (),
     "lifecycle": (),
+    "tf": ("commands",),
+    "log": ("commands",),
 }
 # Names with an underscore that other modules may use: what generated classes have for the code that calls them,
 # what is public in every named tuple, and what bags have for tables.
@@ -144,6 +160,7 @@ SEAMS = {
     "pyarrow": ("tables.arrow",),
     "duckdb": ("tables.query",),
     "fsspec": ("tables.places",),
+    "PIL": ("tools.tf.png",),
     "pytest": ("runtime.pytest_plugin",),
 }
 # Who may ask the machine what time it is; everybody else asks the loop, or the clocks of the transport, which stand

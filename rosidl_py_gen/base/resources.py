@@ -32,6 +32,7 @@ _EXTRA_OF = {
     "pyarrow": "tables",
     "duckdb": "tables",
     "fsspec": "tables",
+    "PIL": "images",
 }
 """Modules that only extras bring."""
 

@@ -41,9 +41,11 @@ _GROUPS = {
     "graph": "Nodes and topics as text, Mermaid or SVG.",
     "interface": "Definitions of messages, services and actions.",
     "lifecycle": "Lifecycle nodes: list, get and set their states.",
+    "log": "Follow what all nodes log.",
     "node": "Nodes: list, info.",
     "param": "Parameters: list, get, set, describe, dump, load, delete.",
     "service": "Services: list, type, call, info, echo.",
+    "tf": "Transforms: the tree of frames, one transform, rates and delays.",
     "topic": "Topics: list, info, echo, pub, hz, bw, delay, type, find.",
     "zenoh-router": "A router for nodes on rmw_zenoh.",
 }

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,11 @@ def line(text: str = "", style: str = "") -> None:
         text = Style.parse(style).render(text)
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
+
+
+def mermaid_label(text: str) -> str:
+    """Text inside quotes: everything that is not plain becomes a character code, which Mermaid shows as it is."""
+    return re.sub(r"[^A-Za-z0-9_/ .,()-]", lambda found: f"#{ord(found[0])};", printable(text))
 
 
 def note(text: str) -> None:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import re
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen.errors import printable
 from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.graph.picture import COUNTERPARTS
 
@@ -67,11 +65,11 @@ def mermaid(picture: Picture) -> str:
     things = sorted({(edge.kind, edge.name) for edge in picture.edges})
     ids = {thing: f"t{number}" for number, thing in enumerate(things)}
     out = ["flowchart LR"]
-    out += [f'  {mark}["{_label(name)}"]' for name, mark in nodes.items()]
+    out += [f'  {mark}["{printing.mermaid_label(name)}"]' for name, mark in nodes.items()]
     for (kind, name), mark in ids.items():
         types = sorted({one for edge in picture.edges if (edge.kind, edge.name) == (kind, name) for one in edge.types})
         left, right = _SHAPES[kind]
-        out.append(f"  {mark}{left}{'<br/>'.join(map(_label, (name, *types)))}{right}")
+        out.append(f"  {mark}{left}{'<br/>'.join(map(printing.mermaid_label, (name, *types)))}{right}")
     for edge in picture.edges:
         node, thing = nodes[edge.node], ids[edge.kind, edge.name]
         line = "-->" if edge.kind == "topic" else "-.->"
@@ -81,8 +79,3 @@ def mermaid(picture: Picture) -> str:
 
 def _having(picture: Picture) -> set[str]:
     return {edge.node for edge in picture.edges}
-
-
-def _label(text: str) -> str:
-    """Text inside quotes: everything that is not plain becomes a character code, which Mermaid shows as it is."""
-    return re.sub(r"[^A-Za-z0-9_/ .,()-]", lambda found: f"#{ord(found[0])};", printable(text))
