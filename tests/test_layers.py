@@ -160,7 +160,7 @@ SEAMS = {
     "pyarrow": ("tables.arrow",),
     "duckdb": ("tables.query",),
     "fsspec": ("tables.places",),
-    "PIL": ("tools.tf.png",),
+    "PIL": ("tools.tf.png", "numpy.compressed"),
     "pytest": ("runtime.pytest_plugin",),
 }
 # Who may ask the machine what time it is; everybody else asks the loop, or the clocks of the transport, which stand

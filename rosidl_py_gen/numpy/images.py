@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, overload
 import numpy as np
 
 from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.numpy.colors import converted
 from rosidl_py_gen.numpy.common import ConversionError, M, count, flat_bytes, message_class, native
 
 if TYPE_CHECKING:
@@ -47,19 +48,23 @@ def _layout(encoding: Any) -> _Layout:
     return _Layout(np.dtype(f"{_KINDS[match[1][-1]]}{int(match[1][:-1]) // 8}"), int(match[2] or 1), (1, 1))
 
 
-def image_to_array(image: Any, *, copy: bool = False) -> np.ndarray[Any, Any]:
+def image_to_array(image: Any, *, to: str | None = None, copy: bool = False) -> np.ndarray[Any, Any]:
     """The pixels of a ``sensor_msgs/msg/Image``.
 
     Args:
-        copy: own the result; otherwise it shares the bytes of `image`, and is read-only if those are.
+        to: convert to this encoding: ``rgb8``, ``bgr8``, ``rgba8``, ``bgra8``, ``mono8``, or one of these with 16. All
+            encodings with colours can be, YUV and Bayer patterns as well.
+        copy: own the result; otherwise, unless it was converted, it shares the bytes of `image`, and is read-only if
+            those are.
 
     Returns:
         Shape ``(height, width)``, or ``(height, width, channels)`` for more than one: 3 for ``rgb8``, 2 for ``yuyv``.
-        ``nv21`` and ``nv24`` come as their planes, ``(height * 3 // 2, width)`` and ``(height * 3, width)``. Values are
-        as they are: a big-endian image gives a big-endian dtype, and no colours are changed.
+        ``nv21`` and ``nv24`` come as their planes, ``(height * 3 // 2, width)`` and ``(height * 3, width)``. Unless
+        `to` says otherwise, values are as they are: a big-endian image gives a big-endian dtype.
 
     Raises:
-        ConversionError: an unknown encoding, `step` is shorter than a row, or `data` than the image.
+        ConversionError: an unknown encoding, or one without colours for `to`; `step` is shorter than a row,
+            or `data` than the image.
     """
     dtype, channels, (more, less) = _layout(image.encoding)
     if image.is_bigendian:
@@ -79,6 +84,10 @@ def image_to_array(image: Any, *, copy: bool = False) -> np.ndarray[Any, Any]:
         (rows, width, channels), dtype, data[:needed], strides=(step, channels * dtype.itemsize, dtype.itemsize)
     )
     shaped = array[:, :, 0] if channels == 1 else array
+    if to is not None:
+        made = converted(shaped, image.encoding, to)
+        if made is not shaped:
+            return made
     return shaped.copy() if copy else shaped
 
 
@@ -101,20 +110,9 @@ def array_to_image(array: Any, encoding: str | None = None, *, header: Any = Non
     Raises:
         ConversionError: dtype or shape do not fit the encoding, or there is no encoding for them.
     """
-    array = np.asarray(array)
-    if array.ndim not in (2, 3):
-        raise ConversionError(f"array: expected rows, columns and perhaps channels, got shape {array.shape}")
-    channels = array.shape[2] if array.ndim == 3 else 1
-    if encoding is None:
-        encoding = _guess(array.dtype, channels)
-    dtype, expected, (more, less) = _layout(encoding)
-    if array.dtype.newbyteorder("=") != dtype or channels != expected:
-        raise ConversionError(
-            f"array: {encoding} needs {dtype} with {expected} channels, got {array.dtype} with {channels}"
-        )
+    array, encoding = checked_encoding(array, encoding)
+    dtype, channels, (more, less) = _layout(encoding)
     rows, width = array.shape[:2]
-    if rows % more:
-        raise ConversionError(f"array: {encoding} needs a multiple of {more} rows, got {rows}")
     piece, is_big = native(array)
     maker: Any = message_class(cls, "sensor_msgs/msg/Image")
     values = {"header": header} if header is not None else {}
@@ -127,6 +125,24 @@ def array_to_image(array: Any, encoding: str | None = None, *, header: Any = Non
         data=piece.reshape(-1).view(np.uint8),
         **values,
     )
+
+
+def checked_encoding(array: Any, encoding: str | None) -> tuple[np.ndarray[Any, Any], str]:
+    """The array, and its encoding, which is guessed if need be; raises `ConversionError` if they do not fit."""
+    array = np.asarray(array)
+    if array.ndim not in (2, 3):
+        raise ConversionError(f"array: expected rows, columns and perhaps channels, got shape {array.shape}")
+    channels = array.shape[2] if array.ndim == 3 else 1
+    if encoding is None:
+        encoding = _guess(array.dtype, channels)
+    dtype, expected, (more, _) = _layout(encoding)
+    if array.dtype.newbyteorder("=") != dtype or channels != expected:
+        raise ConversionError(
+            f"array: {encoding} needs {dtype} with {expected} channels, got {array.dtype} with {channels}"
+        )
+    if array.shape[0] % more:
+        raise ConversionError(f"array: {encoding} needs a multiple of {more} rows, got {array.shape[0]}")
+    return array, encoding
 
 
 def _guess(dtype: np.dtype[Any], channels: int) -> str:
