@@ -138,6 +138,60 @@ async def test_quality_of_service_can_be_given(node: Node, tool: Any) -> None:
     assert (await tool.end(process)).code == 0
 
 
+async def test_no_more_are_shown_than_the_rate_allows(memory: World, tool: Any) -> None:
+    """Ten a second come for two seconds, of which every other one passes the filter."""
+    publisher = memory.node("talker").create_publisher("std_msgs/msg/Int32", "/count")
+    words = ("--field", "data", "--csv", "--filter", "m.data % 2 == 0", "--max-rate", "2.5", "--timeout", "0.3")
+    process = await tool.start("topic", "echo", "/count", *words)
+    assert await publisher.wait_for_subscribers(10)
+    for number in range(20):
+        publisher.publish({"data": number})
+        await asyncio.sleep(0.1)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out) == (1, "0\n4\n8\n12\n16\n")
+    said = "5 messages were dropped, as --max-rate is 2.5\n"
+    assert ended.err.startswith(said + "error: no message that the filter lets through on /count")
+
+
+@pytest.mark.parametrize("rate", ["1000", None])
+async def test_nothing_is_said_of_a_rate_that_is_not_reached(memory: World, tool: Any, rate: str | None) -> None:
+    publisher = memory.node("talker").create_publisher(STRING, "/words")
+    process = await tool.start("topic", "echo", "/words", "--field", "data", *(["--max-rate", rate] if rate else []))
+    assert await publisher.wait_for_subscribers(10)
+    for word in ("a", "b"):
+        publisher.publish({"data": word})
+        await asyncio.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out, ended.err) == (0, "a\n---\nb\n---\n", "")
+
+
+async def test_a_topic_as_fast_as_the_rate_is_shown_in_full(memory: World, tool: Any) -> None:
+    """However unevenly its messages come."""
+    publisher = memory.node("talker").create_publisher("std_msgs/msg/Int32", "/count")
+    process = await tool.start("topic", "echo", "/count", "--field", "data", "--csv", "--max-rate", "10")
+    assert await publisher.wait_for_subscribers(10)
+    for number in range(20):
+        publisher.publish({"data": number})
+        await asyncio.sleep(0.09 if number % 2 else 0.11)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.out, ended.err) == ("".join(f"{number}\n" for number in range(20)), "")
+
+
+async def test_the_dropped_are_told_when_echo_is_interrupted(memory: World, tool: Any) -> None:
+    publisher = memory.node("talker").create_publisher(STRING, "/words")
+    process = await tool.start("topic", "echo", "/words", "--field", "data", "--max-rate", "0.1")
+    assert await publisher.wait_for_subscribers(10)
+    for word in ("a", "b", "c"):
+        publisher.publish({"data": word})
+    await asyncio.sleep(1)
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert (ended.code, ended.out) == (0, "a\n---\n")
+    assert ended.err == "2 messages were dropped, as --max-rate is 0.1\n"
+
+
 async def test_a_topic_that_comes_later_is_waited_for(node: Node, tool: Any) -> None:
     process = await tool.start("topic", "echo", "/late", "--once", "--timeout", "20")
     assert await asyncio.wait_for(process.stderr.readline(), 10) == (

@@ -150,13 +150,14 @@ _QOS_OPTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class EchoOptions:
-    """What was asked of ``topic echo``; `truncate_length` is None when the user did not say."""
+    """What was asked of ``topic echo``; `truncate_length` and `max_rate_hz` are None when the user did not say."""
 
     topic: str
     type_name: str | None
     once: bool
     field: str | None
     filter_text: str | None
+    max_rate_hz: float | None
     style: Literal["yaml", "flow", "csv", "json"]
     raw: bool
     full_length: bool
@@ -175,6 +176,13 @@ class EchoOptions:
 @click.option("--once", is_flag=True, help="Print one message.")
 @click.option("--field", metavar="PATH", help="Print only a field: pose.position, poses[0].x, ranges[0:5].")
 @click.option("--filter", "filter_text", metavar="EXPR", help="Print only messages m for which this holds.")
+@click.option(
+    "--max-rate",
+    "max_rate_hz",
+    type=click.FloatRange(0, min_open=True),
+    metavar="HZ",
+    help="Print at most so many messages a second, drop the others, and say at the end how many.",
+)
 @click.option("--csv", "style", flag_value="csv", help="Print all values of a message on a line.")
 @click.option("--json", "style", flag_value="json", help="Print a line of JSON for each message, nothing cut.")
 @click.option("--flow-style", "style", flag_value="flow", help="Print a line of YAML for each message.")

@@ -17,6 +17,8 @@ from rosidl_py_gen.tools.topic import qos as topic_qos
 from rosidl_py_gen.tools.topic.formats import Format
 
 _LOST_EVERY_S = 1.0
+_EARLY = 0.25
+"""Of the period of ``--max-rate``: so much earlier than due a message is printed."""
 
 
 def run(network: Network, options: EchoOptions) -> Job:
@@ -46,6 +48,7 @@ class _Echo:
         self._session = session
         self._topic = topic
         self._options = options
+        self._pace = _Pace(options.max_rate_hz)
         self._show: Callable[[Any], bool] = lambda value: True
         self._lost_noted = 0
         self._lost_noted_at = 0.0
@@ -56,17 +59,20 @@ class _Echo:
         shown = Format(options.style, options.full_length, options.truncate_length, options.arrays, options.strings)
         if options.raw:
             cls = types.opaque_class(self._session, self._topic, options.type_name)
-            self._show = _shows(lambda value: value, lambda value: True, shown.printer())
+            self._show = _shows(lambda value: value, lambda value: True, self._pace, shown.printer())
         else:
             cls = await types.message_class(self._session, self._topic, options.type_name, options.paths)
             field = compile_path(options.field, cls) if options.field else lambda value: value
             condition = compile_filter(options.filter_text, cls) if options.filter_text else lambda value: True
-            self._show = _shows(field, condition, shown.printer())
+            self._show = _shows(field, condition, self._pace, shown.printer())
         given = topic_qos.given(options.qos, presets.SENSOR_DATA)
         async with Follow(
             self._session.node, self._topic, cls, raw=options.raw, qos=given, note=printing.note
         ) as messages:
-            await self._print_from(messages)
+            try:
+                await self._print_from(messages)
+            finally:
+                self._pace.tell()
 
     async def _print_from(self, messages: Follow) -> None:
         timeout_s = self._options.timeout_s
@@ -95,10 +101,42 @@ class _Echo:
             self._lost_noted, self._lost_noted_at = total, now
 
 
+class _Pace:
+    """Which messages are printed when at most `max_hz` a second may be: None for all.
+
+    Decides that one may come a little early, at the cost of the next: of a topic that is just as fast, all are printed.
+    """
+
+    def __init__(self, max_hz: float | None) -> None:
+        self._max_hz = max_hz
+        self._period_s = 1 / max_hz if max_hz else 0.0
+        self._next_s = 0.0
+        self._dropped = 0
+
+    def admits(self) -> bool:
+        """Whether one may be printed now; counts those that may not."""
+        if self._max_hz is None:
+            return True
+        now = now_s()
+        if now < self._next_s - self._period_s * _EARLY:
+            self._dropped += 1
+            return False
+        self._next_s = max(now, self._next_s) + self._period_s
+        return True
+
+    def tell(self) -> None:
+        """Say how many were not printed, if any."""
+        if self._dropped:
+            printing.note(f"{self._dropped} messages were dropped, as --max-rate is {self._max_hz:g}")
+
+
 def _shows(
-    field: Callable[[Any], Any], condition: Callable[[Any], bool], show: Callable[[Any], None]
+    field: Callable[[Any], Any], condition: Callable[[Any], bool], pace: _Pace, show: Callable[[Any], None]
 ) -> Callable[[Any], bool]:
-    """Prints a message that meets the condition, and says whether it did; what has no value is noted once."""
+    """Prints a message that meets the condition, when it is time for one, and says whether it met it.
+
+    What has no value is noted once.
+    """
     noted: set[str] = set()
 
     def shows(message: Any) -> bool:
@@ -111,7 +149,8 @@ def _shows(
                 noted.add(str(error))
                 printing.note(f"left out a message: {error}")
             return False
-        show(value)
+        if pace.admits():
+            show(value)
         return True
 
     return shows
