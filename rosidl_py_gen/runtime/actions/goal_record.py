@@ -9,11 +9,15 @@ from rosidl_py_gen.base.waiting import Waiters, complete_threadsafe
 if TYPE_CHECKING:
     import asyncio
 
+    from rosidl_py_gen.runtime.time.values import Time
+
 
 class GoalRecord:
     """One goal; its state is in the server's `GoalBook`, here is what waits for it and what it came to."""
 
     def __init__(self) -> None:
+        self.accepted_stamp: Time | None = None
+        """By the server's clock; None only until it is accepted."""
         self.cancel_requested = False
         """A cancel was accepted, or the server closes."""
         self.has_started = False

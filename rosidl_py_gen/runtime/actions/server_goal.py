@@ -23,7 +23,7 @@ from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, G
 from rosidl_py_gen.runtime.actions.status import StatusTopic
 from rosidl_py_gen.runtime.actions.types import ActionT_co
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
-from rosidl_py_gen.runtime.time.values import Duration, limit_to_ns
+from rosidl_py_gen.runtime.time.values import Duration, Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
 
 if TYPE_CHECKING:
@@ -76,6 +76,13 @@ class ServerGoal(Generic[ActionT_co]):
     def status(self) -> GoalStatus:
         """Where the goal is now; UNKNOWN once its result has expired."""
         return self._goals.book.status(self.goal_id)
+
+    @property
+    def accepted_stamp(self) -> Time:
+        """When it was accepted, by the server's clock; also once its result has expired."""
+        stamp = self._record.accepted_stamp
+        assert stamp is not None, "nobody gets a goal before it is accepted"
+        return stamp
 
     @property
     def is_active(self) -> bool:
@@ -214,6 +221,7 @@ class ServerGoals:
             return None
         info = self.book.accept(goal.goal_id, self._clock.now_ns())
         assert info is not None, "a known id was refused before"
+        goal._record.accepted_stamp = Time(nanoseconds=info.stamp_ns, clock_type=self._clock.clock_type)
         self._status.rows.add(goal.goal_id, info.stamp_ns, GoalStatus.ACCEPTED)
         self.active[goal.goal_id] = goal
         if decision is GoalDecision.ACCEPT:

@@ -254,6 +254,41 @@ async def test_cancel_before_a_stamp(world: World) -> None:
     assert handles[2].status in (S.ACCEPTED, S.EXECUTING)
 
 
+async def test_a_goal_keeps_when_it_was_accepted(world: World) -> None:
+    """By the server's clock, for its client and its handler, also when that starts later and after it is forgotten."""
+    told = []
+
+    async def execute(handle: Any) -> Any:
+        told.append(handle.accepted_stamp)
+        return result(1)
+
+    server, client = await pair(world, execute, accept=lambda request: GoalDecision.DEFER, result_timeout_s=0)
+    clock = world.nodes[0].clock
+    clock.enable_ros_time_override()
+    accepted, later, much_later = (Time(seconds=s, clock_type=ClockType.ROS_TIME) for s in (10, 20, 30))
+    clock.set_ros_time_override(accepted)
+    handle = await client.send_goal(goal(1))
+    (waiting,) = server.goals
+    clock.set_ros_time_override(later)
+    waiting.execute()
+    await handle.result()
+    clock.set_ros_time_override(much_later)
+    assert (len(server._goals.book), waiting.status) == (0, S.UNKNOWN)
+    assert told == [accepted]
+    assert waiting.accepted_stamp == handle.accepted_stamp == accepted
+
+
+async def test_a_goal_accepted_by_hand_has_its_stamp_at_once(world: World) -> None:
+    server, client = await pair(world, None)
+    before = world.nodes[0].clock.now()
+    sending = asyncio.ensure_future(client.send_goal(goal(1)))
+    async for request in server:
+        accepted = request.accept()
+        break
+    assert before <= accepted.accepted_stamp <= world.nodes[0].clock.now()
+    assert (await sending).accepted_stamp == accepted.accepted_stamp
+
+
 @pytest.mark.every_transport
 async def test_one_refusal_among_many_leaves_the_others(world: World) -> None:
     _, client = await pair(world, until_canceled, on_cancel=lambda handle: handle.request.order != 13)
