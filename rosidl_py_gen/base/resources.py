@@ -121,8 +121,10 @@ def _requirements(found: Distribution | None, extra: str) -> list[str]:
     needed = []
     for line in (found.requires or ()) if found else ():
         requirement, _, marker = line.partition(";")
-        if re.search(rf"extra == ['\"]{extra}['\"]", marker):
+        where, count = re.subn(rf"(^| and) *extra == ['\"]{extra}['\"]", "", marker)
+        if count:
             ours = re.match(rf"{_NAME}\[(.*)\]", requirement)
-            more = [_requirements(found, one) for one in ours[1].split(",")] if ours else [[requirement.strip()]]
+            plain = f"{requirement.strip()}; {where.strip()}" if where.strip() else requirement.strip()
+            more = [_requirements(found, one) for one in ours[1].split(",")] if ours else [[plain]]
             needed += [one for part in more for one in part]
     return needed

@@ -61,7 +61,13 @@ def test_the_order_is_wheels_then_ros_then_the_system(tmp_path: Path, monkeypatc
 )
 def test_what_is_no_libddsc_is_named(name: str, told: str) -> None:
     found = load({"ROSIDL_LIBDDSC": name})
-    assert isinstance(found, str) and told in found and "To install it: " in found
+    assert isinstance(found, str) and told in found and found.endswith("Correct ROSIDL_LIBDDSC, or unset it")
+
+
+def test_where_there_is_none_it_is_said_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(library, "candidates", lambda environ: iter(["libnowhere.so"]))
+    found = load({})
+    assert isinstance(found, str) and found.endswith(f"To install it: {library.what_to_install()}")
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")

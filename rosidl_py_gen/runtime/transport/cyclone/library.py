@@ -115,10 +115,12 @@ def load(environ: Mapping[str, str]) -> Library | str:
             return Library(library, _file_of(library, name))
         what = f"it lacks {missing[0]}, which Cyclone DDS has from {OLDEST} on"
         tried.append(f"{name}: {'it is no libddsc' if 'dds_create_participant' in missing else what}")
-    only = f" {VARIABLE} is set, so that nothing else was tried." if environ.get(VARIABLE) else ""
+    named = environ.get(VARIABLE)
+    only = f" {VARIABLE} is set, so that nothing else was tried." if named else ""
+    help_ = f"Correct {VARIABLE}, or unset it" if named else f"To install it: {what_to_install()}"
     return (
         f"DDS needs the C library of Cyclone DDS, libddsc, and none was found.{only} MemoryTransport works without it. "
-        f"Tried: {'; '.join(tried)}. To install it: {what_to_install()}"
+        f"Tried: {'; '.join(tried)}. {help_}"
     )
 
 
