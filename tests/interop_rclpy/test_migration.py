@@ -26,13 +26,13 @@ sys.modules["example_interfaces.action"] = test_msgs.action
 """
 AFTER = """
 import signal
-import threading
 
 spin = rclpy.spin
 
 
 def interrupted_spin(node):
-    threading.Timer(1.0, signal.raise_signal, [signal.SIGINT]).start()
+    # In the main thread: from another one, rclpy may find its context shut down before Python raises KeyboardInterrupt.
+    node.create_timer(0.1, lambda: signal.raise_signal(signal.SIGINT))
     spin(node)
 
 
