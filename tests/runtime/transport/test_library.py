@@ -7,6 +7,8 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import pytest
 from worlds import ROOT
@@ -15,14 +17,23 @@ from rosidl_py_gen.runtime.transport.cyclone import library
 from rosidl_py_gen.runtime.transport.cyclone.fast_dds.services import FastDds
 from rosidl_py_gen.runtime.transport.cyclone.functions import NEEDED, Api
 from rosidl_py_gen.runtime.transport.cyclone.library import Library, candidates, load
+from rosidl_py_gen.runtime.transport.cyclone.structures import Slots
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 COMPILER = shutil.which("gcc") or shutil.which("cc")
 
 
-def stub(folder: Path, names: tuple[str, ...]) -> str:
-    """A library that has these functions, and nothing behind them."""
+def stub(folder: Path, names: tuple[str, ...], bodies: Mapping[str, str] = MappingProxyType({})) -> str:
+    """A library that has these functions, and nothing behind them but what `bodies` say.
+
+    In these `CALL(table, slot)` calls a function of a table, `p` is the first argument.
+    """
     source, made = folder / "stub.c", folder / "libddsc.so.9.8"
-    source.write_text("".join(f"int {name}(void) {{ return 0; }}\n" for name in names), encoding="utf-8")
+    lines = ["#define CALL(table, slot) ((int (*)(void)) ((void ***) p)[table][slot])()\n"]
+    lines += [f"int {name}(void *p) {{ {bodies.get(name, '')} return 0; }}\n" for name in names]
+    source.write_text("".join(lines), encoding="utf-8")
     subprocess.run([str(COMPILER), "-shared", "-fPIC", "-o", str(made), str(source)], check=True)
     return str(made)
 
@@ -89,6 +100,31 @@ def test_functions_that_call_nothing_leave_the_slots_unknown(tmp_path: Path) -> 
     fast_dds = FastDds(Api(found.handle))
     assert fast_dds.slots() is None
     assert fast_dds.capabilities().services == "the functions for samples were not found in this library"
+
+
+PROBED = {
+    "ddsi_serdata_from_ser": "CALL(1, 3);",
+    "ddsi_serdata_to_ser_ref": "CALL(0, 5);",
+    "ddsi_sertype_derive_sertype": "CALL(0, 7);",
+    "ddsi_serdata_ref": "((unsigned *) p)[6]++;",
+}
+
+
+@pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+@pytest.mark.parametrize(
+    ("wrong", "found"),
+    [
+        ({}, Slots(3, 5, 7, 24)),
+        ({"ddsi_serdata_from_ser": "CALL(1, 3); CALL(1, 4);"}, None),
+        ({"ddsi_serdata_from_ser": "CALL(0, 3);"}, None),
+        ({"ddsi_serdata_to_ser_ref": "CALL(1, 5);"}, None),
+        ({"ddsi_serdata_ref": "((unsigned *) p)[6]++; ((unsigned *) p)[9]++;"}, None),
+    ],
+)
+def test_slots_are_those_that_leave_no_doubt(tmp_path: Path, wrong: dict[str, str], found: Slots | None) -> None:
+    loaded = load({"ROSIDL_LIBDDSC": stub(tmp_path, tuple({*NEEDED, *PROBED}), {**PROBED, **wrong})})
+    assert isinstance(loaded, Library)
+    assert FastDds(Api(loaded.handle)).slots() == found
 
 
 def test_the_loaded_one_tells_its_file_and_version() -> None:
