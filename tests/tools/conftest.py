@@ -23,6 +23,7 @@ from worlds import (
     pytest_pyfunc_call,
     second_domain_id,
     start_process,
+    world,
 )
 
 from rosidl_py_gen import tools
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
     from worlds import World
 
-__all__ = ["dds", "memory", "network", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call"]
+__all__ = ["dds", "memory", "network", "only_loopback", "pytest_generate_tests", "pytest_pyfunc_call", "world"]
 
 PATIENCE_S = 25
 
