@@ -23,6 +23,7 @@ async def test_it_asks_for_less_when_one_appears_that_offers_less(world: World) 
     async with Follow(near, "t", String, note=notes.append) as follow:
         assert follow.qos.durability is Durability.TRANSIENT_LOCAL and follow.qos.reliability is Reliability.RELIABLE
         waiting = asyncio.ensure_future(follow.receive_with_info(20))
+        await asyncio.sleep(0)  # it has begun
         second = far.create_publisher(String, "t", presets.SENSOR_DATA)
         await second.wait_for_subscribers(20)  # which the first subscription never was to it
         assert follow.qos.durability is Durability.VOLATILE and follow.qos.reliability is Reliability.BEST_EFFORT
