@@ -100,6 +100,7 @@ async def test_a_slow_async_callback_loses_the_oldest_sets_and_counts_them(memor
 
     source.register_callback(slow)
     tasks = [asyncio.ensure_future(answer) for x in range(6) if (answer := source.signal(stamped(1, x))) is not None]
+    assert len(tasks) == 3  # no more than there can be sets to call it with
     await asyncio.sleep(0)
     gate.set()
     await asyncio.gather(*tasks)
@@ -272,6 +273,14 @@ def test_a_cache_gives_what_is_around_a_time() -> None:
 def test_what_makes_no_sense_is_refused(make: Any, error: type[Exception], text: str) -> None:
     with pytest.raises(error, match=text):
         make()
+
+
+async def test_who_comes_behind_a_callback_receives_nothing_of_before_it(memory: World) -> None:
+    source = MessageFilter()
+    source.signal(stamped(1))
+    source.register_callback(lambda message: None).close()
+    source.signal(stamped(2))
+    assert (await source.receive(1)).header.stamp.sec == 2
 
 
 async def test_who_has_a_callback_is_not_received_from(memory: World) -> None:

@@ -24,6 +24,8 @@ Odometry: Any = get_message("nav_msgs/msg/Odometry")
 TFMessage: Any = get_message("tf2_msgs/msg/TFMessage")
 Stamped: Any = get_message("geometry_msgs/msg/TransformStamped")
 Path_: Any = get_message("nav_msgs/msg/Path")
+Point32: Any = get_message("geometry_msgs/msg/Point32")
+Polygon: Any = get_message("geometry_msgs/msg/Polygon")
 PoseStamped: Any = get_message("geometry_msgs/msg/PoseStamped")
 Image: Any = get_message("sensor_msgs/msg/Image")
 String: Any = get_message("std_msgs/msg/String")
@@ -204,6 +206,19 @@ def test_damaged_messages_are_errors_or_left_out(tmp_path: Path) -> None:
             table = bag.table("/s", on_error="skip")
         assert table.column("log_time").cast("int64").to_pylist() == [0, 1, 2, 3, 5, 6, 7, 8, 9]
         assert bag.left_out["/s"].count == 1
+
+
+def test_a_list_that_would_reach_into_the_next_message_is_an_error(tmp_path: Path) -> None:
+    square = Polygon(points=[Point32(x=float(number)) for number in range(4)]).encode()
+    with BagWriter(tmp_path / "a.mcap") as writer:
+        writer.add_topic("/p", Polygon)
+        for number in range(3):
+            writer.write("/p", square[:4] + b"\5" + square[5:] if number == 1 else square, number)
+    with (
+        BagReader(tmp_path / "a.mcap") as bag,
+        pytest.raises(DecodeError, match=r"/p at 1 ns: geometry_msgs/msg/Polygon.points\[4\]"),
+    ):
+        bag.table("/p")
 
 
 def test_two_definitions_of_a_topic_are_one_table_where_their_columns_are_alike(tmp_path: Path) -> None:
