@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _COMMANDS = {"rosidl-py-gen": ("-m", "rosidl_py_gen.cli"), "rosidl-py": ("-m", "rosidl_py_gen.tools")}
 _ENDLESS = "# until Ctrl-C"
-PATIENCE_S = float(os.environ.get("PAGE_PATIENCE_S", "30"))
+PATIENCE_S = float(os.environ.get("PAGE_PATIENCE_S", "90"))
 
 
 class PageError(Exception):
