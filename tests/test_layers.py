@@ -154,7 +154,7 @@ SEAMS = {
     "xxhash": ("runtime.transport.zenoh.tokens",),
     "yaml": ("runtime.parameters.files", "tools.messages", "tools.bag.yaml_tree", "bags.metadata"),
     "mcap": ("bags",),
-    "zstandard": ("bags.chunks", "bags.compressed"),
+    "zstandard": ("bags.chunks", "bags.compressed", "bags.parts"),
     "lz4": ("bags.chunks",),
     "websockets": ("tools.foxglove.server", "tools.foxglove.viewer"),
     "pyarrow": ("tables.arrow",),

@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
 
 if TYPE_CHECKING:
@@ -149,8 +149,15 @@ class FileStatistics:
         return 0 if self.first is None else self.last - self.first
 
 
-def metadata_text(storage: str, files: Iterable[FileStatistics], topics: Iterable[BagTopic]) -> str:
-    """The text of a metadata file."""
+def metadata_text(
+    storage: str,
+    files: Iterable[FileStatistics],
+    topics: Iterable[BagTopic],
+    *,
+    compression_mode: str = "",
+    custom_data: Mapping[str, str] | None = None,
+) -> str:
+    """The text of a metadata file; `compression_mode` is ``file`` or ``message`` where zstd is used for these."""
     files = list(files)
     starts = [one.first for one in files if one.first is not None]
     start, end = min(starts, default=0), max((one.last for one in files), default=0)
@@ -173,8 +180,8 @@ def metadata_text(storage: str, files: Iterable[FileStatistics], topics: Iterabl
             }
             for topic in topics
         ],
-        "compression_format": "",
-        "compression_mode": "",
+        "compression_format": "zstd" if compression_mode else "",
+        "compression_mode": compression_mode.upper(),
         "relative_file_paths": [one.path for one in files],
         "files": [
             {
@@ -185,7 +192,7 @@ def metadata_text(storage: str, files: Iterable[FileStatistics], topics: Iterabl
             }
             for one in files
         ],
-        "custom_data": None,
+        "custom_data": dict(custom_data) if custom_data else None,
         "ros_distro": "",
     }
     return yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
