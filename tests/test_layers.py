@@ -107,7 +107,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
 }
 # These use what the runtime shows to everybody: `rosidl_py_gen.runtime` and `rosidl_py_gen.runtime.qos`.
 ABOVE_THE_RUNTIME = ("numpy", "sync", "tf", "bags", "tables", "tools")
-MOST_MODULES = 16
+MOST_MODULES = 18
 # What each folder of the command line may import of the others; all may import what lies beside the folders.
 TOOLS: dict[str, tuple[str, ...]] = {
     "commands": (),
@@ -116,6 +116,7 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "graph": (),
     "service": ("commands",),
     "bag": ("commands",),
+    "recording": ("commands", "bag"),
     "foxglove": ("commands",),
     "action": (),
     "node": (),
@@ -174,7 +175,7 @@ KNOW_THE_TIME = (
     "runtime.loop.portal",
     "runtime.loop.virtual_time",
     "tools.doctor.peers",
-    "tools.bag.writer",
+    "tools.recording.writer",
     "tools.bag.convert",
     "tools.bag.migrate",
     "tools.foxglove",

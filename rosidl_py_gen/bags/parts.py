@@ -46,7 +46,7 @@ class BagParts:
         split_bytes: int | None = None,
         split_s: float | None = None,
         packing: Packing = "none",
-        threads: int = 1,
+        threads: int = 0,
         custom_data: Mapping[str, str] | None = None,
     ) -> None:
         if packing not in _PACKINGS:

@@ -53,7 +53,7 @@ class SqliteWriter:
         split_bytes: int | None = None,
         split_s: float | None = None,
         packing: Packing = "none",
-        packing_threads: int = 1,
+        packing_threads: int = 0,
         custom_data: Mapping[str, str] | None = None,
     ) -> None:
         self.path = Path(path)

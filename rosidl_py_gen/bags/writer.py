@@ -80,7 +80,7 @@ class BagWriter:
         split_s: a new file is begun after so many seconds of log time; for folders.
         packing: rosbag2's compression modes, with zstd: ``"file"`` packs each file when it ends, ``"message"`` each
             message; for folders.
-        packing_threads: how many of zstd; -1 is one for each core.
+        packing_threads: how many zstd has; 0 is the calling one, -1 one for each core.
         custom_data: texts for the metadata; for folders.
 
     Raises:
@@ -96,7 +96,7 @@ class BagWriter:
         split_bytes: int | None = None,
         split_s: float | None = None,
         packing: Packing = "none",
-        packing_threads: int = 1,
+        packing_threads: int = 0,
         custom_data: Mapping[str, str] | None = None,
     ) -> None:
         self.path = Path(path)

@@ -253,7 +253,7 @@ async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read
 def test_wrong_words_for_recording_are_told(run_here: Any, tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     for words, code, text in (
-        ([], 2, "say what to record: topics, --regex, or --all"),
+        ([], 2, "say what to record: topics, --services"),
         (["-e", "("], 1, '"(" is no regular expression'),
         (["-a", "-o", str(tmp_path / "there")], 1, "there exists already"),
         (["/x", "--no-discovery", "--discovery", "off", "-o", str(tmp_path / "b")], 1, "nobody publishes /x"),
