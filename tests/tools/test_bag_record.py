@@ -250,6 +250,23 @@ async def test_events_of_a_service_have_their_type_and_quality_of_service(
     assert {one.response[0].sum for one in events if one.response} == {5}
 
 
+def test_events_of_a_service_installed_nowhere_have_a_definition(tmp_path: Path) -> None:
+    cls: Any = compile_text(
+        "nobody_has/srv/Ask",
+        "other/Part part\n---\nstring[] answers\n" + "=" * 80 + "\nMSG: other/Part\nint32 number\n",
+    )
+    event = cls.Event(request=[cls.Request()])
+    event.request[0].part.number = 7
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.write("/ask/_service_event", event, 1)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        topic = reader.topics["/ask/_service_event"]
+        assert type_hash(compile_text(topic.type_name, topic.definition)) == topic.type_hash == type_hash(cls.Event)
+        assert "int32 number" in topic.definition
+        (item,) = reader
+    assert item.message.request[0].part.number == 7
+
+
 async def test_an_action_is_recorded_while_it_runs(node: Node, tool: Any, tmp_path: Path) -> None:
     async def run(goal: Any) -> Any:
         goal.publish_feedback(Fibonacci.Feedback(sequence=[1]))

@@ -9,19 +9,22 @@ import asyncio
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from rosidl_py_gen import get_message
+from rosidl_py_gen import compile_text, get_message, type_hash, type_name
 from rosidl_py_gen.bags import BagTopic
 from rosidl_py_gen.bags.metadata import qos_text
 from rosidl_py_gen.bags.writer import topic_of
-from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.errors import ClosedError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.tools import ToolError, printing, types
 from rosidl_py_gen.tools.bag.part import size_text
 from rosidl_py_gen.tools.follow import Follow
+from rosidl_py_gen.tools.recording.selection import owner_of
 from rosidl_py_gen.tools.session import now_s
+from rosidl_py_gen.types.from_description import definition_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import QoSProfile
     from rosidl_py_gen.tools.commands.bag_record import RecordOptions
     from rosidl_py_gen.tools.recording.selection import Selection
@@ -152,10 +155,10 @@ class Recorder:
             return False
         return self._options.unpublished or self._node.count_publishers(topic) > 0
 
-    async def _record(self, topic: str, type_name: str) -> None:
+    async def _record(self, topic: str, kind: str) -> None:
         publishers = self._node.get_publishers_info_by_topic(topic)
-        offered = [one.qos_profile for one in publishers if one.topic_type == type_name]
-        cls = types.opaque_class(self._session, topic, type_name)
+        offered = [one.qos_profile for one in publishers if one.topic_type == kind]
+        cls = types.opaque_class(self._session, topic, kind)
         following = Follow(
             self._node,
             topic,
@@ -166,8 +169,8 @@ class Recorder:
         )
         async with following as messages:
             self._followed.append(messages)
-            self._writer.add_topic(await self._described(topic, type_name, offered))
-            self._note(f"recording {topic} [{type_name}]")
+            self._writer.add_topic(await self._described(topic, kind, offered))
+            self._note(f"recording {topic} [{kind}]")
             with suppress(ClosedError):  # the node ends
                 while True:
                     data, info = await messages.receive_with_info()
@@ -182,15 +185,29 @@ class Recorder:
                 return
         self._writer.put(topic, data, received_ns, published_ns)
 
-    async def _described(self, topic: str, type_name: str, qos: Sequence[Any]) -> BagTopic:
+    async def _described(self, topic: str, kind: str, qos: Sequence[Any]) -> BagTopic:
         """The topic as the bag keeps it; without definition when it cannot be found."""
         async with self._compiling:
             with suppress(RosidlError):  # in a thread: what arrives meanwhile is to have its own time
-                await asyncio.to_thread(get_message, type_name, path=tuple(self._options.paths))
+                await asyncio.to_thread(get_message, kind, path=tuple(self._options.paths))
         try:
-            cls = await types.message_class(self._session, topic, type_name, self._options.paths)
-            return topic_of(topic, cls, qos)
+            cls = await types.message_class(self._session, topic, kind, self._options.paths)
+            return await self._topic_of(topic, cls, qos)
         except RosidlError as error:
-            printing.note(f"{topic}: recorded without a definition of {type_name}: {error}")
+            printing.note(f"{topic}: recorded without a definition of {kind}: {error}")
         hashes = [one.topic_type_hash for one in self._node.get_publishers_info_by_topic(topic)]
-        return BagTopic(topic, type_name, type_hash=(hashes or [""])[0], offered_qos=qos_text(qos))
+        return BagTopic(topic, kind, type_hash=(hashes or [""])[0], offered_qos=qos_text(qos))
+
+    async def _topic_of(self, topic: str, cls: type[Message], qos: Sequence[Any]) -> BagTopic:
+        """What belongs to an action has its text; one that is installed nowhere is asked for as a whole."""
+        try:
+            return topic_of(topic, cls, qos)
+        except TypeNotFoundError:
+            owner = owner_of(topic, type_name(cls))
+            if owner.kind != "action":
+                raise
+            action = await types.action_class(self._session, owner.name, paths=self._options.paths)
+            text = definition_text(action)
+            if type_hash(compile_text(type_name(cls), text)) != type_hash(cls):
+                raise
+            return BagTopic(topic, type_name(cls), text, type_hash=type_hash(cls), offered_qos=qos_text(qos))
