@@ -125,9 +125,17 @@ class SeveralCommand(click.Command):
     """
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        return super().parse_args(ctx, self._spread(args))
+        return super().parse_args(ctx, self._spread(ctx, args))
 
-    def _spread(self, args: list[str]) -> list[str]:
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Further words of an option are completed as its first."""
+        option = ctx.meta.get(_OPEN)
+        if option is None or _is_option(incomplete):
+            return super().shell_complete(ctx, incomplete)
+        found: list[CompletionItem] = option.shell_complete(ctx, incomplete)
+        return found
+
+    def _spread(self, ctx: click.Context, args: list[str]) -> list[str]:
         options = {
             name: param
             for param in self.params
@@ -139,22 +147,28 @@ class SeveralCommand(click.Command):
         rest = list(args)
         while rest and rest[0] != "--":
             word = rest.pop(0)
-            spread.append(word)
             option = options.get(word)
-            if option is None:
-                missing -= not _is_option(word)
-            elif isinstance(option, Several):
-                spread += rest[:1]
+            missing -= option is None and not _is_option(word)
+            if option is not None and option.name == _INSTEAD:
+                missing = 0
+            if isinstance(option, Several):
+                if not rest and ctx.resilient_parsing:  # the value is being typed
+                    break
+                spread += word, *rest[:1]
                 del rest[:1]
                 while missing <= 0 and rest and not _is_option(rest[0]):
                     spread += word, rest.pop(0)
-            elif not option.is_flag and rest and not (option.flag_value is not None and _is_option(rest[0])):
+                if not rest and missing <= 0:
+                    ctx.meta[_OPEN] = option
+                continue
+            spread.append(word)
+            if option is not None and not option.is_flag and rest and not _is_option(rest[0]):
                 spread.append(rest.pop(0))
-            if option is not None and option.name == _INSTEAD:
-                missing = 0
         return spread + rest
 
 
+_OPEN = f"{__name__}.open"
+"""In a context: the option that the next word belongs to, if it is none itself."""
 _INSTEAD = "inputs"
 """Stands for arguments, where a command has it."""
 

@@ -62,7 +62,7 @@ _WHAT = (
 
 
 def _several(*names: str, of: str = "", **settings: Any) -> Callable[[F], F]:
-    """Of `of`: ``topics``, ``services`` or ``actions``, which are completed from the live graph."""
+    """Of `of`: ``topics``, ``services`` or ``actions`` of the live graph, or ``types``, which are completed."""
     if of:
         settings["shell_complete"] = options.completion(of)
     return click.option(*names, cls=options.Several, **settings)
@@ -84,7 +84,7 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
 @_several("--topics", "more_topics", of="topics", metavar="TOPIC...", help="The same as TOPICS.")
 @_several("--services", of="services", metavar="SERVICE...", help="The events of these, if they publish any.")
 @_several("--actions", of="actions", metavar="ACTION...", help="Feedback and status of these, and events.")
-@_several("--topic-types", metavar="TYPE...", help="Topics of these types.")
+@_several("--topic-types", of="types", metavar="TYPE...", help="Topics of these types.")
 @click.option("-a", "--all", "everything", is_flag=True, help="All topics, services and actions that publish.")
 @click.option("--all-topics", is_flag=True, help="Every topic that is published.")
 @click.option("--all-services", is_flag=True, help="The events of all services that publish any.")
@@ -101,7 +101,7 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
 @_several("--exclude-topics", of="topics", metavar="TOPIC...", help="Leave these out.")
 @_several("--exclude-services", of="services", metavar="SERVICE...", help="Leave these out.")
 @_several("--exclude-actions", of="actions", metavar="ACTION...", help="Leave these out.")
-@_several("--exclude-topic-types", metavar="TYPE...", help="Leave topics of these types out.")
+@_several("--exclude-topic-types", of="types", metavar="TYPE...", help="Leave topics of these types out.")
 @click.option("--include-hidden-topics", "hidden", is_flag=True, help="Also those that begin with _.")
 @click.option("--include-unpublished-topics", "unpublished", is_flag=True, help="Also those nobody publishes yet.")
 @click.option("--ignore-leaf-topics", "no_leaves", is_flag=True, help="Not those nobody subscribes to.")
