@@ -167,6 +167,17 @@ class SeveralCommand(click.Command):
         return spread + rest
 
 
+class SeveralArgument(click.Argument):
+    """An argument of any number of words, of a `SeveralCommand`; words behind a `Several` option are none of them."""
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        option = ctx.meta.get(_OPEN)
+        if option is None:
+            return super().shell_complete(ctx, incomplete)
+        found: list[CompletionItem] = option.shell_complete(ctx, incomplete)
+        return found
+
+
 _OPEN = f"{__name__}.open"
 """In a context: the option that the next word belongs to, if it is none itself."""
 _INSTEAD = "inputs"

@@ -222,6 +222,23 @@ async def test_a_topic_that_appears_is_found_when_it_is_looked_for(node: Node, t
             assert {*reader.topics} == expected
 
 
+async def test_what_nobody_publishes_is_told(node: Node, tool: Any, tmp_path: Path) -> None:
+    publish_all(node)
+    node.create_service(AddTwoInts, "silent", lambda one: AddTwoInts.Response())
+    missing = ("--topics", "/no", "/count", "--services", "/silent", "/add", "--actions", "/act", "/fib")
+    async with recording(tool, tmp_path / "bag", *missing) as process:
+        await said(
+            process,
+            "nobody publishes /no yet; waiting for it",
+            "nobody publishes events of the service /silent, whose introspection may be off, yet; waiting for it",
+            "nobody publishes anything of the action /act yet; waiting for it",
+        )
+        await said(process, *(f"recording {name} [" for name in ("/count", ADD, *FIB)))
+    for kind, name in (("--services", "/silent"), ("--actions", "/act"), ("--topics", "/no")):
+        ended = await tool("bag", "record", kind, name, "--no-discovery", "-o", str(tmp_path / name[1:]))
+        assert (ended.code, f"{name}" in ended.err, "waits for nobody" in ended.err) == (1, True, True), ended.err
+
+
 # ------------------------------------------------------------------------------------------- services and actions
 
 

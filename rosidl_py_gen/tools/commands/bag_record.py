@@ -80,7 +80,7 @@ def _pairs(ctx: click.Context, param: click.Parameter, value: Sequence[str]) -> 
 
 
 @click.command(cls=options.SeveralCommand)
-@click.argument("topics", nargs=-1, shell_complete=options.completion("topics"))
+@click.argument("topics", nargs=-1, cls=options.SeveralArgument, shell_complete=options.completion("topics"))
 @_several("--topics", "more_topics", of="topics", metavar="TOPIC...", help="The same as TOPICS.")
 @_several("--services", of="services", metavar="SERVICE...", help="The events of these, if they publish any.")
 @_several("--actions", of="actions", metavar="ACTION...", help="Feedback and status of these, and events.")

@@ -17,7 +17,7 @@ from rosidl_py_gen.errors import ClosedError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.tools import ToolError, printing, types
 from rosidl_py_gen.tools.bag.part import size_text
 from rosidl_py_gen.tools.follow import Follow
-from rosidl_py_gen.tools.recording.selection import owner_of
+from rosidl_py_gen.tools.recording.selection import Owner, owner_of
 from rosidl_py_gen.tools.session import now_s
 from rosidl_py_gen.types.from_description import definition_text
 
@@ -34,6 +34,11 @@ if TYPE_CHECKING:
 _DEPTH = 1000
 """Messages that may come while this process does something else."""
 _PROGRESS_S = 0.5
+_MISSING = {
+    "topic": "{}",
+    "service": "events of the service {}, whose introspection may be off,",
+    "action": "anything of the action {}",
+}
 
 
 class Recorder:
@@ -57,6 +62,7 @@ class Recorder:
         self._has_looked = False
         self._compiling = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
+        self._owners: set[Owner] = set()  # of what is recorded
         self.is_paused = options.start_paused
         """Whether messages are left out."""
         self.recorded: set[str] = set()
@@ -107,11 +113,12 @@ class Recorder:
         try:
             await self._session.wait_until_quiet()
             self._look()
-            for name in self._selection.topics:
-                if name not in self.recorded:
+            for named in self._selection.named:
+                if named not in self._owners:
+                    what = _MISSING[named.kind].format(named.name)
                     if self._options.no_discovery:
-                        raise ToolError(f"nobody publishes {name}, and --no-discovery waits for nobody")
-                    printing.note(f"nobody publishes {name} yet; waiting for it")
+                        raise ToolError(f"nobody publishes {what}, and --no-discovery waits for nobody")
+                    printing.note(f"nobody publishes {what} yet; waiting for it")
             pause_s = self._options.polling_ms / 1000
             await asyncio.sleep(pause_s)
             self._look()
@@ -146,6 +153,7 @@ class Recorder:
             if name in self.recorded or not self._selection.takes(name, kinds[0]) or not self._has_ends(name):
                 continue
             self.recorded.add(name)
+            self._owners |= {Owner("topic", name), owner_of(name, kinds[0])}
             if len(kinds) > 1:
                 printing.note(f"{name} has several types, {', '.join(kinds)}: recording those of {kinds[0]}")
             self._tasks.append(asyncio.ensure_future(self._record(name, kinds[0])))

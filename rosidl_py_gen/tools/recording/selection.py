@@ -46,13 +46,12 @@ class Selection:
     """What was asked for; raises `ToolError` and `InvalidNameError` for patterns and names that are none."""
 
     def __init__(self, options: RecordOptions) -> None:
-        self.topics = _full(options.topics)
-        """Those that were named, of nobody else."""
-        self._named = {
-            "topic": {*self.topics},
-            "service": {*_full(options.services)},
-            "action": {*_full(options.actions)},
-        }
+        self.named = [
+            *(Owner("topic", name) for name in _full(options.topics)),
+            *(Owner("service", name) for name in _full(options.services)),
+            *(Owner("action", name) for name in _full(options.actions)),
+        ]
+        """What was named, hidden or not."""
         self._left_out = {
             "topic": {*_full(options.exclude_topics)},
             "service": {*_full(options.exclude_services)},
@@ -71,14 +70,14 @@ class Selection:
 
     def takes(self, topic: str, type_name: str) -> bool:
         """Whether a topic is recorded."""
-        if topic in self._named["topic"]:  # whoever's it is, hidden or not
+        if Owner("topic", topic) in self.named:  # whoever's it is
             return not self._is_left_out(Owner("topic", topic), type_name)
         owner = owner_of(topic, type_name)
         if self._is_left_out(owner, type_name):
             return False
         is_wanted = (
             self._all[owner.kind]
-            or owner.name in self._named[owner.kind]
+            or owner in self.named
             or (self._regex is not None and self._regex.search(owner.name) is not None)
         )
         if owner.kind != "topic":
