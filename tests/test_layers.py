@@ -107,7 +107,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
 }
 # These use what the runtime shows to everybody: `rosidl_py_gen.runtime` and `rosidl_py_gen.runtime.qos`.
 ABOVE_THE_RUNTIME = ("numpy", "sync", "tf", "bags", "tables", "tools")
-MOST_MODULES = 16
+MOST_MODULES = 18
 # What each folder of the command line may import of the others; all may import what lies beside the folders.
 TOOLS: dict[str, tuple[str, ...]] = {
     "commands": (),
@@ -116,6 +116,7 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "graph": (),
     "service": ("commands",),
     "bag": ("commands",),
+    "recording": ("commands", "bag"),
     "foxglove": ("commands",),
     "action": (),
     "node": (),
@@ -152,9 +153,9 @@ SEAMS = {
     "rich": ("tools",),
     "zenoh": ("runtime.transport.zenoh",),
     "xxhash": ("runtime.transport.zenoh.tokens",),
-    "yaml": ("runtime.parameters.files", "tools.messages", "tools.bag.rules", "bags.metadata"),
+    "yaml": ("runtime.parameters.files", "tools.messages", "tools.bag.yaml_tree", "bags.metadata"),
     "mcap": ("bags",),
-    "zstandard": ("bags.chunks", "bags.compressed"),
+    "zstandard": ("bags.chunks", "bags.compressed", "bags.parts"),
     "lz4": ("bags.chunks",),
     "websockets": ("tools.foxglove.server", "tools.foxglove.viewer"),
     "pyarrow": ("tables.arrow",),
@@ -174,7 +175,7 @@ KNOW_THE_TIME = (
     "runtime.loop.portal",
     "runtime.loop.virtual_time",
     "tools.doctor.peers",
-    "tools.bag.writer",
+    "tools.recording.writer",
     "tools.bag.convert",
     "tools.bag.migrate",
     "tools.foxglove",

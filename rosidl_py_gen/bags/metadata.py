@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
 
 if TYPE_CHECKING:
@@ -29,7 +29,8 @@ _MAX_BYTES = 1 << 26
 """Bytes of a metadata file."""
 _MAX_DEPTH = 50
 """Levels of lists and mappings in it; rosbag2 needs a dozen."""
-_PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
+PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
+"""Field of a profile -> how rosbag2 calls it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,8 +149,15 @@ class FileStatistics:
         return 0 if self.first is None else self.last - self.first
 
 
-def metadata_text(storage: str, files: Iterable[FileStatistics], topics: Iterable[BagTopic]) -> str:
-    """The text of a metadata file."""
+def metadata_text(
+    storage: str,
+    files: Iterable[FileStatistics],
+    topics: Iterable[BagTopic],
+    *,
+    compression_mode: str = "",
+    custom_data: Mapping[str, str] | None = None,
+) -> str:
+    """The text of a metadata file; `compression_mode` is ``file`` or ``message`` where zstd is used for these."""
     files = list(files)
     starts = [one.first for one in files if one.first is not None]
     start, end = min(starts, default=0), max((one.last for one in files), default=0)
@@ -172,8 +180,8 @@ def metadata_text(storage: str, files: Iterable[FileStatistics], topics: Iterabl
             }
             for topic in topics
         ],
-        "compression_format": "",
-        "compression_mode": "",
+        "compression_format": "zstd" if compression_mode else "",
+        "compression_mode": compression_mode.upper(),
         "relative_file_paths": [one.path for one in files],
         "files": [
             {
@@ -184,7 +192,7 @@ def metadata_text(storage: str, files: Iterable[FileStatistics], topics: Iterabl
             }
             for one in files
         ],
-        "custom_data": None,
+        "custom_data": dict(custom_data) if custom_data else None,
         "ros_distro": "",
     }
     return yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)
@@ -226,6 +234,6 @@ def _profile(row: Any) -> QoSProfile:
     for name, kind in POLICIES.items():
         told: Any = _plain(row[name])
         values[name] = kind[told.upper()] if isinstance(told, str) else kind(told)
-    for name, key in _PERIODS.items():
+    for name, key in PERIODS.items():
         values[name] = min(int(row[key]["sec"]) * NS_PER_S + int(row[key]["nsec"]), INFINITE_NS)
     return QoSProfile(depth=int(row["depth"]), **values)

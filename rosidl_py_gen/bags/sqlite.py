@@ -1,4 +1,4 @@
-"""Writing rosbag2 folders of a SQLite file, which Humble to Kilted play."""
+"""Writing rosbag2 folders of SQLite files, which Humble to Kilted play."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time
 from rosidl_py_gen.bags.definitions import same_definition
-from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text
+from rosidl_py_gen.bags.parts import BagParts
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from typing_extensions import Self
 
     from rosidl_py_gen.bags.common import RawMessage
+    from rosidl_py_gen.bags.parts import Packing
 
 # Version 4 of rosbag2's own tables.
 _TABLES = """
@@ -35,27 +36,56 @@ create index timestamp_idx on messages (timestamp asc);
 
 
 class SqliteWriter:
-    """A folder of one ``.db3`` file with ``metadata.yaml``. Use it with ``with``; without `close` it is empty.
+    """A folder of ``.db3`` files with ``metadata.yaml``. Use it with ``with``; what is not flushed needs `close`.
+
+    Args:
+        split_bytes: as for `BagWriter`. split_s: so is this.
+        packing: so is this. packing_threads: so is this. custom_data: so is this.
 
     Raises:
         BagError: there is something at `path` already, or it cannot be written. OSError: the folder cannot be made.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        split_bytes: int | None = None,
+        split_s: float | None = None,
+        packing: Packing = "none",
+        packing_threads: int = 0,
+        custom_data: Mapping[str, str] | None = None,
+    ) -> None:
         self.path = Path(path)
         if self.path.exists():
             raise BagError(f"{self.path} exists already")
         if self.path.suffix in (".mcap", ".db3"):
             raise BagError(f"{self.path}: a bag of SQLite files is a folder; give a name without {self.path.suffix}")
+        self._parts = BagParts(
+            self.path,
+            "sqlite3",
+            ".db3",
+            split_bytes=split_bytes,
+            split_s=split_s,
+            packing=packing,
+            threads=packing_threads,
+            custom_data=custom_data,
+        )
         self.path.mkdir(parents=True)
-        self._statistics = FileStatistics(f"{self.path.name}_0.db3")
         self._topics: dict[str, BagTopic] = {}
-        self._ids: dict[str, int] = {}
         self._closed = False
+        self._open()
+
+    def _open(self) -> None:
+        """Begin a file; the topics of those before are in it, too."""
+        self._ids: dict[str, int] = {}
+        self._described: set[str] = set()
         with self._told():
-            self._base = sqlite3.connect(self.path / self._statistics.path, isolation_level=None)
+            self._base = sqlite3.connect(self._parts.begin(), isolation_level=None, check_same_thread=False)
             self._base.executescript(_TABLES)
             self._base.execute("begin")
+        for topic in self._topics.values():
+            self._insert(topic)
 
     @contextmanager
     def _told(self) -> Iterator[None]:
@@ -84,20 +114,24 @@ class SqliteWriter:
                 f"{self.path}: {topic} and {alike.name} have messages of two definitions of {known.type_name}; bags of "
                 "SQLite files have one for each type, those of MCAP files as many as there are"
             )
+        self._insert(known)
+        self._topics[topic] = known
+
+    def _insert(self, known: BagTopic) -> None:
         with self._told():
             added = self._base.execute(
                 "insert into topics(name, type, serialization_format, offered_qos_profiles, type_description_hash) "
                 "values (?, ?, ?, ?, ?)",
-                (topic, known.type_name, known.message_encoding, known.offered_qos, known.type_hash),
+                (known.name, known.type_name, known.message_encoding, known.offered_qos, known.type_hash),
             )
-            self._ids[topic] = int(added.lastrowid or 0)
-            if known.definition and known.type_name not in {one.type_name for one in self._topics.values()}:
+            self._ids[known.name] = int(added.lastrowid or 0)
+            if known.definition and known.type_name not in self._described:
                 self._base.execute(
                     "insert into message_definitions"
                     "(topic_type, encoding, encoded_message_definition, type_description_hash) values (?, ?, ?, ?)",
                     (known.type_name, known.encoding, known.definition, known.type_hash),
                 )
-        self._topics[topic] = known
+                self._described.add(known.type_name)
 
     def add_raw_topic(self, known: BagTopic) -> None:
         """Make one of `BagReader.channels` known; errors as `add_topic`."""
@@ -118,10 +152,49 @@ class SqliteWriter:
         """
         if self._closed or topic not in self._ids:
             raise BagError(f"{self.path} is closed" if self._closed else f"{topic} has no type yet: call add_topic")
+        log_time = checked_time(log_time_ns, topic, "log")
+        if self._parts.is_due(log_time):
+            self._next_file()
         with self._told():
-            row = self._ids[topic], checked_time(log_time_ns, topic, "log"), data
+            row = self._ids[topic], log_time, self._parts.packed(data)
             self._base.execute("insert into messages(topic_id, timestamp, data) values (?, ?, ?)", row)
-        self._statistics.add(topic, log_time_ns)
+        self._parts.add(topic, log_time, len(data))
+
+    def flush(self) -> None:
+        """Hand what was written to the operating system, so that it outlives this process.
+
+        Raises:
+            BagError: it cannot be written.
+        """
+        if not self._closed:
+            with self._told():
+                self._base.execute("commit")
+                self._base.execute("begin")
+
+    def split(self) -> None:
+        """Go on in a new file, unless the current one is empty.
+
+        Raises:
+            BagError: the bag is closed, or it cannot be written. OSError: the disk is full.
+        """
+        if self._closed:
+            raise BagError(f"{self.path} is closed")
+        if not self._parts.is_empty:
+            self._next_file()
+
+    def _next_file(self) -> None:
+        self._finish()
+        self._open()
+
+    def _finish(self) -> None:
+        text = self._parts.file_metadata(self._topics.values())
+        try:
+            with self._told():
+                self._base.execute("insert into metadata(metadata_version, metadata) values (8, ?)", (text,))
+                self._base.execute("commit")
+        finally:
+            self._base.close()
+        self._parts.end()
 
     def close(self) -> None:
         """Write everything, and ``metadata.yaml``; may be called twice.
@@ -132,14 +205,10 @@ class SqliteWriter:
         if self._closed:
             return
         self._closed = True
-        text = metadata_text("sqlite3", [self._statistics], self._topics.values())
         try:
-            with self._told():
-                self._base.execute("insert into metadata(metadata_version, metadata) values (8, ?)", (text,))
-                self._base.execute("commit")
+            self._finish()
         finally:
-            self._base.close()
-        (self.path / FILE).write_text(text, encoding="utf-8")
+            self._parts.write_metadata(self._topics.values())
 
     def __enter__(self) -> Self:
         return self

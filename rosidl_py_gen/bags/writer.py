@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,19 +11,20 @@ from mcap.writer import CompressionType, Writer
 
 from rosidl_py_gen import __version__, encode, type_hash, type_name
 from rosidl_py_gen.bags.common import BagError, BagTopic, checked_time
-from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, qos_text
+from rosidl_py_gen.bags.metadata import qos_text
+from rosidl_py_gen.bags.parts import BagParts
 from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES
-from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.types.from_description import definition_text
 
 if TYPE_CHECKING:
     import os
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from typing_extensions import Self
 
     from rosidl_py_gen.bags.common import RawMessage
+    from rosidl_py_gen.bags.parts import Packing
     from rosidl_py_gen.cdr import Message
     from rosidl_py_gen.runtime import QoSProfile
 
@@ -78,6 +78,10 @@ class BagWriter:
             readers do not unpack so much.
         split_bytes: a new file is begun after so many bytes of messages; for folders.
         split_s: a new file is begun after so many seconds of log time; for folders.
+        packing: rosbag2's compression modes, with zstd: ``"file"`` packs each file when it ends, ``"message"`` each
+            message; for folders.
+        packing_threads: how many zstd has; 0 is the calling one, -1 one for each core.
+        custom_data: texts for the metadata; for folders.
 
     Raises:
         BagError: there is something at `path` already; an unknown compression, or splitting of one file.
@@ -91,31 +95,39 @@ class BagWriter:
         compression: str = "zstd",
         split_bytes: int | None = None,
         split_s: float | None = None,
+        packing: Packing = "none",
+        packing_threads: int = 0,
+        custom_data: Mapping[str, str] | None = None,
     ) -> None:
         self.path = Path(path)
-        self._is_folder = self.path.suffix != ".mcap"
+        is_folder = self.path.suffix != ".mcap"
         if compression not in _COMPRESSIONS:
             raise BagError(
                 f'compression "{compression}" is not known; there are {", ".join(filter(None, _COMPRESSIONS))}'
             )
-        if not self._is_folder and (split_bytes or split_s):
-            raise BagError(f"{self.path} is one file; a folder can be split")
+        self._parts = BagParts(
+            self.path,
+            "mcap",
+            ".mcap",
+            is_folder=is_folder,
+            split_bytes=split_bytes,
+            split_s=split_s,
+            packing=packing,
+            threads=packing_threads,
+            custom_data=custom_data,
+        )
         if self.path.suffix == ".db3":
             raise BagError(f"{self.path}: this writes MCAP files: a name that ends with .mcap, or a folder's")
         if self.path.exists():
             raise BagError(f"{self.path} exists already")
         self._compression = _Compression(_COMPRESSIONS[compression])
-        self._split_bytes = split_bytes
-        self._split_ns = None if split_s is None else round(split_s * NS_PER_S)
         self._topics: dict[str, BagTopic] = {}
-        self._files: list[FileStatistics] = []
         self._numbers: dict[str, int] = {}
         self._channels: dict[tuple[str, ...], int] = {}
         self._registered: list[BagTopic] = []
         self._schemas: dict[tuple[str, str], int] = {}
-        self._written = 0
         self._closed = False
-        if self._is_folder:
+        if is_folder:
             self.path.mkdir(parents=True)
         self._open()
 
@@ -244,9 +256,10 @@ class BagWriter:
     ) -> None:
         log_time = time.time_ns() if log_time_ns is None else checked_time(log_time_ns, topic, "log")
         published = log_time if publish_time_ns is None else checked_time(publish_time_ns, topic, "publish")
-        self._split_if_due(log_time)
-        self._files[-1].add(topic, log_time)
-        self._written += len(data)
+        if self._parts.is_due(log_time):
+            self._next_file()
+        self._parts.add(topic, log_time, len(data))
+        data = self._parts.packed(data)
         if len(data) <= MAX_COMPRESSED_BYTES:
             self._writer.add_message(channel, log_time, data, published)
             return
@@ -280,33 +293,37 @@ class BagWriter:
     # ------------------------------------------------------------------------------------------------------- files
 
     def _open(self) -> None:
-        name = f"{self.path.name}_{len(self._files)}.mcap" if self._is_folder else self.path.name
-        file = self.path / name if self._is_folder else self.path
-        self._stream = file.open("xb", buffering=1 << 16)
+        self._stream = self._parts.begin().open("xb", buffering=1 << 16)
         self._writer = Writer(self._stream, chunk_size=_CHUNK, compression=cast("CompressionType", self._compression))
         self._writer.start("ros2", f"rosidl-py-gen {__version__}")
         self._stream.flush()  # an empty bag from now on
-        self._files.append(FileStatistics(name))
-        self._schemas, self._written = {}, 0
+        self._schemas = {}
         for topic in self._registered:
             self._register(topic)
 
-    def _split_if_due(self, log_time: int) -> None:
-        current = self._files[-1]
-        is_long = (
-            self._split_ns is not None and current.first is not None and log_time - current.first >= self._split_ns
-        )
-        if is_long or (self._split_bytes is not None and self._written >= self._split_bytes):
-            self._finish()
-            self._open()
+    def split(self) -> None:
+        """Go on in a new file, unless the current one is empty; for folders.
+
+        Raises:
+            BagError: the bag is closed, or is one file. OSError: the disk is full.
+        """
+        self._require_open()
+        self._parts.require_folder()
+        if not self._parts.is_empty:
+            self._next_file()
+
+    def _next_file(self) -> None:
+        self._finish()
+        self._open()
 
     def _finish(self) -> None:
-        text = metadata_text("mcap", [self._files[-1]], self._topics.values())
+        text = self._parts.file_metadata(self._topics.values())
         try:
             self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
             self._writer.finish()  # type: ignore[no-untyped-call]
         finally:
             self._stream.close()
+        self._parts.end()
 
     def close(self) -> None:
         """Write the index, and ``metadata.yaml`` of a folder; may be called twice.
@@ -321,10 +338,7 @@ class BagWriter:
             if not self._stream.closed:
                 self._finish()
         finally:
-            if self._is_folder:
-                partial = self.path / f".{FILE}"
-                partial.write_text(metadata_text("mcap", self._files, self._topics.values()), encoding="utf-8")
-                shutil.move(partial, self.path / FILE)
+            self._parts.write_metadata(self._topics.values())
 
     def __enter__(self) -> Self:
         return self

@@ -96,12 +96,12 @@ def _listen(network: Network) -> Context:
 
 
 class Session:
-    """A node of a command, hidden as ROS hides tools': its name begins with ``_``, and it serves nothing.
+    """A node of a command, hidden as ROS hides tools' unless it has a `name`; it serves nothing by itself.
 
     Use with ``async with``.
     """
 
-    def __init__(self, network: Network, **node_options: Any) -> None:
+    def __init__(self, network: Network, *, name: str | None = None, **node_options: Any) -> None:
         self._spin_time_s = network.get("spin_time_s")
         failure = network.get("failure")
         if failure is not None:
@@ -112,7 +112,7 @@ class Session:
         try:
             from rosidl_py_gen.runtime import Node  # takes 0.1 s, in which the context already listens
 
-            self.node: Node = Node(f"_rosidl_py_{os.getpid()}", context=self.context, **options)
+            self.node: Node = Node(name or f"_rosidl_py_{os.getpid()}", context=self.context, **options)
         except BaseException:
             self.context.close()
             raise

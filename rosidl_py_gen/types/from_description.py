@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from rosidl_py_gen.types.by_name import Folders
 
 
+_EVENT = "_Event"
+
+
 def described_hashes(name: str, individuals: Mapping[str, Description], *, is_service: bool = False) -> dict[str, str]:
     """RIHS01 of a described type, and of all types that belong to it or that it refers to.
 
@@ -64,7 +67,7 @@ def definition_text(cls: type[Any]) -> str:
 
     Raises:
         TypeNotFoundError: not a generated message, service or action; or derived from a service or action that is not
-            on the search path.
+            on the search path, and no event of a service.
     """
     from rosidl_py_gen.compiler.spec.definition import full_text
     from rosidl_py_gen.compiler.spec.described import described_library
@@ -72,9 +75,12 @@ def definition_text(cls: type[Any]) -> str:
     name = split_ros_name(type_name(cls))
     library = library_of(name)
     if library is None or library.all_hashes(str(name)) != hashes_of(cls):
-        if "_" in name.name:
+        is_event = name.kind == "srv" and name.name.endswith(_EVENT)  # which has request and response in it
+        if is_event:
+            name = name._replace(name=name.name.removesuffix(_EVENT))
+        elif "_" in name.name:
             raise TypeNotFoundError(f"{name} belongs to a service or action that is not on the search path")
         told = type_description(cls)
         parts = [told["type_description"], *told["referenced_type_descriptions"]]
-        library = described_library(name, {one["type_name"]: one for one in parts}, {})
+        library = described_library(name, {one["type_name"]: one for one in parts}, {}, is_event)
     return full_text(library, library.owner(name) or name)

@@ -297,3 +297,58 @@ async def test_a_topic_of_an_unknown_type_is_recorded_and_played_to_them(
     assert [one["string_value"] for one in taken] == [f"grüße {number}" for number in range(5)]
     await shared_peer.ask("unsubscribe", topic=heard)
     await shared_peer.ask("unpublish", topic=said)
+
+
+async def test_events_of_a_service_and_an_action_of_theirs_are_recorded(
+    shared_peer: Peer, distro: str, tool: Tool, tmp_path: Path
+) -> None:
+    """Both ends are theirs, and so are the types; actions are introspected from Kilted on."""
+    service, action, bag = fresh("asked"), fresh("counted"), tmp_path / "bag"
+    await shared_peer.ask("serve", name=service, type=BASIC, how="echo")
+    await shared_peer.ask("client", name=service, type=BASIC)
+    await shared_peer.ask("action_server", name=action, type=FIBONACCI, how="succeed", feedback=[{"sequence": [7]}])
+    await shared_peer.ask("action_client", name=action, type=FIBONACCI)
+    introspected = [("service", service), ("client", service)]
+    expected = {f"{service}/_service_event": f"{BASIC}_Event"}
+    expected |= {
+        f"{action}/_action/feedback": f"{FIBONACCI}_FeedbackMessage",
+        f"{action}/_action/status": "action_msgs/msg/GoalStatusArray",
+    }
+    if distro == "kilted":
+        introspected += [("action server", action), ("action client", action)]
+        for part, kind in (("send_goal", f"{FIBONACCI}_SendGoal"), ("get_result", f"{FIBONACCI}_GetResult")):
+            expected[f"{action}/_action/{part}/_service_event"] = f"{kind}_Event"
+        expected[f"{action}/_action/cancel_goal/_service_event"] = "action_msgs/srv/CancelGoal_Event"
+    for kind, name in introspected:
+        await shared_peer.ask("introspect", kind=kind, name=name, state="CONTENTS")
+    options = ("--services", service, "--actions", action, "-o", str(bag), "--max-cache-size", "0")
+    process = await tool.start("bag", "record", *options)
+    assert process.stderr is not None
+    left = {f"recording {name} [{kind}]" for name, kind in expected.items()}
+    while left:
+        line = (await asyncio.wait_for(process.stderr.readline(), WITHIN_S)).decode()
+        assert line, left
+        left.discard(line.strip())
+    for topic in expected:
+        listeners = 1 if topic.endswith("_event") else 2  # their client of the action, too
+        await shared_peer.ask("until_subscribed", topic=topic, count=listeners)
+    await shared_peer.ask("call", name=service, requests_=[{"int32_value": 5}])
+    assert await shared_peer.ask("send_goal", name=action, key=action, goal={"order": 3})
+    await shared_peer.ask("result", key=action)
+    least = 4 + 1 + 3 + (8 if distro == "kilted" else 0)  # accepted, executing, succeeded; two calls of the client
+    await until(lambda: count_of(str(bag)) >= least, WITHIN_S)
+    process.send_signal(signal.SIGTERM)
+    ended = await tool.end(process)
+    assert ended.code == 0, ended.err
+    with BagReader(bag) as reader:
+        assert {one.name: one.type_name for one in reader.channels} == expected
+        assert all(one.type_hash for one in reader.channels)
+        events = [one.message for one in reader.messages(f"{service}/_service_event")]
+        assert sorted(one.info.event_type for one in events) == [0, 1, 2, 3]
+        assert {one.request[0].int32_value for one in events if one.request} == {5}
+        assert {one.name: one.count for one in reader.channels}[f"{action}/_action/feedback"] == 1
+        if distro == "kilted":  # which tells of goal and result, so that the action is known
+            (feedback,) = [one.message for one in reader.messages(f"{action}/_action/feedback")]
+            assert [*feedback.feedback.sequence] == [7]
+            goals = [one.message for one in reader.messages(f"{action}/_action/send_goal/_service_event")]
+            assert {one.request[0].goal.order for one in goals if one.request} == {3}

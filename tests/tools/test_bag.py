@@ -253,7 +253,7 @@ async def test_a_disk_of_four_megabytes_is_filled_with_messages_that_can_be_read
 def test_wrong_words_for_recording_are_told(run_here: Any, tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     for words, code, text in (
-        ([], 2, "say what to record: topics, --regex, or --all"),
+        ([], 2, "say what to record: topics, --services"),
         (["-e", "("], 1, '"(" is no regular expression'),
         (["-a", "-o", str(tmp_path / "there")], 1, "there exists already"),
         (["/x", "--no-discovery", "--discovery", "off", "-o", str(tmp_path / "b")], 1, "nobody publishes /x"),
@@ -330,8 +330,9 @@ def test_info_tells_what_a_bag_holds(run_here: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
 def test_a_part_is_written_again_as_the_other_kind(run_here: Any, tmp_path: Path, storage: str) -> None:
     path, part, back = filled(tmp_path / "bag"), tmp_path / "part", tmp_path / "back.mcap"
-    options = ("--topics", "/words", "--start-offset", "0.5")
+    options = ("--topics", "/words", "--start-offset", "0.5", "--max-bag-duration", "0.25")
     code, out, err = run_here("bag", "convert", str(path), str(part), "-s", storage, *options)
+    assert len(list(part.glob("part_*"))) == 2
     assert (code, out) == (0, f"10 messages of 1 topics in {part}\n"), err
     with RosbagsReader(part) as theirs:
         assert theirs.message_count == 10 and next(theirs.messages())[1] == 1000 * S + S // 2
@@ -350,7 +351,7 @@ def test_wrong_words_for_bags_are_told(run_here: Any, tmp_path: Path) -> None:
         (["play", path, "--remap", "/x:=/y", "--discovery", "off"], "/x is not played; there are /map, /words"),
         (["play", path, "--start-offset", "9"], "a.mcap is 0.950 s long"),
         (["convert", path, path], "exists already"),
-        (["convert", path, out, "-s", "sqlite3", "--max-bag-size", "9"], "only MCAP bags are split"),
+        (["convert", path, out + ".mcap", "--max-bag-size", "9"], "out.mcap is one file; a folder can be split"),
         (["convert", path, out + ".db3", "-s", "sqlite3"], "is a folder; give a name without .db3"),
     ):
         code, _, err = run_here("bag", *words)

@@ -50,11 +50,13 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     node.create_action_server(get_action("example_interfaces/action/Fibonacci"), "/drive", lambda goal: None)
     node.declare_parameter("max_speed", 1.0)
     await until(lambda: other.count_services("/drive/_action/get_result") == 1)
-    topics, hidden, services, nodes, actions, parameters, nobody = await asyncio.gather(
+    topics, hidden, services, nodes, recorded, excluded, actions, parameters, nobody = await asyncio.gather(
         complete(tool, "rosidl-py topic echo --spin-time 3 /"),
         complete(tool, "rosidl-py topic echo --spin-time 3 /_"),
         complete(tool, "rosidl-py service call --spin-time 3 /st"),
         complete(tool, "rosidl-py graph --spin-time 3 --node /"),
+        complete(tool, "rosidl-py bag record --spin-time 3 --topics /rosout /sp"),
+        complete(tool, "rosidl-py bag record --spin-time 3 --all --exclude-actions /other /"),
         offered("actions", "/"),
         offered("parameters", "max", node="base"),
         offered("parameters", "max", node="/nobody"),
@@ -64,6 +66,7 @@ async def test_names_come_from_the_live_graph(dds: World, tool: Tool) -> None:
     assert hidden == ["/_secret"]
     assert services == ["/stop"]
     assert nodes == ["/base", "/pilot"]
+    assert (recorded, excluded) == (["/speed"], ["/drive"])
     assert (actions, parameters, nobody) == (["/drive"], ["max_speed"], [])
 
 

@@ -12,7 +12,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader, BagWriter, RawMessage, SqliteWriter
-from rosidl_py_gen.tools import ToolError, printing
+from rosidl_py_gen.tools import printing
 from rosidl_py_gen.tools.bag.described import described_channels
 from rosidl_py_gen.tools.bag.part import part_of, progress
 
@@ -46,10 +46,8 @@ def run(
             writer: BagWriter | SqliteWriter = BagWriter(
                 output, compression=inside, split_bytes=split_bytes, split_s=split_s
             )
-        elif split_bytes or split_s:
-            raise ToolError("only MCAP bags are split: leave out --max-bag-size and --max-bag-duration")
         else:
-            writer = SqliteWriter(output)
+            writer = SqliteWriter(output, split_bytes=split_bytes, split_s=split_s)
         try:
             with writer:
                 count = _copy(reader, writer, part, channels)

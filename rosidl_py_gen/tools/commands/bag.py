@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from rosidl_py_gen.tools import options, run_command
+from rosidl_py_gen.tools.commands.bag_record import record
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -19,18 +20,6 @@ _compression = click.option(
     default="zstd",
     show_default=True,
     help="Of chunks inside the file.",
-)
-_splits = (
-    click.option(
-        "--max-bag-size", "split_bytes", type=click.IntRange(1), metavar="BYTES", help="Begin a new file after so many."
-    ),
-    click.option(
-        "--max-bag-duration",
-        "split_s",
-        type=click.FloatRange(0, min_open=True),
-        metavar="SECONDS",
-        help="Begin a new file after so long.",
-    ),
 )
 
 
@@ -50,12 +39,6 @@ def _part_options(command: F) -> F:
             "--topics", "topics", multiple=True, metavar="TOPIC", help="Only this one; may be given several times."
         ),
     ):
-        command = option(command)
-    return command
-
-
-def _split_options(command: F) -> F:
-    for option in reversed(_splits):
         command = option(command)
     return command
 
@@ -86,56 +69,7 @@ def info(**arguments: Any) -> None:
     run_command("bag.info", **arguments)
 
 
-@dataclass(frozen=True, slots=True)
-class RecordOptions:
-    """What was asked of ``bag record``."""
-
-    topics: Sequence[str]
-    everything: bool
-    regex: str | None
-    exclude: Sequence[str]
-    hidden: bool
-    output: str | None
-    compression: str
-    split_bytes: int | None
-    split_s: float | None
-    duration_s: float | None
-    no_discovery: bool
-    paths: Sequence[str]
-    as_json: bool
-
-
-@bag.command()
-@click.argument("topics", nargs=-1, shell_complete=options.completion("topics"))
-@click.option("-a", "--all", "everything", is_flag=True, help="Every topic that is published.")
-@click.option("-e", "--regex", metavar="REGEX", help="Topics whose name has a match.")
-@click.option("-x", "--exclude", multiple=True, metavar="REGEX", help="Leave these out; may be given several times.")
-@click.option("--include-hidden-topics", "hidden", is_flag=True, help="Also those that begin with _.")
-@click.option("-o", "--output", type=click.Path(), help="A folder, or a file that ends with .mcap.")
-@_compression
-@_split_options
-@click.option(
-    "--duration",
-    "duration_s",
-    type=click.FloatRange(0, min_open=True),
-    metavar="SECONDS",
-    help="End after so long, discovery included, instead of on Ctrl-C.",
-)
-@click.option("--no-discovery", is_flag=True, help="Only the topics that are there at the beginning.")
-@options.paths
-@options.as_json
-@options.node_options
-def record(network: Any, **arguments: Any) -> None:
-    """Record topics until Ctrl-C or SIGTERM. Messages stay as they are; types need not be installed.
-
-    \b
-    rosidl-py bag record -a -o my_bag
-    rosidl-py bag record /imu /scan -o short.mcap --compression lz4
-    rosidl-py bag record --regex '^/camera' --exclude depth --max-bag-size 1000000000
-    """
-    if not (arguments["topics"] or arguments["everything"] or arguments["regex"]):
-        raise click.UsageError("say what to record: topics, --regex, or --all")
-    run_command("bag.record", network=network, options=RecordOptions(**arguments))
+bag.add_command(record)
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +128,7 @@ def play(network: Any, **arguments: Any) -> None:
 )
 @_part_options
 @_compression
-@_split_options
+@options.split_options
 @click.option(
     "--without-definitions",
     is_flag=True,
@@ -288,7 +222,7 @@ def sql(**arguments: Any) -> None:
 )
 @click.option("--topics", "topics", multiple=True, metavar="TOPIC", help="Only this one; may be given several times.")
 @_compression
-@_split_options
+@options.split_options
 @click.option("--dry-run", is_flag=True, help="Only say what would be carried over, dropped and defaulted.")
 @options.as_json
 def migrate(**arguments: Any) -> None:

@@ -77,6 +77,11 @@ def counts(peer, topic):
     return [peer.node.count_publishers(topic), peer.node.count_subscribers(topic)]
 
 
+async def until_subscribed(peer, topic, count=1):
+    """Waits until this node knows of as many subscriptions, whoever publishes."""
+    await peer.until(lambda: peer.node.count_subscribers(topic) >= count)
+
+
 def service_counts(peer, name):
     return [peer.node.count_services(name), peer.node.count_clients(name)]
 

@@ -1,0 +1,106 @@
+"""Which topics ``bag record`` takes.
+
+Decides whose a topic is, a service's, an action's or its own, and that what is excluded is left out whatever includes
+it. Source: rosbag2's design documents of recording services and actions, and its topic filter.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from rosidl_py_gen.base.names import split_ros_name
+from rosidl_py_gen.runtime import validate_full_name
+from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.tools.names import is_hidden
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rosidl_py_gen.tools.commands.bag_record import RecordOptions
+
+_EVENTS = "/_service_event"
+_EVENT_TYPE = re.compile(r"[^/]+/(srv|action)/[^/]+_Event\Z")
+_ACTION = re.compile(r"(.+)/_action/(feedback|status|(send_goal|get_result|cancel_goal)/_service_event)\Z")
+_STATUS_TYPE, _FEEDBACK_TYPE = "action_msgs/msg/GoalStatusArray", "_FeedbackMessage"
+
+
+class Owner(NamedTuple):
+    """Whose a topic is, by the full name; a topic of nobody else is its own."""
+
+    kind: Literal["topic", "service", "action"]
+    name: str
+
+
+def owner_of(topic: str, type_name: str) -> Owner:
+    """By name and type, as other topics may be called alike."""
+    is_event = topic.endswith(_EVENTS) and _EVENT_TYPE.match(type_name) is not None
+    if (found := _ACTION.match(topic)) and (
+        is_event or type_name == _STATUS_TYPE or type_name.endswith(_FEEDBACK_TYPE)
+    ):
+        return Owner("action", found[1])
+    return Owner("service", topic.removesuffix(_EVENTS)) if is_event else Owner("topic", topic)
+
+
+class Selection:
+    """What was asked for; raises `ToolError` and `InvalidNameError` for patterns and names that are none."""
+
+    def __init__(self, options: RecordOptions) -> None:
+        self.named = [
+            *(Owner("topic", name) for name in _full(options.topics)),
+            *(Owner("service", name) for name in _full(options.services)),
+            *(Owner("action", name) for name in _full(options.actions)),
+        ]
+        """What was named, hidden or not."""
+        self._left_out = {
+            "topic": {*_full(options.exclude_topics)},
+            "service": {*_full(options.exclude_services)},
+            "action": {*_full(options.exclude_actions)},
+        }
+        self._all = {
+            "topic": options.everything or options.all_topics,
+            "service": options.everything or options.all_services,
+            "action": options.everything or options.all_actions,
+        }
+        self._types = {str(split_ros_name(name, "msg")) for name in options.topic_types}
+        self._excluded_types = {str(split_ros_name(name, "msg")) for name in options.exclude_topic_types}
+        self._regex = None if options.regex is None else _pattern(options.regex)
+        self._exclude = [_pattern(text) for text in options.exclude]
+        self._hidden = options.hidden
+
+    def takes(self, topic: str, type_name: str) -> bool:
+        """Whether a topic is recorded."""
+        if Owner("topic", topic) in self.named:  # whoever's it is
+            return not self._is_left_out(Owner("topic", topic), type_name)
+        owner = owner_of(topic, type_name)
+        if self._is_left_out(owner, type_name):
+            return False
+        is_wanted = (
+            self._all[owner.kind]
+            or owner in self.named
+            or (self._regex is not None and self._regex.search(owner.name) is not None)
+        )
+        if owner.kind != "topic":
+            return is_wanted
+        return (is_wanted or type_name in self._types) and (self._hidden or not is_hidden(topic))
+
+    def _is_left_out(self, owner: Owner, type_name: str) -> bool:
+        return (
+            owner.name in self._left_out[owner.kind]
+            or any(one.search(owner.name) for one in self._exclude)
+            or (owner.kind == "topic" and type_name in self._excluded_types)
+        )
+
+
+def _full(names: Iterable[str]) -> list[str]:
+    found = [name if name.startswith("/") else f"/{name}" for name in names]
+    for name in found:
+        validate_full_name(name)
+    return found
+
+
+def _pattern(text: str) -> re.Pattern[str]:
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise ToolError(f'"{text}" is no regular expression: {error}') from None

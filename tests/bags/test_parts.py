@@ -1,0 +1,131 @@
+"""Bags of several files, packed ones, and what their metadata say: for both storages, read by us and by rosbags."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from rosbags.rosbag2 import Reader as RosbagsReader
+from rosbags.typesys import Stores, get_typestore
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagError, BagReader, BagWriter, SqliteWriter
+from rosidl_py_gen.bags.writer import topic_of
+
+String: Any = get_message("std_msgs/msg/String")
+S = 1_000_000_000
+STORAGES = {"mcap": BagWriter, "sqlite3": SqliteWriter}
+
+
+def made(path: Path, storage: str, count: int = 10, **options: Any) -> dict[str, Any]:
+    """A bag of ten messages, one a second, of 500 bytes each; gives its metadata."""
+    with STORAGES[storage](path, **options) as bag:
+        bag.add_topic("/words", topic_of("/words", String))
+        for number in range(count):
+            bag.write("/words", String(data=f"{number:0500}").encode(), number * S)
+    told = yaml.safe_load((path / "metadata.yaml").read_text())
+    return dict(told["rosbag2_bagfile_information"])
+
+
+def words_of(path: Path) -> list[int]:
+    """The numbers in it, as rosbags reads them; we read the same."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with RosbagsReader(path) as theirs:
+        found = [store.deserialize_cdr(data, one.msgtype).data for one, _, data in theirs.messages()]  # type: ignore[attr-defined]
+    with BagReader(path) as ours:
+        assert [item.message.data for item in ours] == found
+    return [int(one) for one in found]
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize(("limit", "counts"), [({"split_s": 4}, [4, 4, 2]), ({"split_bytes": 1000}, [2, 2, 2, 2, 2])])
+def test_a_full_file_is_followed_by_another(
+    tmp_path: Path, storage: str, limit: dict[str, Any], counts: list[int]
+) -> None:
+    path = tmp_path / "bag"
+    told = made(path, storage, **limit)
+    suffix = "mcap" if storage == "mcap" else "db3"
+    assert told["relative_file_paths"] == [f"bag_{number}.{suffix}" for number in range(len(counts))]
+    assert [one["message_count"] for one in told["files"]] == counts
+    assert (told["message_count"], told["duration"]["nanoseconds"]) == (10, 9 * S)
+    assert words_of(path) == [*range(10)]
+    for number, name in enumerate(told["relative_file_paths"]):  # each file is a bag
+        with BagReader(path / name) as reader:
+            assert len(list(reader)) == counts[number]
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+@pytest.mark.parametrize("packing", ["file", "message"])
+def test_packed_bags_are_those_of_rosbag2(tmp_path: Path, storage: str, packing: str) -> None:
+    path = tmp_path / "bag"
+    options = {"compression": ""} if storage == "mcap" else {}
+    plain = made(tmp_path / "plain", storage, **options)
+    told = made(path, storage, packing=packing, split_s=5, packing_threads=2, **options)
+    assert (told["compression_format"], told["compression_mode"]) == ("zstd", packing.upper())
+    assert (plain["compression_format"], plain["compression_mode"]) == ("", "")
+    assert {name.endswith(".zstd") for name in told["relative_file_paths"]} == {packing == "file"}
+    assert sorted(one.name for one in path.iterdir()) == sorted([*told["relative_file_paths"], "metadata.yaml"])
+    assert words_of(path) == [*range(10)]
+    sizes = [sum(one.stat().st_size for one in folder.iterdir()) for folder in (path, tmp_path / "plain")]
+    assert storage == "sqlite3" or sizes[0] < sizes[1]
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_custom_data_are_in_the_metadata(tmp_path: Path, storage: str) -> None:
+    assert made(tmp_path / "with", storage, custom_data={"robot": "r2", "no": ""})["custom_data"] == {
+        "robot": "r2",
+        "no": "",
+    }
+    assert made(tmp_path / "without", storage)["custom_data"] is None
+
+
+@pytest.mark.parametrize("storage", STORAGES)
+def test_a_bag_is_split_on_request(tmp_path: Path, storage: str) -> None:
+    path = tmp_path / "bag"
+    with STORAGES[storage](path) as bag:
+        bag.split()  # nothing is in it yet
+        bag.add_topic("/words", topic_of("/words", String))
+        for number in range(3):
+            bag.write("/words", String(data=str(number)).encode(), number)
+            bag.split()
+            bag.split()
+    told = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert [one["message_count"] for one in told["files"]] == [1, 1, 1, 0]
+    assert words_of(path) == [0, 1, 2]
+    with pytest.raises(BagError, match="is closed"):
+        bag.split()
+
+
+def test_what_was_flushed_into_sqlite_is_there_for_others(tmp_path: Path) -> None:
+    with SqliteWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/words", topic_of("/words", String))
+        bag.write("/words", String(data="1").encode(), 1)
+        other = sqlite3.connect(tmp_path / "bag" / "bag_0.db3")
+        assert other.execute("select count(*) from messages").fetchone() == (0,)
+        bag.flush()
+        assert other.execute("select count(*) from messages").fetchone() == (1,)
+        other.close()
+    bag.flush()  # nothing more to do
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"packing": "file"}, "is one file; packing and custom data"),
+        ({"custom_data": {"a": "b"}}, "is one file; packing and custom data"),
+        ({"packing": "all"}, 'packing "all" is not known; there are none, file, message'),
+        ({"split_s": 1}, "is one file; a folder can be split"),
+    ],
+)
+def test_one_file_is_not_split_or_packed(tmp_path: Path, options: Any, error: str) -> None:
+    with pytest.raises(BagError, match=error):
+        BagWriter(tmp_path / "a.mcap", **options)
+    with BagWriter(tmp_path / "b.mcap") as bag, pytest.raises(BagError, match="is one file; a folder can be split"):
+        bag.split()
+    custom: Any = {"a": 1}
+    with pytest.raises(BagError, match="custom data are texts, found 'a': 1"):
+        SqliteWriter(tmp_path / "c", custom_data=custom)
+    assert not (tmp_path / "c").exists()

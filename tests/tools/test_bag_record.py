@@ -1,0 +1,606 @@
+"""``rosidl-py bag record``: each option, by the bag that comes of it."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import pty
+import signal
+import sys
+import termios
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+from rosbags.rosbag2 import Reader as RosbagsReader
+from worlds import until
+
+from rosidl_py_gen import compile_text, get_action, get_message, get_service, type_hash
+from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.bags.metadata import qos_profiles
+from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability, ServiceEventType
+from rosidl_py_gen.tools.recording.writer import WriterThread
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+    from pathlib import Path
+
+    from worlds import World
+
+    from rosidl_py_gen.runtime import Node
+
+pytestmark = pytest.mark.real_time("a thread writes")
+S = 1_000_000_000
+LATCHED = QoSProfile().transient_local()
+EVENTS_QOS = QoSProfile(depth=7).transient_local()
+String: Any = get_message("std_msgs/msg/String")
+Clock: Any = get_message("rosgraph_msgs/msg/Clock")
+Int32: Any = get_message("std_msgs/msg/Int32")
+AddTwoInts: Any = get_service("example_interfaces/srv/AddTwoInts")
+Fibonacci: Any = get_action("example_interfaces/action/Fibonacci")
+SetBool: Any = get_service("std_srvs/srv/SetBool")
+GoalStatusArray: Any = get_message("action_msgs/msg/GoalStatusArray")
+EMPTY = "---\n"
+RECORDER = "/rosbag2_recorder"
+
+
+@pytest.fixture
+def node(memory: World) -> Node:
+    return memory.node("robot", enable_rosout=False, parameter_events=False)
+
+
+async def said(process: Any, *texts: str) -> None:
+    """Read standard error until lines have had all of `texts`, in any order."""
+    left = {*texts}
+    while left:
+        line = (await asyncio.wait_for(process.stderr.readline(), 25)).decode()
+        assert line, f"ended before it said {left}"
+        left = {text for text in left if text not in line}
+
+
+def count_of(path: Path) -> int:
+    """Messages that are in the bag, also while it is recorded."""
+    with BagReader(path) as reader:
+        return sum(topic.count or 0 for topic in reader.topics.values())
+
+
+def files_of(path: Path) -> list[Path]:
+    return [one for one in path.iterdir() if one.suffix in (".mcap", ".db3")]
+
+
+def words_of(path: Path) -> list[str]:
+    with BagReader(path) as reader:
+        return [item.message.data for item in reader]
+
+
+def metadata_of(path: Path) -> dict[str, Any]:
+    told = yaml.safe_load((path / "metadata.yaml").read_text())
+    return dict(told["rosbag2_bagfile_information"])
+
+
+@asynccontextmanager
+async def recording(tool: Any, path: Path, *options: str) -> AsyncIterator[Any]:
+    """A recorder that writes each message at once, and that SIGINT ends; it has to end with 0."""
+    process = await tool.start("bag", "record", "-o", str(path), "--max-cache-size", "0", *options)
+    yield process
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert ended.code == 0, ended.err
+
+
+async def call(node: Node, name: str, kind: str, text: str = EMPTY, recorder: str = RECORDER) -> Any:
+    """Call a service of the recorder, with the definition of rosbag2_interfaces."""
+    cls: Any = compile_text(f"rosbag2_interfaces/srv/{kind}", text)
+    client = node.create_client(cls, f"{recorder}/{name}")
+    await client.wait_for_service(20)
+    answer = await client.call(cls.Request(), 20)
+    client.close()
+    return answer
+
+
+async def taken(node: Node, recorder: str = RECORDER) -> bool:
+    """Wait until what was published before is taken: an answer comes after it. Gives whether the recorder is paused."""
+    return bool((await call(node, "is_paused", "IsPaused", "---\nbool paused\n", recorder)).paused)
+
+
+# ------------------------------------------------------------------------------------------------ what is recorded
+
+
+PLAIN = {"/camera/left", "/camera/depth", "/count"}
+HIDDEN = {"/camera/_raw"}
+ADD, SWITCH = "/add/_service_event", "/switch/_service_event"
+FIB = {
+    "/fib/_action/feedback",
+    "/fib/_action/status",
+    *(f"/fib/_action/{name}/_service_event" for name in ("send_goal", "get_result", "cancel_goal")),
+}
+OTHER = {"/other/_action/feedback", "/other/_action/status"}
+
+
+def publish_all(node: Node) -> None:
+    """What a robot has: topics, hidden ones, events of two services, two actions of which one is introspected."""
+    publishers = {
+        "/camera/left": String,
+        "/camera/depth": String,
+        "/camera/_raw": String,
+        "/count": Int32,
+        ADD: AddTwoInts.Event,
+        SWITCH: SetBool.Event,
+        "/fib/_action/feedback": Fibonacci.FeedbackMessage,
+        "/fib/_action/status": GoalStatusArray,
+        "/fib/_action/send_goal/_service_event": Fibonacci.SendGoal.Event,
+        "/fib/_action/get_result/_service_event": Fibonacci.GetResult.Event,
+        "/fib/_action/cancel_goal/_service_event": get_service("action_msgs/srv/CancelGoal").Event,
+        "/other/_action/feedback": Fibonacci.FeedbackMessage,
+        "/other/_action/status": GoalStatusArray,
+    }
+    for name, cls in publishers.items():
+        node.create_publisher(cls, name, LATCHED).publish(cls())
+    node.create_subscription(String, "/camera/left")
+    node.create_subscription(String, "/unpublished")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--all"], PLAIN | {ADD, SWITCH} | FIB | OTHER),
+        (["-a", "--include-hidden-topics"], PLAIN | HIDDEN | {ADD, SWITCH} | FIB | OTHER),
+        (["--all-topics"], PLAIN),
+        (["--all-topics", "--include-hidden-topics"], PLAIN | HIDDEN),
+        (["--all-services"], {ADD, SWITCH}),
+        (["--all-services", "--exclude-services", "/switch", "/no"], {ADD}),
+        (["--all-actions"], FIB | OTHER),
+        (["--all-actions", "--exclude-actions", "/other"], FIB),
+        (["--services", "/add", "switch"], {ADD, SWITCH}),
+        (["--services", "/add", "--services", "/no"], {ADD}),
+        (["--actions", "/fib"], FIB),
+        (["--topics", "/count", "/camera/left"], {"/count", "/camera/left"}),
+        (["/count", "--topics", "camera/left"], {"/count", "/camera/left"}),
+        (["/camera/_raw", ADD], {"/camera/_raw", ADD}),
+        (["--topics", "/count", "--services", "/add", "--actions", "/other"], {"/count", ADD} | OTHER),
+        (["--topic-types", "std_msgs/msg/Int32", "std_msgs/Bool"], {"/count"}),
+        (["--topic-types", "std_msgs/msg/String", "--exclude-topics", "/camera/depth"], {"/camera/left"}),
+        (["--all-topics", "--exclude-topic-types", "std_msgs/msg/String"], {"/count"}),
+        (["--all-topics", "--exclude-topics", "/count", "/camera/left"], {"/camera/depth"}),
+        (["--regex", "^/(camera|add|fib)"], {"/camera/left", "/camera/depth", ADD} | FIB),
+        (["--regex", "t", "--exclude-regex", "^/camera|switch"], {"/count"} | OTHER),
+        (["-a", "-x", "camera", "--exclude", "^/other$", "-x", "add"], {"/count", SWITCH} | FIB),
+        (["--all-topics", "--ignore-leaf-topics"], {"/camera/left"}),
+        (["--topics", "/count", "--no-discovery"], {"/count"}),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+async def test_what_is_asked_for_is_in_the_bag(
+    node: Node, tool: Any, tmp_path: Path, words: list[str], expected: set[str]
+) -> None:
+    publish_all(node)
+    path = tmp_path / "bag"
+    async with recording(tool, path, *words) as process:
+        await said(process, *(f"recording {name} [" for name in expected))
+        await until(lambda: count_of(path) == len(expected))
+    with BagReader(path) as reader:
+        assert {name: topic.count for name, topic in reader.topics.items()} == dict.fromkeys(expected, 1)
+        assert len(list(reader)) == len(expected)  # each is decoded with the definition that is in the bag
+    with RosbagsReader(path) as theirs:
+        assert {one.topic for one in theirs.connections} == expected
+
+
+async def test_unpublished_topics_are_recorded_on_request(node: Node, tool: Any, tmp_path: Path) -> None:
+    publish_all(node)
+    path = tmp_path / "bag"
+    async with recording(tool, path, "--regex", "unpublished|count", "--include-unpublished-topics") as process:
+        await said(process, "recording /unpublished [std_msgs/msg/String]", "recording /count [")
+    assert {
+        one["topic_metadata"]["name"]: one["message_count"] for one in metadata_of(path)["topics_with_message_count"]
+    } == {
+        "/count": 1,
+        "/unpublished": 0,
+    }
+
+
+async def test_a_topic_that_appears_is_found_when_it_is_looked_for(node: Node, tool: Any, tmp_path: Path) -> None:
+    first = node.create_publisher(String, "first", QoSProfile(depth=1).transient_local())
+    first.publish(String(data="1"))
+    for words, expected in (
+        (["--polling-interval", "1"], {"/first", "/late"}),
+        (["--polling-interval", "3600000"], {"/first"}),
+        (["--no-discovery"], {"/first"}),
+    ):
+        path = tmp_path / "_".join(words)
+        async with recording(tool, path, "--all-topics", *words) as process:
+            await said(process, "recording /first")
+            late = node.create_publisher(String, "late", LATCHED)
+            late.publish(String(data="2"))
+            if "/late" in expected:
+                await said(process, "recording /late")
+            await taken(node)
+            first.publish(String(data="3"))
+            await until(lambda path=path, expected=expected: count_of(path) == 1 + len(expected))  # type: ignore[misc]
+            late.close()
+        with BagReader(path) as reader:
+            assert {*reader.topics} == expected
+
+
+async def test_what_nobody_publishes_is_told(node: Node, tool: Any, tmp_path: Path) -> None:
+    publish_all(node)
+    node.create_service(AddTwoInts, "silent", lambda one: AddTwoInts.Response())
+    missing = ("--topics", "/no", "/count", "--services", "/silent", "/add", "--actions", "/act", "/fib")
+    async with recording(tool, tmp_path / "bag", *missing) as process:
+        await said(
+            process,
+            "nobody publishes /no yet; waiting for it",
+            "nobody publishes events of the service /silent, whose introspection may be off, yet; waiting for it",
+            "nobody publishes anything of the action /act yet; waiting for it",
+        )
+        await said(process, *(f"recording {name} [" for name in ("/count", ADD, *FIB)))
+    for kind, name in (("--services", "/silent"), ("--actions", "/act"), ("--topics", "/no")):
+        ended = await tool("bag", "record", kind, name, "--no-discovery", "-o", str(tmp_path / name[1:]))
+        assert (ended.code, f"{name}" in ended.err, "waits for nobody" in ended.err) == (1, True, True), ended.err
+
+
+# ------------------------------------------------------------------------------------------- services and actions
+
+
+async def test_events_of_a_service_have_their_type_and_quality_of_service(
+    node: Node, tool: Any, tmp_path: Path
+) -> None:
+    server = node.create_service(AddTwoInts, "add", lambda one: AddTwoInts.Response(sum=one.a + one.b))
+    client = node.create_client(AddTwoInts, "add")
+    for end in (server, client):
+        end.configure_introspection(node.clock, EVENTS_QOS, IntrospectionState.CONTENTS)
+    path = tmp_path / "bag"
+    async with recording(tool, path, "--services", "/add") as process:
+        await said(process, f"recording {ADD} [example_interfaces/srv/AddTwoInts_Event]")
+        assert (await client.call(AddTwoInts.Request(a=2, b=3), 10)).sum == 5
+        await until(lambda: count_of(path) == 4)
+    (told,) = metadata_of(path)["topics_with_message_count"]
+    topic = told["topic_metadata"]
+    assert (topic["name"], topic["type"]) == (ADD, "example_interfaces/srv/AddTwoInts_Event")
+    assert topic["type_description_hash"] == type_hash(AddTwoInts.Event)
+    for offered in qos_profiles(topic["offered_qos_profiles"]):
+        assert (offered.durability, offered.reliability) == (Durability.TRANSIENT_LOCAL, Reliability.RELIABLE)
+    with BagReader(path) as reader:
+        events = [item.message for item in reader]
+    assert {one.info.event_type for one in events} == {*map(int, ServiceEventType)}
+    assert {(one.request[0].a, one.request[0].b) for one in events if one.request} == {(2, 3)}
+    assert {one.response[0].sum for one in events if one.response} == {5}
+
+
+def test_events_of_a_service_installed_nowhere_have_a_definition(tmp_path: Path) -> None:
+    cls: Any = compile_text(
+        "nobody_has/srv/Ask",
+        "other/Part part\n---\nstring[] answers\n" + "=" * 80 + "\nMSG: other/Part\nint32 number\n",
+    )
+    event = cls.Event(request=[cls.Request()])
+    event.request[0].part.number = 7
+    with BagWriter(tmp_path / "a.mcap") as bag:
+        bag.write("/ask/_service_event", event, 1)
+    with BagReader(tmp_path / "a.mcap") as reader:
+        topic = reader.topics["/ask/_service_event"]
+        assert type_hash(compile_text(topic.type_name, topic.definition)) == topic.type_hash == type_hash(cls.Event)
+        assert "int32 number" in topic.definition
+        (item,) = reader
+    assert item.message.request[0].part.number == 7
+
+
+async def test_an_action_is_recorded_while_it_runs(node: Node, tool: Any, tmp_path: Path) -> None:
+    async def run(goal: Any) -> Any:
+        goal.publish_feedback(Fibonacci.Feedback(sequence=[1]))
+        return Fibonacci.Result(sequence=[1, 2])
+
+    node.create_action_server(Fibonacci, "fib", run)
+    client = node.create_action_client(Fibonacci, "fib")
+    path = tmp_path / "bag"
+    async with recording(tool, path, "--actions", "fib") as process:
+        await said(process, "recording /fib/_action/feedback [", "recording /fib/_action/status [")
+        handle = await client.send_goal(Fibonacci.Goal(order=2))
+        assert [*(await handle.result(10))[1].sequence] == [1, 2]
+        await until(lambda: count_of(path) >= 3)
+    with BagReader(path) as reader:
+        (feedback,) = [item.message for item in reader.messages("/fib/_action/feedback")]
+        assert [*feedback.feedback.sequence] == [1]
+        statuses = [item.message for item in reader.messages("/fib/_action/status")]
+        assert statuses[-1].status_list[-1].status == 4  # succeeded
+        (offered,) = qos_profiles(reader.topics["/fib/_action/status"].offered_qos)
+        assert offered.durability is Durability.TRANSIENT_LOCAL
+
+
+# ------------------------------------------------------------------------------------------------------ quality, time
+
+
+async def test_overrides_say_how_a_topic_is_received(node: Node, tool: Any, tmp_path: Path) -> None:
+    words = node.create_publisher(String, "words", LATCHED)
+    words.publish(String(data="before"))
+    node.create_publisher(String, "kept", LATCHED).publish(String(data="kept"))
+    file = tmp_path / "qos.yaml"
+    file.write_text("/words: {durability: volatile, reliability: best_effort, history: keep_last, depth: 3}\n")
+    path = tmp_path / "bag"
+    async with recording(tool, path, "/words", "/kept", "--qos-profile-overrides-path", str(file)) as process:
+        await said(process, "recording /words", "recording /kept")
+        (found,) = node.get_subscriptions_info_by_topic("/words")
+        assert (found.qos_profile.durability, found.qos_profile.reliability) == (
+            Durability.VOLATILE,
+            Reliability.BEST_EFFORT,
+        )
+        words.publish(String(data="after"))
+        await until(lambda: count_of(path) == 2)
+    assert sorted(words_of(path)) == ["after", "kept"]
+    with BagReader(path) as reader:  # what is in the bag is what was offered
+        (offered,) = qos_profiles(reader.topics["/words"].offered_qos)
+        assert offered.durability is Durability.TRANSIENT_LOCAL
+    file.write_text("/words:\n  depht: 3\n")
+    ended = await tool("bag", "record", "/words", "--qos-profile-overrides-path", str(file))
+    assert (ended.code, f"error: {file}:2:3: expected policies" in ended.err) == (1, True)
+    ended = await tool("bag", "record", "/words", "--qos-profile-overrides-path", str(tmp_path / "none"))
+    assert (ended.code, "No such file" in ended.err) == (1, True)
+
+
+async def test_times_are_those_of_the_simulation(node: Node, tool: Any, tmp_path: Path) -> None:
+    words = node.create_publisher(String, "words", QoSProfile(depth=100))
+    path = tmp_path / "bag"
+    async with recording(tool, path, "/words", "--use-sim-time") as process:
+        await said(process, "recording /words")
+        words.publish(String(data="too early"))
+        await taken(node)
+        clock = node.create_publisher(Clock, "/clock", QoSProfile(depth=1))
+        now = Clock()
+        now.clock.sec = 50
+        await clock.wait_for_subscribers(10)
+
+        def goes_on() -> bool:
+            """The recorder has heard of the time once it writes."""
+            clock.publish(now)
+            words.publish(String(data="in time"))
+            return count_of(path) > 0
+
+        await until(goes_on)
+    with BagReader(path) as reader:
+        items = list(reader)
+    assert {item.log_time for item in items} == {50 * S}
+    assert {item.message.data for item in items} == {"in time"}
+
+
+# --------------------------------------------------------------------------------------------------- storage, metadata
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+@pytest.mark.parametrize(
+    ("words", "mode"),
+    [
+        ([], ""),
+        (["--compression-mode", "file", "--compression-format", "zstd", "--compression-threads", "2"], "FILE"),
+        (["--compression-mode", "message"], "MESSAGE"),
+    ],
+)
+async def test_bags_of_both_storages_are_split_and_compressed(
+    node: Node, tool: Any, tmp_path: Path, storage: str, words: list[str], mode: str
+) -> None:
+    publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
+    path = tmp_path / "bag"
+    options = ("-b", "1000", "--custom-data", "robot=r2", "run=a=b", "-f", "cdr", *words)
+    async with recording(tool, path, "--topics", "/words", "-s", storage, *options) as process:
+        await said(process, "recording /words")
+        for number in range(6):
+            publisher.publish(String(data=f"{number:0600}"))
+        await until(lambda: len([*path.glob("bag_2.*")]) == 1)
+    told = metadata_of(path)
+    assert (told["storage_identifier"], told["compression_mode"]) == (storage, mode)
+    assert told["custom_data"] == {"robot": "r2", "run": "a=b"}
+    suffix = {"mcap": ".mcap", "sqlite3": ".db3"}[storage] + ".zstd" * (mode == "FILE")
+    assert told["relative_file_paths"] == [f"bag_{number}{suffix}" for number in range(3)]
+    assert [int(one) for one in words_of(path)] == [*range(6)]
+    with RosbagsReader(path) as theirs:
+        assert theirs.message_count == len(list(theirs.messages())) == 6
+
+
+async def test_a_bag_is_split_by_time(node: Node, tool: Any, tmp_path: Path) -> None:
+    publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
+    path = tmp_path / "bag"
+    async with recording(tool, path, "/words", "--max-bag-duration", "0.05", "--max-bag-size", "0") as process:
+        await said(process, "recording /words")
+
+        def is_split() -> bool:
+            publisher.publish(String(data="w"))
+            return len([*path.glob("bag_*.mcap")]) == 3
+
+        await until(is_split)
+    assert len(metadata_of(path)["relative_file_paths"]) >= 3
+
+
+# ------------------------------------------------------------------------------------------------- pausing, snapshots
+
+
+async def test_services_pause_and_split(node: Node, tool: Any, tmp_path: Path) -> None:
+    publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
+    path = tmp_path / "bag"
+
+    async def publish(text: str, *, recorded: int) -> None:
+        publisher.publish(String(data=text))
+        await taken(node)
+        await until(lambda: count_of(path) == recorded)
+
+    async with recording(tool, path, "/words", "--start-paused") as process:
+        await said(process, "paused from the beginning")
+        await said(process, "recording /words")
+        assert await taken(node)
+        await publish("a", recorded=0)
+        await call(node, "resume", "Resume")
+        await publish("b", recorded=1)
+        await call(node, "pause", "Pause")
+        await publish("c", recorded=1)
+        await call(node, "toggle_paused", "TogglePaused")
+        await call(node, "split_bagfile", "SplitBagfile")
+        await publish("d", recorded=2)
+        assert not await taken(node)
+    assert words_of(path) == ["b", "d"]
+    assert [one["message_count"] for one in metadata_of(path)["files"]] == [1, 1]
+
+
+async def test_one_file_is_not_split_by_a_service(node: Node, tool: Any, tmp_path: Path) -> None:
+    node.create_publisher(String, "words", LATCHED).publish(String(data="w"))
+    path = tmp_path / "a.mcap"
+    async with recording(tool, path, "/words") as process:
+        await said(process, "recording /words")
+        await call(node, "split_bagfile", "SplitBagfile")
+        await said(process, f"{path} is one file, and not split")
+        await until(lambda: count_of(path) == 1)
+
+
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+async def test_a_snapshot_has_what_came_last(node: Node, tool: Any, tmp_path: Path, storage: str) -> None:
+    publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
+    path = tmp_path / "bag"
+    options = ("--snapshot-mode", "--max-cache-size", "3500", "--node-name", "box", "-s", storage)
+    process = await tool.start("bag", "record", "/words", "-o", str(path), *options)
+    await said(process, "recording /words")
+    for numbers, there in (((0, 10), 3), ((10, 12), 5), ((12, 12), 5)):
+        for number in range(*numbers):
+            publisher.publish(String(data=f"{number:01000}"))
+        await taken(node, "/box")
+        while not (await call(node, "snapshot", "Snapshot", "---\nbool success\n", "/box")).success:
+            pass  # the one before is still being written
+        await until(lambda there=there: sum(map(count_of, files_of(path))) == there)  # type: ignore[misc]
+    publisher.publish(String(data="never"))
+    process.send_signal(signal.SIGINT)
+    ended = await tool.end(process)
+    assert ended.code == 0 and "recorded 5 messages of 1 topics" in ended.err
+    assert [int(one) for one in words_of(path)] == [7, 8, 9, 10, 11]
+    assert [one["message_count"] for one in metadata_of(path)["files"]][:2] == [3, 2]
+    with RosbagsReader(path) as theirs:
+        assert theirs.message_count == 5
+
+
+class Slow(BagWriter):
+    """A bag on a disk that waits for the test."""
+
+    def __init__(self, path: Path, may_write: Any) -> None:
+        super().__init__(path)
+        self._may_write = may_write
+
+    def write(self, *arguments: Any) -> None:
+        self._may_write.wait(20)
+        super().write(*arguments)
+
+
+def test_what_waits_is_bounded_and_a_snapshot_waits_for_the_last_one(tmp_path: Path) -> None:
+    import threading
+
+    for snapshots in (False, True):
+        may_write = threading.Event()
+        path = tmp_path / str(snapshots)
+        bag = Slow(path, may_write)
+        bag.add_topic("/words", String)
+        data = String(data="x" * 990).encode()
+        writer = WriterThread(bag, lambda: None, max_bytes=3 * len(data), snapshots=snapshots)
+        for number in range(10):
+            writer.put("/words", data, number, number)
+        if snapshots:
+            writer.put("/words", data * 4, 11, 11)  # more than there is room for
+            assert (writer.dropped, writer.kept) == (1, "3 messages kept for a snapshot")
+            assert writer.snapshot()
+            assert not writer.snapshot()
+        else:
+            assert 10 - writer.messages == writer.dropped == 6
+            assert not writer.snapshot()
+        may_write.set()
+        writer.end()
+        with BagReader(path) as reader:
+            assert [item.log_time for item in reader] == ([7, 8, 9] if snapshots else [0, 1, 2, 3])
+
+
+# ----------------------------------------------------------------------------------------------------- the command line
+
+
+def test_wrong_words_are_told(run_here: Any, tmp_path: Path) -> None:
+    out = str(tmp_path / "bag")
+    for words, code, text in (
+        (["--exclude-topics", "/a"], 2, "say what to record"),
+        (["/a", "--compression-format", "zstd"], 2, "--compression-format is for --compression-mode"),
+        (["/a", "--compression", "lz4", "-s", "sqlite3"], 2, "--compression is of chunks in MCAP files"),
+        (["/a", "--use-sim-time", "--no-discovery"], 2, "--use-sim-time waits for /clock"),
+        (["/a", "--snapshot-mode", "--max-cache-size", "0"], 2, "--snapshot-mode has nothing to write"),
+        (["/a", "--custom-data", "x"], 2, 'expected KEY=VALUE, found "x"'),
+        (["/a", "-f", "json"], 2, "'json' is not"),
+        (["/a", "--exclude-regex", "("], 1, '"(" is no regular expression'),
+        (["--services", "/a b"], 1, "/a b"),
+        (["--topic-types", "a/b/c/d"], 1, "a/b/c/d"),
+        (["/a", "--node-name", "no name", "--discovery", "off"], 1, "no name"),
+        (["/a", "-o", out + ".mcap", "--compression-mode", "file", "--discovery", "off"], 1, "is one file"),
+        (["/a", "-o", out + ".mcap", "-s", "sqlite3", "--discovery", "off"], 1, "is a folder"),
+    ):
+        found, _, err = run_here("bag", "record", *words)
+        assert (found, text in err, "Traceback" in err) == (code, True, False), (words, err)
+    assert [*tmp_path.iterdir()] == []
+
+
+# -------------------------------------------------------------------------------------------------------------- keys
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a terminal of Unix")
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+async def test_space_pauses_and_the_terminal_is_as_before(dds: World, tmp_path: Path, end: int) -> None:
+    node = dds.node("robot", enable_rosout=False, parameter_events=False)
+    publisher = node.create_publisher(String, "words", QoSProfile(depth=100))
+    path = tmp_path / "bag"
+    ours, theirs = pty.openpty()
+    before = termios.tcgetattr(theirs)
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "rosidl_py_gen.tools", "bag", "record", "/words", "-o", str(path)),
+        *("--start-paused", "--max-cache-size", "0"),
+        stdin=theirs,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=lambda: _take_terminal(theirs),
+    )
+    try:
+        await said(process, "space pauses and goes on")
+        await said(process, "recording /words")
+        assert not termios.tcgetattr(theirs)[3] & (termios.ECHO | termios.ICANON)
+        await publisher.wait_for_subscribers(20)
+        os.write(ours, b"x ")
+        await said(process, "recording goes on")
+        publisher.publish(String(data="a"))
+        await until(lambda: count_of(path) == 1)
+        os.write(ours, b" ")
+        await said(process, "paused")
+        process.send_signal(end)
+        await asyncio.wait_for(process.wait(), 20)
+        assert process.returncode == (0 if end in (signal.SIGINT, signal.SIGTERM) else -end)
+        assert termios.tcgetattr(theirs) == before
+    finally:
+        if process.returncode is None:
+            process.kill()
+        os.close(ours)
+        os.close(theirs)
+
+
+def _take_terminal(terminal: int) -> None:
+    """Make it that of this session, as a shell's is."""
+    import fcntl
+
+    fcntl.ioctl(terminal, termios.TIOCSCTTY, 0)
+
+
+async def test_keys_are_left_alone_on_request(dds: World, tmp_path: Path) -> None:
+    node = dds.node("robot", enable_rosout=False, parameter_events=False)
+    node.create_publisher(String, "words", LATCHED).publish(String(data="w"))
+    ours, theirs = pty.openpty()
+    before = termios.tcgetattr(theirs)
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "rosidl_py_gen.tools", "bag", "record", "/words", "-o", str(tmp_path / "bag")),
+        "--disable-keyboard-controls",
+        stdin=theirs,
+        stderr=asyncio.subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=lambda: _take_terminal(theirs),
+    )
+    await said(process, "recording /words")
+    assert termios.tcgetattr(theirs) == before
+    process.send_signal(signal.SIGINT)
+    assert process.stderr is not None
+    rest = (await process.stderr.read()).decode()
+    assert await process.wait() == 0 and "space" not in rest
+    os.close(ours)
+    os.close(theirs)
