@@ -152,7 +152,7 @@ SEAMS = {
     "rich": ("tools",),
     "zenoh": ("runtime.transport.zenoh",),
     "xxhash": ("runtime.transport.zenoh.tokens",),
-    "yaml": ("runtime.parameters.files", "tools.messages", "tools.bag.rules", "bags.metadata"),
+    "yaml": ("runtime.parameters.files", "tools.messages", "tools.bag.yaml_tree", "bags.metadata"),
     "mcap": ("bags",),
     "zstandard": ("bags.chunks", "bags.compressed"),
     "lz4": ("bags.chunks",),

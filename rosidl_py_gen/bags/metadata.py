@@ -29,7 +29,8 @@ _MAX_BYTES = 1 << 26
 """Bytes of a metadata file."""
 _MAX_DEPTH = 50
 """Levels of lists and mappings in it; rosbag2 needs a dozen."""
-_PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
+PERIODS = {"deadline_ns": "deadline", "lifespan_ns": "lifespan", "liveliness_lease_ns": "liveliness_lease_duration"}
+"""Field of a profile -> how rosbag2 calls it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,6 +227,6 @@ def _profile(row: Any) -> QoSProfile:
     for name, kind in POLICIES.items():
         told: Any = _plain(row[name])
         values[name] = kind[told.upper()] if isinstance(told, str) else kind(told)
-    for name, key in _PERIODS.items():
+    for name, key in PERIODS.items():
         values[name] = min(int(row[key]["sec"]) * NS_PER_S + int(row[key]["nsec"]), INFINITE_NS)
     return QoSProfile(depth=int(row["depth"]), **values)
