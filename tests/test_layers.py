@@ -116,6 +116,7 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "graph": (),
     "service": ("commands",),
     "bag": ("commands",),
+    "playback": ("commands", "bag"),
     "foxglove": ("commands",),
     "action": (),
     "node": (),

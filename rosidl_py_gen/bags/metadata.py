@@ -149,8 +149,15 @@ class FileStatistics:
         return 0 if self.first is None else self.last - self.first
 
 
-def metadata_text(storage: str, files: Iterable[FileStatistics], topics: Iterable[BagTopic]) -> str:
-    """The text of a metadata file."""
+def metadata_text(
+    storage: str,
+    files: Iterable[FileStatistics],
+    topics: Iterable[BagTopic],
+    *,
+    compression: str = "",
+    compression_mode: str = "",
+) -> str:
+    """The text of a metadata file; `compression` is rosbag2's own, not that inside MCAP files."""
     files = list(files)
     starts = [one.first for one in files if one.first is not None]
     start, end = min(starts, default=0), max((one.last for one in files), default=0)
@@ -173,8 +180,8 @@ def metadata_text(storage: str, files: Iterable[FileStatistics], topics: Iterabl
             }
             for topic in topics
         ],
-        "compression_format": "",
-        "compression_mode": "",
+        "compression_format": compression,
+        "compression_mode": compression_mode,
         "relative_file_paths": [one.path for one in files],
         "files": [
             {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import InvalidNameError
@@ -20,6 +20,10 @@ LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
 _SILENT_S = 2.0
 """Fast DDS robots are found within 1.2 s."""
 _FEEDBACK, _FEEDBACK_TYPE, _SEND_GOAL = "/_action/feedback", "_FeedbackMessage", "/_action/send_goal"
+_EVENT = "/_service_event"
+_ACTION = "/_action/"
+_ACTION_TOPICS = "feedback", "status"
+_ACTION_SERVICES = "send_goal", "cancel_goal", "get_result"
 
 
 # --------------------------------------------------------------------------------------------------------------- topics
@@ -113,3 +117,29 @@ async def find_action(session: Session, action: str, timeout_s: float | None = N
         return [name for name, _ in actions(node.get_topic_names_and_types()) if name + _SEND_GOAL in services]
 
     return await session.find("action", action, known, timeout_s)
+
+
+# ----------------------------------------------------------------------------------------------------------- recordings
+
+
+class Owned(NamedTuple):
+    """What a topic belongs to.
+
+    Attributes:
+        kind: ``topic``, ``service`` or ``action``.
+        name: of the topic itself, the service, or the action.
+        service: whose events these are, of a service or of an action; empty for others.
+    """
+
+    kind: str
+    name: str
+    service: str = ""
+
+
+def owner(topic: str) -> Owned:
+    """What a topic belongs to, by its name."""
+    service = topic.removesuffix(_EVENT) if topic.endswith(_EVENT) else ""
+    action, mark, part = (service or topic).rpartition(_ACTION)
+    if mark and action and part in (_ACTION_SERVICES if service else _ACTION_TOPICS):
+        return Owned("action", action, service)
+    return Owned("service", service, service) if service else Owned("topic", topic)

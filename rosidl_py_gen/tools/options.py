@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -67,6 +68,90 @@ _NODE_OPTIONS = (
 )
 
 
+# ------------------------------------------------------------------------------------------------- kinds of options
+
+
+class Finite(click.FloatRange):
+    """A number within a range, which infinity and NaN are not."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        found = super().convert(value, param, ctx)
+        if not isfinite(found):
+            self.fail(f"{value} is no finite number", param, ctx)
+        return found
+
+
+class Several(click.Option):
+    """An option that takes one word or more, as options of ros2 do: ``--topics /a /b``, or ``--topics /a --topics /b``.
+
+    For a command whose ``cls`` is `SeveralCommand`.
+    """
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:
+        settings["multiple"] = True
+        super().__init__(*arguments, **settings)
+
+
+class SeveralCommand(click.Command):
+    """Gives all words behind an option of `Several` to it, up to the next option.
+
+    Until the command has the arguments it needs, such an option takes only one: in ``--topics /a my_bag``, the bag
+    is none of the topics.
+    """
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, self._spread(ctx, args))
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Further words of an option are completed as its first."""
+        option = ctx.meta.get(_OPEN)
+        if option is None or _is_option(incomplete):
+            return super().shell_complete(ctx, incomplete)
+        found: list[CompletionItem] = option.shell_complete(ctx, incomplete)
+        return found
+
+    def _spread(self, ctx: click.Context, args: list[str]) -> list[str]:
+        options = {
+            name: param
+            for param in self.params
+            if isinstance(param, click.Option)
+            for name in (*param.opts, *param.secondary_opts)
+        }
+        missing = sum(isinstance(param, click.Argument) and param.nargs == 1 for param in self.params)
+        spread: list[str] = []
+        rest = list(args)
+        while rest and rest[0] != "--":
+            word = rest.pop(0)
+            option = options.get(word)
+            missing -= option is None and not _is_option(word)
+            if option is not None and option.name == _INSTEAD:
+                missing = 0
+            if isinstance(option, Several):
+                if not rest and ctx.resilient_parsing:  # the value is being typed
+                    break
+                spread += word, *rest[:1]
+                del rest[:1]
+                while missing <= 0 and rest and not _is_option(rest[0]):
+                    spread += word, rest.pop(0)
+                if not rest and missing <= 0:
+                    ctx.meta[_OPEN] = option
+                continue
+            spread.append(word)
+            if option is not None and not option.is_flag and rest and not _is_option(rest[0]):
+                spread.append(rest.pop(0))
+        return spread + rest
+
+
+_OPEN = f"{__name__}.open"
+"""In a context: the option that the next word belongs to, if it is none itself."""
+_INSTEAD = "inputs"
+"""Stands for arguments, where a command has it."""
+
+
+def _is_option(word: str) -> bool:
+    return word.startswith("-") and len(word) > 1
+
+
 # -------------------------------------------------------------------------------------------------------- completion
 
 
@@ -77,6 +162,17 @@ def completion(what: str) -> Callable[[click.Context, click.Parameter, str], lis
         from rosidl_py_gen.tools.completion import complete_names
 
         return complete_names(what, ctx, incomplete)
+
+    return complete
+
+
+def bag_completion(kind: str) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """Completes names of the bag that is on the command line: `kind` is topic, service or action."""
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from rosidl_py_gen.tools.completion import complete_bag_names
+
+        return complete_bag_names(kind, ctx, incomplete)
 
     return complete
 
