@@ -70,12 +70,12 @@ def bag_files(folder: Path) -> list[Path]:
 
 
 def compression_of(file: Path) -> str | None:
-    """The mode of rosbag2's compression of a file, ``FILE`` or ``MESSAGE``, as ``metadata.yaml`` has it.
+    """The mode of rosbag2's compression of a file, ``file`` or ``message``.
 
     Empty without compression; None where no message tells.
     """
     if file.suffix == SUFFIX:
-        return "FILE"
+        return "file"
     storage: Storage = SqliteFile(file) if file.suffix == ".db3" else McapFile(file, False)
     try:
         first = next(storage.messages(None, 0, MAX_TIME), None)
@@ -83,7 +83,7 @@ def compression_of(file: Path) -> str | None:
         storage.close()
     if first is None:
         return None
-    return "MESSAGE" if bytes(first[1][:4]) == _MAGIC else ""
+    return "message" if bytes(first[1][:4]) == _MAGIC else ""
 
 
 def _found(path: Path) -> Path:

@@ -17,7 +17,7 @@ from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.runtime.qos import INFINITE_NS, POLICIES
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
 
 if TYPE_CHECKING:
@@ -154,10 +154,10 @@ def metadata_text(
     files: Iterable[FileStatistics],
     topics: Iterable[BagTopic],
     *,
-    compression: str = "",
     compression_mode: str = "",
+    custom_data: Mapping[str, str] | None = None,
 ) -> str:
-    """The text of a metadata file; `compression` is rosbag2's own, not that inside MCAP files."""
+    """The text of a metadata file; `compression_mode` is ``file`` or ``message`` where zstd is used for these."""
     files = list(files)
     starts = [one.first for one in files if one.first is not None]
     start, end = min(starts, default=0), max((one.last for one in files), default=0)
@@ -180,8 +180,8 @@ def metadata_text(
             }
             for topic in topics
         ],
-        "compression_format": compression,
-        "compression_mode": compression_mode,
+        "compression_format": "zstd" if compression_mode else "",
+        "compression_mode": compression_mode.upper(),
         "relative_file_paths": [one.path for one in files],
         "files": [
             {
@@ -192,7 +192,7 @@ def metadata_text(
             }
             for one in files
         ],
-        "custom_data": None,
+        "custom_data": dict(custom_data) if custom_data else None,
         "ros_distro": "",
     }
     return yaml.safe_dump({"rosbag2_bagfile_information": information}, sort_keys=False)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 UNINDEXED = ".unindexed"
 _STORAGES = {".mcap": "mcap", ".db3": "sqlite3"}
+_WORDS = {"": "not compressed", "file": "compressed", "message": "of compressed messages"}
 _NUMBER = re.compile(r"(\d+)(?=\.)")
 
 
@@ -70,8 +71,7 @@ def reindex_folder(folder: Path) -> Reindexed:
             if not reader.has_index:
                 without_index.append(file.name)
     topics = by_name(channels)
-    packed = "zstd" if compression else ""
-    text = metadata_text(storage, statistics, topics.values(), compression=packed, compression_mode=compression)
+    text = metadata_text(storage, statistics, topics.values(), compression_mode=compression)
     partial = folder / f".{FILE}"
     partial.write_text(text, encoding="utf-8")
     partial.replace(folder / FILE)
@@ -124,7 +124,7 @@ def _with_hash(reader: BagReader, channel: BagTopic) -> BagTopic:
 
 def _the_one(folder: Path, kinds: set[str]) -> str:
     if len(kinds) > 1:
-        told = " and ".join(kind or "without compression" for kind in sorted(kinds))
+        told = " and ".join(sorted(_WORDS.get(kind, kind) for kind in kinds))
         raise BagError(f"{folder}: some of its files are {told}; a bag is of one kind, so move the others elsewhere")
     return next(iter(kinds))
 

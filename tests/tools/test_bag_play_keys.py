@@ -19,7 +19,7 @@ from worlds import GENERATED, start_process, until
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.runtime import QoSProfile
-from rosidl_py_gen.tools.playback.keys import keys_of, pressed
+from rosidl_py_gen.tools.keys import keys_of, pressed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 PLAYER = "/rosbag2_player"
 _PACKAGE = "rosbag2_interfaces"
 _NOTHING = "---\n"
+_LATER = "Burst", "PlayNext", "Seek"
+"""These wait until playing has begun, which they are about."""
 _DEFINITIONS = {
     "Burst": "uint64 num_messages\n---\nuint64 actually_burst\n",
     "GetRate": "---\nfloat64 rate\n",
@@ -41,7 +43,13 @@ def serve(node: Node, player: Player) -> None:
 
     def add(name: str, kind: str, answer: Callable[[Any], dict[str, Any] | None]) -> None:
         cls: Any = compile_text(f"{_PACKAGE}/srv/{kind}", _DEFINITIONS[kind])
-        node.create_service(cls, f"{PLAYER}/{name}", lambda request: cls.Response(**(answer(request) or {})))
+
+        async def handle(request: Any) -> Any:
+            if kind in _LATER:
+                await player.begun()
+            return cls.Response(**(answer(request) or {}))
+
+        node.create_service(cls, f"{PLAYER}/{name}", handle)
 
     timeline = player.timeline
     add("pause", "Pause", lambda _: timeline.pause())

@@ -10,8 +10,8 @@ from rosidl_py_gen.tools import Job, ToolError, printing
 from rosidl_py_gen.tools.bag.part import progress
 from rosidl_py_gen.tools.bag.qos_overrides import read_qos_overrides
 from rosidl_py_gen.tools.commands.bag_play import PlayOptions
+from rosidl_py_gen.tools.keys import pressed
 from rosidl_py_gen.tools.playback.controls import PLAYER, serve
-from rosidl_py_gen.tools.playback.keys import pressed
 from rosidl_py_gen.tools.playback.player import Player
 from rosidl_py_gen.tools.playback.recording import Recording
 from rosidl_py_gen.tools.playback.selection import part_of, played
@@ -67,11 +67,11 @@ async def _play(
     node_options = {"start_type_description_service": True}  # others may not have the types
     async with Session(network, overrides=node_options) as session:
         player = Player(session, recording, part, options, overrides)
+        serve(session.node, player)
         await session.wait_until_quiet()
         if network.get("spin_time_s") is None:
             await asyncio.gather(player.senders.heard(_LISTENERS_S), player.requests.served(_LISTENERS_S))
         await asyncio.sleep(options.delay_s)
-        serve(session.node, player)
         await _steered(player, options)
         await asyncio.gather(player.senders.acknowledged(options.acked_ms), player.requests.answered())
         sent = player.requests.count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen import get_message
@@ -61,6 +62,7 @@ class Player:
         self._messages: Iterator[RawMessage] = iter(())
         self._next: RawMessage | None = None
         self._is_stopped = False
+        self._has_begun = asyncio.Event()
         self.count = 0
         """Messages published, and requests sent."""
         self.on_change: Callable[[], None] = lambda: None
@@ -117,6 +119,7 @@ class Player:
     async def play(self) -> None:
         """Publish everything once, or until somebody stops it; at the end, wait until it is not paused."""
         self._begin(self._part.start_ns)
+        self._has_begun.set()
         while not self._is_stopped:
             if self._next is None:
                 if not self.timeline.is_paused:
@@ -152,6 +155,10 @@ class Player:
         self._next = next(self._messages, None)
 
     # -------------------------------------------------------------------------------------------------------- steering
+
+    async def begun(self) -> None:
+        """Wait until `play` knows what is next; before, there is no step, and nowhere to seek."""
+        await self._has_begun.wait()
 
     def toggle(self) -> None:
         """Pause, or go on."""
