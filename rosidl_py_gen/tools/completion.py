@@ -55,7 +55,8 @@ def complete_bag_names(kind: str, context: click.Context, incomplete: str) -> li
             warnings.simplefilter("ignore")
             for place in places:
                 with BagReader(place) as reader:
-                    names |= {one.name for one in map(owner, reader.topics) if one.kind == kind}
+                    owners = (owner(one.name, one.type_name) for one in reader.topics.values())
+                    names |= {one.name for one in owners if one.kind == kind}
         return [CompletionItem(name) for name in sorted(names) if name.startswith(incomplete)]
     return []
 

@@ -136,9 +136,10 @@ class Owned(NamedTuple):
     service: str = ""
 
 
-def owner(topic: str) -> Owned:
-    """What a topic belongs to, by its name."""
-    service = topic.removesuffix(_EVENT) if topic.endswith(_EVENT) else ""
+def owner(topic: str, type_name: str) -> Owned:
+    """What a topic belongs to, by its name and type, as other topics may be called alike."""
+    is_event = topic.endswith(_EVENT) and type_name.endswith("_Event")
+    service = topic.removesuffix(_EVENT) if is_event else ""
     action, mark, part = (service or topic).rpartition(_ACTION)
     if mark and action and part in (_ACTION_SERVICES if service else _ACTION_TOPICS):
         return Owned("action", action, service)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -69,16 +68,6 @@ _NODE_OPTIONS = (
 
 
 # ------------------------------------------------------------------------------------------------- kinds of options
-
-
-class Finite(click.FloatRange):
-    """A number within a range, which infinity and NaN are not."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        found = super().convert(value, param, ctx)
-        if not isfinite(found):
-            self.fail(f"{value} is no finite number", param, ctx)
-        return found
 
 
 class Several(click.Option):

@@ -273,6 +273,16 @@ async def test_what_is_named_is_played_and_what_is_excluded_is_not(
     assert ended.code == 0 and f"published {len(topics)} messages of {len(topics)} topics\n" in ended.err
 
 
+async def test_a_topic_that_is_only_called_like_events_is_a_topic(memory: World, tool: Any, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        for topic in ("/add/_service_event", "/count/_action/send_goal/_service_event"):
+            bag.write(topic, String(), START)
+    options = ("--topics", "/add/_service_event", "/count/_action/send_goal/_service_event")
+    requests = ("--publish-service-requests", "--send-actions-as-client")
+    ended = await played(tool, str(tmp_path / "bag"), *options, *requests)
+    assert ended.err == "published 2 messages of 2 topics and sent 0 requests\n"
+
+
 async def test_an_excluded_name_that_is_not_there_is_said(tool: Any, memory: World, mixed: str) -> None:
     ended = await played(tool, mixed, "--exclude-topics", "/c", "--exclude-services", "/a")
     assert f"--exclude-topics: {mixed} has no topic /c" in ended.err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, TypeVar
 
 import click
@@ -13,11 +14,22 @@ from rosidl_py_gen.tools import options, run_command
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+class _Finite(click.FloatRange):
+    """A number within a range, which infinity and NaN are not."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        found = super().convert(value, param, ctx)
+        if not isfinite(found):
+            self.fail(f"{value} is no finite number", param, ctx)
+        return found
+
+
 @dataclass(frozen=True, slots=True)
 class PlayOptions:
     """What was asked of ``bag play``; times in seconds, None where nothing was said."""
 
-    bags: Sequence[str]
+    path: str | None
+    inputs: Sequence[str]
     storage: str | None
     rate: float
     loop: bool
@@ -31,8 +43,9 @@ class PlayOptions:
     exclude_regex: str | None
     offset_s: float
     duration_s: float | None
-    playback_s: float | None
-    until_ns: int | None
+    playback_duration_s: float | None
+    until_s: float | None
+    until_nanoseconds: int | None
     delay_s: float
     remaps: Sequence[str]
     qos_file: str | None
@@ -48,7 +61,24 @@ class PlayOptions:
     order: str
     read_ahead: int
     progress_hz: float
+    no_loans: bool
     paths: Sequence[str]
+
+    @property
+    def bags(self) -> Sequence[str]:
+        """What is played."""
+        return [self.path] if self.path else self.inputs
+
+    @property
+    def playback_s(self) -> float | None:
+        """How much of it; below zero is how rosbag2 says that there is no limit."""
+        return None if self.playback_duration_s is None or self.playback_duration_s < 0 else self.playback_duration_s
+
+    @property
+    def until_ns(self) -> int | None:
+        """Until when, nanoseconds since 1970."""
+        found = self.until_nanoseconds if self.until_s is None else round(self.until_s * 1_000_000_000)
+        return None if found is None or found < 0 else found
 
     @property
     def has_clock(self) -> bool:
@@ -64,21 +94,33 @@ def _several(*names: str, of: str = "", **settings: Any) -> Callable[[F], F]:
     return click.option(*names, cls=options.Several, **settings)
 
 
-def _one_of(arguments: dict[str, Any], *names: str) -> None:
-    """Raises `click.UsageError` when several of these options were given."""
-    given = [
-        text for name, text in zip(names[::2], names[1::2], strict=True) if arguments[name] not in (None, (), False)
-    ]
-    if len(given) > 1:
-        raise click.UsageError(f"give only one of {', '.join(given)}")
+class _Play(options.SeveralCommand):
+    """Refuses options that do not go together."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        rest = super().parse_args(ctx, args)
+        if not ctx.resilient_parsing:
+            if bool(ctx.params["path"]) == bool(ctx.params["inputs"]):
+                raise click.UsageError("say which bag to play: BAG, or --input BAG for each of several", ctx)
+            for names in _ALTERNATIVES:
+                given = [text for name, text in names.items() if ctx.params[name] not in (None, (), False)]
+                if len(given) > 1:
+                    raise click.UsageError(f"give only one of {', '.join(given)}", ctx)
+        return rest
 
 
-@click.command(cls=options.SeveralCommand)
+_ALTERNATIVES = (
+    {"clock_hz": "--clock", "clock_topics": "--clock-topics", "clock_topics_all": "--clock-topics-all"},
+    {"until_s": "--playback-until-sec", "until_nanoseconds": "--playback-until-nsec"},
+)
+
+
+@click.command(cls=_Play)
 @click.argument("path", type=click.Path(), required=False, metavar="BAG")
 @_several("-i", "--input", "inputs", metavar="BAG", help="A bag; several are played together, by their times.")
 @click.option("-s", "--storage", type=click.Choice(["mcap", "sqlite3"]), help="Refuse others. Files say what they are.")
 @click.option(
-    "-r", "--rate", type=options.Finite(0, min_open=True), default=1.0, show_default=True, help="2 is twice as fast."
+    "-r", "--rate", type=_Finite(0, min_open=True), default=1.0, show_default=True, help="2 is twice as fast."
 )
 @click.option("-l", "--loop", is_flag=True, help="Begin again at the end.")
 @_several("--topics", of="topic", help="Only these, and what --services, --actions and --regex name.")
@@ -92,18 +134,16 @@ def _one_of(arguments: dict[str, Any], *names: str) -> None:
 @click.option(
     "--start-offset",
     "offset_s",
-    type=options.Finite(0),
+    type=_Finite(0),
     default=0.0,
     metavar="SECONDS",
     help="Leave out the beginning.",
 )
-@click.option("--playback-duration", "playback_s", type=options.Finite(), metavar="SECONDS", help="Only so long.")
-@click.option(
-    "--playback-until-sec", "until_s", type=options.Finite(), metavar="SECONDS", help="Only until then, since 1970."
-)
+@click.option("--playback-duration", "playback_duration_s", type=_Finite(), metavar="SECONDS", help="Only so long.")
+@click.option("--playback-until-sec", "until_s", type=_Finite(), metavar="SECONDS", help="Only until then, since 1970.")
 @click.option(
     "--playback-until-nsec",
-    "until_ns",
+    "until_nanoseconds",
     type=int,
     metavar="NANOSECONDS",
     help="The same. With --playback-duration, the later end counts.",
@@ -111,12 +151,12 @@ def _one_of(arguments: dict[str, Any], *names: str) -> None:
 @click.option(
     "--duration",
     "duration_s",
-    type=options.Finite(0),
+    type=_Finite(0),
     metavar="SECONDS",
     help="Only so long, without a message at its very end.",
 )
 @click.option(
-    "-d", "--delay", "delay_s", type=options.Finite(0), default=0.0, metavar="SECONDS", help="Wait before the first."
+    "-d", "--delay", "delay_s", type=_Finite(0), default=0.0, metavar="SECONDS", help="Wait before the first."
 )
 @_several("-m", "--remap", "remaps", metavar="FROM:=TO...", help="Other names.")
 @click.option(
@@ -129,7 +169,7 @@ def _one_of(arguments: dict[str, Any], *names: str) -> None:
 @click.option(
     "--clock",
     "clock_hz",
-    type=options.Finite(0, 10_000, min_open=True),
+    type=_Finite(0, 10_000, min_open=True),
     is_flag=False,
     flag_value=40.0,
     metavar="[HZ]",
@@ -176,16 +216,16 @@ def _one_of(arguments: dict[str, Any], *names: str) -> None:
 @click.option(
     "--progress-bar-update-rate",
     "progress_hz",
-    type=options.Finite(),
+    type=_Finite(),
     default=3.0,
     show_default=True,
     metavar="HZ",
     help="Of the line on a terminal that says how far it is; 0 for none, below for each message.",
 )
-@click.option("--disable-loan-message", "ignored", is_flag=True, hidden=True)
+@click.option("--disable-loan-message", "no_loans", is_flag=True, hidden=True)
 @options.paths
 @options.node_options
-def play(network: Any, path: str | None, inputs: Sequence[str], until_s: float | None, **arguments: Any) -> None:
+def play(network: Any, **arguments: Any) -> None:
     """Publish what a bag holds, as far apart as it was recorded, with the quality of service of then.
 
     On a terminal, space pauses and goes on, the right arrow plays the next message while it is paused, up and down
@@ -196,17 +236,4 @@ def play(network: Any, path: str | None, inputs: Sequence[str], until_s: float |
     rosidl-py bag play my_bag --topics /scan /odom --remap /scan:=/old_scan --loop
     rosidl-py bag play my_bag --publish-service-requests --start-paused
     """
-    if bool(path) == bool(inputs):
-        raise click.UsageError("say which bag to play: BAG, or --input BAG for each of several")
-    _one_of(
-        arguments, "clock_hz", "--clock", "clock_topics", "--clock-topics", "clock_topics_all", "--clock-topics-all"
-    )
-    _one_of({"s": until_s, **arguments}, "s", "--playback-until-sec", "until_ns", "--playback-until-nsec")
-    if until_s is not None:
-        arguments["until_ns"] = round(until_s * 1_000_000_000)
-    for name in ("playback_s", "until_ns"):  # below zero is how rosbag2 says that there is no limit
-        if arguments[name] is not None and arguments[name] < 0:
-            arguments[name] = None
-    del arguments["ignored"]
-    bags = [path] if path else inputs
-    run_command("playback.play", network=network, options=PlayOptions(bags=bags, **arguments))
+    run_command("playback.play", network=network, options=PlayOptions(**arguments))

@@ -10,7 +10,7 @@ from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.runtime import QoSProfile
 from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.bag.part import duration_text
-from rosidl_py_gen.tools.names import full_topic_name, owner
+from rosidl_py_gen.tools.names import full_topic_name
 from rosidl_py_gen.tools.playback.recording import by_publish_time
 from rosidl_py_gen.tools.playback.requests import Requests
 from rosidl_py_gen.tools.playback.senders import Notes, Senders, unplayable
@@ -48,7 +48,7 @@ class Player:
         note = Notes()
         self.senders = Senders(session.node, overrides, note)
         self.requests = Requests(session.node, options.requests_source, options.paths, note)
-        self._names = _remapped(session, part.topics, options.remaps)
+        self._names = _remapped(session, recording, part.topics, options.remaps)
         self._clock_topics = {full_topic_name(session, one) for one in options.clock_topics}
         _require_played(self._clock_topics, part.topics)
         self._clock: Callable[[int], None] = self._clock_sender() if options.has_clock else lambda now: None
@@ -74,7 +74,7 @@ class Player:
         """What sends a message of this channel; it answers whether it did."""
         if unplayable(channel):
             return lambda data: False
-        kind, name, service = owner(channel.name)
+        kind, name, service = self._recording.owners[channel.name]
         if kind == "action" and self._options.actions_as_client:
             if service:
                 return self.requests.sender(reader, channel, self._names.get(service, service))
@@ -221,9 +221,9 @@ def _require_played(clock_topics: set[str], topics: Sequence[str]) -> None:
         raise ToolError(f"--clock-topics {name}: it is not played; there are {', '.join(topics)[:300]}")
 
 
-def _remapped(session: Session, topics: Sequence[str], remaps: Sequence[str]) -> dict[str, str]:
+def _remapped(session: Session, recording: Recording, topics: Sequence[str], remaps: Sequence[str]) -> dict[str, str]:
     """Topic or service of the bag -> what it is called now. Raises `ToolError`."""
-    known = {*topics, *(service for topic in topics if (service := owner(topic).service))}
+    known = {*topics, *filter(None, (recording.owners[topic].service for topic in topics))}
     names = {}
     for remap in remaps:
         before, arrow, after = remap.partition(":=")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagReader
 from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.tools.names import owner
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -42,7 +43,9 @@ class Recording:
             (reader, channel) for reader in self._readers for channel in reader.channels
         ]
         """What was recorded, and which bag knows its definition; one that is in several bags is there several times."""
-        self.topics = sorted({channel.name for _, channel in self.channels})
+        self.owners = {channel.name: owner(channel.name, channel.type_name) for _, channel in self.channels}
+        """What each topic belongs to."""
+        self.topics = sorted(self.owners)
         filled = [one for one in self._readers if one.end_ns]
         self.start_ns = min((one.start_ns for one in filled), default=0)
         """Log time of the first message; 0 when there is none."""

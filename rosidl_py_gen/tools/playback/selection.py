@@ -13,12 +13,12 @@ from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.bag.part import Part, duration_text, time_text
-from rosidl_py_gen.tools.names import Owned, owner
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from rosidl_py_gen.tools.commands.bag_play import PlayOptions
+    from rosidl_py_gen.tools.names import Owned
     from rosidl_py_gen.tools.playback.recording import Recording
 
 
@@ -28,7 +28,7 @@ def played(recording: Recording, options: PlayOptions) -> list[str]:
     Raises:
         ToolError: one that was named is not there, a pattern is none, or nothing is left.
     """
-    owners = {topic: owner(topic) for topic in recording.topics}
+    owners = recording.owners
     given = {"topic": options.topics, "service": options.services, "action": options.actions}
     excluded = {
         "topic": options.exclude_topics,
@@ -40,7 +40,8 @@ def played(recording: Recording, options: PlayOptions) -> list[str]:
     regex, exclude = _pattern("--regex", options.regex), _pattern("--exclude-regex", options.exclude_regex)
     is_choice = any(given.values()) or regex is not None
     found = []
-    for topic, (kind, name, _) in owners.items():
+    for topic in recording.topics:
+        kind, name, _ = owners[topic]
         chosen = not is_choice or name in named[kind] or topic in named["topic"] or _matches(regex, topic, name)
         left_out = name in without[kind] or topic in without["topic"] or _matches(exclude, topic, name)
         if chosen and not left_out:
