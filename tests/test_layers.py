@@ -117,6 +117,7 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "service": ("commands",),
     "bag": ("commands",),
     "recording": ("commands", "bag"),
+    "playback": ("commands", "bag"),
     "foxglove": ("commands",),
     "action": (),
     "node": (),

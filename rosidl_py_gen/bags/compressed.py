@@ -15,8 +15,10 @@ from zstandard import ZstdDecompressor, ZstdError, frame_content_size
 
 from rosidl_py_gen.bags.chunks import MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.common import BagError, BagTopic
+from rosidl_py_gen.bags.mcap_file import McapFile
 from rosidl_py_gen.bags.metadata import FILE, read_metadata
-from rosidl_py_gen.bags.storage import damage_told
+from rosidl_py_gen.bags.sqlite_file import SqliteFile
+from rosidl_py_gen.bags.storage import MAX_TIME, damage_told
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -43,10 +45,7 @@ def files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
     if not path.is_dir():
         return [path], True, {}
     if not (path / FILE).exists():  # the recorder was killed
-        found = sorted(file for file in path.iterdir() if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES)
-        if not found:
-            raise BagError(f"{path}: a folder with neither {FILE} nor bag files")
-        return found, True, {}
+        return bag_files(path), True, {}
     told = read_metadata(path)
     mode = told.compression_mode if told.compression else "none"
     if mode not in ("none", "file", "message") or told.compression not in ("", "zstd"):
@@ -56,6 +55,35 @@ def files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
         mode == "message",
         {(topic.name, topic.type_name): topic.type_hash for topic in told.topics if topic.type_hash},
     )
+
+
+def bag_files(folder: Path) -> list[Path]:
+    """The bag files in a folder by name, compressed or not; raises `BagError` when there are none."""
+    found = sorted(
+        file
+        for file in folder.iterdir()
+        if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES and not file.name.startswith(".")
+    )
+    if not found:
+        raise BagError(f"{folder}: a folder with neither {FILE} nor bag files")
+    return found
+
+
+def compression_of(file: Path) -> str | None:
+    """The mode of rosbag2's compression of a file, ``file`` or ``message``.
+
+    Empty without compression; None where no message tells.
+    """
+    if file.suffix == SUFFIX:
+        return "file"
+    storage: Storage = SqliteFile(file) if file.suffix == ".db3" else McapFile(file, False)
+    try:
+        first = next(storage.messages(None, 0, MAX_TIME), None)
+    finally:
+        storage.close()
+    if first is None:
+        return None
+    return "message" if bytes(first[1][:4]) == _MAGIC else ""
 
 
 def _found(path: Path) -> Path:

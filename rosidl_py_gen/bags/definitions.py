@@ -8,6 +8,7 @@ before, was written with another definition.
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -40,6 +41,8 @@ _EMPTY_BYTES = 5, 8
 _HEADER = 4
 _PADDING = 4
 """Middlewares pad what they send to a multiple of these bytes."""
+_UNKNOWN, _SERVICE = "unknown", re.compile(r"=+\r?\nSRV: ")
+"""What rosbag2 says of services that use no other types, and how the text of one begins."""
 NO_FIELDS = "an empty definition in the bag"
 _ADVICE = "give the folder with the definition of then (search_path=, --path)"
 
@@ -158,7 +161,8 @@ class Definitions:
 
 def has_definition(topic: BagTopic) -> bool:
     """Whether the bag has one that can be read."""
-    return bool(topic.definition) and topic.encoding in ENCODINGS
+    is_service = topic.encoding == _UNKNOWN and _SERVICE.match(topic.definition) is not None
+    return bool(topic.definition) and (topic.encoding in ENCODINGS or is_service)
 
 
 def described(topic: BagTopic, found: TopicDefinition) -> BagTopic:

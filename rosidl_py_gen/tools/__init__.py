@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _GROUPS = {
     "action": "Actions: list, info, send goals.",
-    "bag": "Recordings: record, play, info, convert, migrate.",
+    "bag": "Recordings: record, play, info, convert, migrate, reindex, table, sql.",
     "completion": "Print the completion script of a shell.",
     "doctor": "Check this installation, the network, and what answers on it.",
     "foxglove": "Show topics, parameters and services live in Foxglove or Lichtblick.",

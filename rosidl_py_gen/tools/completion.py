@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import warnings
 from typing import TYPE_CHECKING
 
 import click
@@ -39,6 +40,24 @@ def complete_names(what: str, context: click.Context, incomplete: str) -> list[C
             for name in _names(what, context)
             if name.startswith(incomplete) and ("/_" in incomplete or "/_" not in name)
         ]
+    return []
+
+
+def complete_bag_names(kind: str, context: click.Context, incomplete: str) -> list[CompletionItem]:
+    """The topics, services or actions of the bags that were named, which begin with what is typed; else none."""
+    with contextlib.suppress(RosidlError, OSError, ImportError, ValueError):
+        from rosidl_py_gen.bags import BagReader
+        from rosidl_py_gen.tools.names import owner
+
+        names: set[str] = set()
+        places = filter(None, (context.params.get("path"), *(context.params.get("inputs") or ())))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for place in places:
+                with BagReader(place) as reader:
+                    owners = (owner(one.name, one.type_name) for one in reader.topics.values())
+                    names |= {one.name for one in owners if one.kind == kind}
+        return [CompletionItem(name) for name in sorted(names) if name.startswith(incomplete)]
     return []
 
 

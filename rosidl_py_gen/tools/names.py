@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.errors import InvalidNameError
@@ -20,6 +21,12 @@ LIST_PARAMETERS = "/list_parameters", "rcl_interfaces/srv/ListParameters"
 _SILENT_S = 2.0
 """Fast DDS robots are found within 1.2 s."""
 _FEEDBACK, _FEEDBACK_TYPE, _SEND_GOAL = "/_action/feedback", "_FeedbackMessage", "/_action/send_goal"
+_EVENT = "/_service_event"
+_ACTION = "/_action/"
+_ACTION_TOPICS = "feedback", "status"
+_ACTION_SERVICES = "send_goal", "cancel_goal", "get_result"
+_EVENT_TYPE = re.compile(r"[^/]+/(srv|action)/[^/]+_Event\Z")
+_ACTION_TYPE = re.compile(rf"action_msgs/msg/GoalStatusArray\Z|.+{_FEEDBACK_TYPE}\Z")
 
 
 # --------------------------------------------------------------------------------------------------------------- topics
@@ -113,3 +120,31 @@ async def find_action(session: Session, action: str, timeout_s: float | None = N
         return [name for name, _ in actions(node.get_topic_names_and_types()) if name + _SEND_GOAL in services]
 
     return await session.find("action", action, known, timeout_s)
+
+
+# ----------------------------------------------------------------------------------------------------------- recordings
+
+
+class Owned(NamedTuple):
+    """What a topic belongs to.
+
+    Attributes:
+        kind: ``topic``, ``service`` or ``action``.
+        name: of the topic itself, the service, or the action.
+        service: whose events these are, of a service or of an action; empty for others.
+    """
+
+    kind: str
+    name: str
+    service: str = ""
+
+
+def owner(topic: str, type_name: str) -> Owned:
+    """What a topic belongs to, by its name and type, as other topics may be called alike."""
+    is_event = topic.endswith(_EVENT) and _EVENT_TYPE.match(type_name) is not None
+    service = topic.removesuffix(_EVENT) if is_event else ""
+    action, mark, part = (service or topic).rpartition(_ACTION)
+    is_part = part in _ACTION_SERVICES if service else part in _ACTION_TOPICS and _ACTION_TYPE.match(type_name)
+    if mark and action and is_part:
+        return Owned("action", action, service)
+    return Owned("service", service, service) if service else Owned("topic", topic)

@@ -202,6 +202,17 @@ def completion(what: str) -> Callable[[click.Context, click.Parameter, str], lis
     return complete
 
 
+def bag_completion(kind: str) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """Completes names of the bag that is on the command line: `kind` is topic, service or action."""
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        from rosidl_py_gen.tools.completion import complete_bag_names
+
+        return complete_bag_names(kind, ctx, incomplete)
+
+    return complete
+
+
 def topic_argument(name: str = "topic", **settings: Any) -> Callable[[F], F]:
     """A topic name."""
     return click.argument(name, shell_complete=completion("topics"), **settings)

@@ -71,8 +71,8 @@ def compile_text(name: str, text: str) -> type[Any]:
     Args:
         name: full name of the first definition; its kind (msg, srv, action) says how the text is read.
         text: ros2msg text: the definition, then for each type it uses a line of ``=`` characters, a line
-            ``MSG: package/Name`` and its definition; or the same with ``IDL: package/msg/Name``. Types the text lacks
-            are taken from the search path.
+            ``MSG: package/Name`` and its definition; or the same with ``IDL: package/msg/Name``, and rosbag2's
+            ``SRV: package/srv/Name`` above a service. Types the text lacks are taken from the search path.
 
     Returns:
         A message, service or action class; one that is loaded already if it says the same.
@@ -126,7 +126,7 @@ def _read_as(name: RosName, text: str, is_idl: bool) -> tuple[RosName, str]:
 
 
 _SEPARATOR = re.compile(r"^=+[ \t]*$")
-_PART_NAME = re.compile(r"^(MSG|IDL):\s*(\S+)\s*$")
+_PART_NAME = re.compile(r"^(MSG|IDL|SRV):\s*(\S+)\s*$")
 
 
 def _parts(top: RosName, text: str) -> list[tuple[RosName, str, bool]]:

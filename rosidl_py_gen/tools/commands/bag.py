@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 import click
 
 from rosidl_py_gen.tools import options, run_command
+from rosidl_py_gen.tools.commands.bag_play import play
 from rosidl_py_gen.tools.commands.bag_record import record
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -45,7 +45,7 @@ def _part_options(command: F) -> F:
 
 @click.group(no_args_is_help=True)
 def bag() -> None:
-    """Recordings: record, play, info, convert, migrate; as tables: table, sql.
+    """Recordings: record, play, info, convert, migrate, reindex; as tables: table, sql.
 
     Bags are MCAP files, and rosbag2 folders of MCAP or SQLite files.
     """
@@ -72,52 +72,22 @@ def info(**arguments: Any) -> None:
 bag.add_command(record)
 
 
-@dataclass(frozen=True, slots=True)
-class PlayOptions:
-    """What was asked of ``bag play``."""
-
-    path: str
-    rate: float
-    loop: bool
-    topics: Sequence[str]
-    offset_s: float
-    duration_s: float | None
-    remaps: Sequence[str]
-    clock_hz: float | None
-    delay_s: float
-    paths: Sequence[str]
+bag.add_command(play)
 
 
 @bag.command()
 @_path
-@click.option(
-    "-r", "--rate", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, help="2 is twice as fast."
-)
-@click.option("-l", "--loop", is_flag=True, help="Begin again at the end.")
-@_part_options
-@click.option(
-    "-m", "--remap", "remaps", multiple=True, metavar="FROM:=TO", help="Another name; may be given several times."
-)
-@click.option(
-    "--clock",
-    "clock_hz",
-    type=click.FloatRange(0, 10_000, min_open=True),
-    metavar="HZ",
-    help="Publish the time of the bag on /clock, for nodes with use_sim_time.",
-)
-@click.option(
-    "-d", "--delay", "delay_s", type=click.FloatRange(0), default=0.0, metavar="SECONDS", help="Wait before the first."
-)
-@options.paths
-@options.node_options
-def play(network: Any, **arguments: Any) -> None:
-    """Publish what a bag holds, as far apart as it was recorded, with the quality of service of then.
+@options.as_json
+def reindex(**arguments: Any) -> None:
+    """Write the metadata.yaml of a bag folder again, as after a crash; give a single MCAP file its index.
+
+    A file that gets an index is written again; what it was before is kept beside it, as FILE.unindexed.
 
     \b
-    rosidl-py bag play my_bag --rate 2 --clock 100
-    rosidl-py bag play my_bag --topics /scan --remap /scan:=/old_scan --loop
+    rosidl-py bag reindex my_bag
+    rosidl-py bag reindex my_bag/my_bag_3.mcap
     """
-    run_command("bag.play", network=network, options=PlayOptions(**arguments))
+    run_command("bag.reindex", **arguments)
 
 
 @bag.command()

@@ -17,7 +17,8 @@ from rosidl_py_gen.errors import ClosedError, RosidlError, TypeNotFoundError
 from rosidl_py_gen.tools import ToolError, printing, types
 from rosidl_py_gen.tools.bag.part import size_text
 from rosidl_py_gen.tools.follow import Follow
-from rosidl_py_gen.tools.recording.selection import Owner, owner_of
+from rosidl_py_gen.tools.names import Owned
+from rosidl_py_gen.tools.recording.selection import owner_of
 from rosidl_py_gen.tools.session import now_s
 from rosidl_py_gen.types.from_description import definition_text
 
@@ -62,7 +63,7 @@ class Recorder:
         self._has_looked = False
         self._compiling = asyncio.Lock()
         self._tasks: list[asyncio.Task[None]] = []
-        self._owners: set[Owner] = set()  # of what is recorded
+        self._owners: set[Owned] = set()  # of what is recorded
         self.is_paused = options.start_paused
         """Whether messages are left out."""
         self.recorded: set[str] = set()
@@ -153,7 +154,7 @@ class Recorder:
             if name in self.recorded or not self._selection.takes(name, kinds[0]) or not self._has_ends(name):
                 continue
             self.recorded.add(name)
-            self._owners |= {Owner("topic", name), owner_of(name, kinds[0])}
+            self._owners |= {Owned("topic", name), owner_of(name, kinds[0])}
             if len(kinds) > 1:
                 printing.note(f"{name} has several types, {', '.join(kinds)}: recording those of {kinds[0]}")
             self._tasks.append(asyncio.ensure_future(self._record(name, kinds[0])))

@@ -7,39 +7,23 @@ it. Source: rosbag2's design documents of recording services and actions, and it
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.runtime import validate_full_name
 from rosidl_py_gen.tools import ToolError
-from rosidl_py_gen.tools.names import is_hidden
+from rosidl_py_gen.tools.names import Owned, is_hidden, owner
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from rosidl_py_gen.tools.commands.bag_record import RecordOptions
 
-_EVENTS = "/_service_event"
-_EVENT_TYPE = re.compile(r"[^/]+/(srv|action)/[^/]+_Event\Z")
-_ACTION = re.compile(r"(.+)/_action/(feedback|status|(send_goal|get_result|cancel_goal)/_service_event)\Z")
-_STATUS_TYPE, _FEEDBACK_TYPE = "action_msgs/msg/GoalStatusArray", "_FeedbackMessage"
 
-
-class Owner(NamedTuple):
-    """Whose a topic is, by the full name; a topic of nobody else is its own."""
-
-    kind: Literal["topic", "service", "action"]
-    name: str
-
-
-def owner_of(topic: str, type_name: str) -> Owner:
-    """By name and type, as other topics may be called alike."""
-    is_event = topic.endswith(_EVENTS) and _EVENT_TYPE.match(type_name) is not None
-    if (found := _ACTION.match(topic)) and (
-        is_event or type_name == _STATUS_TYPE or type_name.endswith(_FEEDBACK_TYPE)
-    ):
-        return Owner("action", found[1])
-    return Owner("service", topic.removesuffix(_EVENTS)) if is_event else Owner("topic", topic)
+def owner_of(topic: str, type_name: str) -> Owned:
+    """The topic itself, the service or the action, whichever of its services the topic is of."""
+    kind, name, _ = owner(topic, type_name)
+    return Owned(kind, name)
 
 
 class Selection:
@@ -47,9 +31,9 @@ class Selection:
 
     def __init__(self, options: RecordOptions) -> None:
         self.named = [
-            *(Owner("topic", name) for name in _full(options.topics)),
-            *(Owner("service", name) for name in _full(options.services)),
-            *(Owner("action", name) for name in _full(options.actions)),
+            *(Owned("topic", name) for name in _full(options.topics)),
+            *(Owned("service", name) for name in _full(options.services)),
+            *(Owned("action", name) for name in _full(options.actions)),
         ]
         """What was named, hidden or not."""
         self._left_out = {
@@ -70,25 +54,25 @@ class Selection:
 
     def takes(self, topic: str, type_name: str) -> bool:
         """Whether a topic is recorded."""
-        if Owner("topic", topic) in self.named:  # whoever's it is
-            return not self._is_left_out(Owner("topic", topic), type_name)
-        owner = owner_of(topic, type_name)
-        if self._is_left_out(owner, type_name):
+        if Owned("topic", topic) in self.named:  # whoever's it is
+            return not self._is_left_out(Owned("topic", topic), type_name)
+        whose = owner_of(topic, type_name)
+        if self._is_left_out(whose, type_name):
             return False
         is_wanted = (
-            self._all[owner.kind]
-            or owner in self.named
-            or (self._regex is not None and self._regex.search(owner.name) is not None)
+            self._all[whose.kind]
+            or whose in self.named
+            or (self._regex is not None and self._regex.search(whose.name) is not None)
         )
-        if owner.kind != "topic":
+        if whose.kind != "topic":
             return is_wanted
         return (is_wanted or type_name in self._types) and (self._hidden or not is_hidden(topic))
 
-    def _is_left_out(self, owner: Owner, type_name: str) -> bool:
+    def _is_left_out(self, whose: Owned, type_name: str) -> bool:
         return (
-            owner.name in self._left_out[owner.kind]
-            or any(one.search(owner.name) for one in self._exclude)
-            or (owner.kind == "topic" and type_name in self._excluded_types)
+            whose.name in self._left_out[whose.kind]
+            or any(one.search(whose.name) for one in self._exclude)
+            or (whose.kind == "topic" and type_name in self._excluded_types)
         )
 
 

@@ -1,0 +1,34 @@
+"""``bag reindex``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rosidl_py_gen.bags.reindexing import reindex_file, reindex_folder
+from rosidl_py_gen.tools import printing
+
+
+def run(path: str, as_json: bool) -> int:
+    """Returns the exit code."""
+    place = Path(path)
+    done = reindex_folder(place) if place.is_dir() else reindex_file(place)
+    if as_json:
+        printing.document(
+            {
+                "path": str(done.path),
+                "files": done.files,
+                "messages": done.messages,
+                "topics": done.topics,
+                "without_index": list(done.without_index),
+                "kept": None if done.kept is None else str(done.kept),
+            }
+        )
+        return 0
+    for name in done.without_index:
+        printing.note(
+            f"{name} has no index: it is read once through when it is opened; `rosidl-py bag reindex` gives it one"
+        )
+    if done.kept is not None:
+        printing.note(f"what it was before is kept as {done.kept}")
+    printing.line(f"{done.messages} messages of {done.topics} topics in {done.files} files: {done.path}")
+    return 0

@@ -1,0 +1,118 @@
+"""``bag play``: what a run of it is."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import nullcontext
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.tools import Job, ToolError, printing
+from rosidl_py_gen.tools.bag.part import progress
+from rosidl_py_gen.tools.bag.qos_overrides import read_qos_overrides
+from rosidl_py_gen.tools.commands.bag_play import PlayOptions
+from rosidl_py_gen.tools.keys import pressed
+from rosidl_py_gen.tools.playback.controls import PLAYER, serve
+from rosidl_py_gen.tools.playback.player import Player
+from rosidl_py_gen.tools.playback.recording import Recording
+from rosidl_py_gen.tools.playback.selection import part_of, played
+from rosidl_py_gen.tools.playback.senders import unplayable
+from rosidl_py_gen.tools.session import Network, Session, first_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from rosidl_py_gen.runtime import QoSProfile
+    from rosidl_py_gen.tools.bag.part import Part
+
+_LISTENERS_S = 2.0
+"""Until everybody who listens is known; those on Fast DDS are up to a second late (docs/internals/dds.md 6)."""
+_RATE_STEP = 0.1
+
+
+def run(network: Network, options: PlayOptions) -> Job:
+    """What the command does."""
+    overrides = read_qos_overrides(options.qos_file)
+    return Job(_open(network, options, overrides), endless=options.loop)
+
+
+async def _open(network: Network, options: PlayOptions, overrides: Mapping[str, QoSProfile]) -> int:
+    with Recording(options.bags, options.paths, options.storage) as recording:
+        topics = _playable(recording, played(recording, options))
+        part = part_of(recording, topics, options)
+        return await _play(network, recording, part, options, overrides)
+
+
+def _playable(recording: Recording, topics: Sequence[str]) -> list[str]:
+    """Without the topics that ROS 2 cannot have.
+
+    Raises:
+        ToolError: nothing is left.
+    """
+    left = {}
+    for _, channel in recording.channels:
+        if channel.name not in topics:
+            continue
+        if reason := unplayable(channel):
+            printing.note(f"{channel.name} [{channel.type_name}] is left out: {reason}")
+        else:
+            left[channel.name] = True
+    if topics and not left:
+        raise ToolError(f"{recording.name}: none of its topics can be played")
+    return [name for name in topics if name in left]
+
+
+async def _play(
+    network: Network, recording: Recording, part: Part, options: PlayOptions, overrides: Mapping[str, QoSProfile]
+) -> int:
+    node_options = {"start_type_description_service": True}  # others may not have the types
+    async with Session(network, overrides=node_options) as session:
+        player = Player(session, recording, part, options, overrides)
+        serve(session.node, player)
+        await session.wait_until_quiet()
+        if network.get("spin_time_s") is None:
+            await asyncio.gather(player.senders.heard(_LISTENERS_S), player.requests.served(_LISTENERS_S))
+        await asyncio.sleep(options.delay_s)
+        await _steered(player, options)
+        await asyncio.gather(player.senders.acknowledged(options.acked_ms), player.requests.answered())
+        sent = player.requests.count
+        told = f" and sent {sent} requests" if options.publish_requests or options.actions_as_client else ""
+        printing.note(f"published {player.count - sent} messages of {len(part.topics)} topics{told}")
+    return 0
+
+
+async def _steered(player: Player, options: PlayOptions) -> None:
+    """Play as long as it is to be, and let keys steer it."""
+    actions: dict[str, Callable[[], object]] = {
+        "space": player.toggle,
+        "right": player.step,
+        "up": lambda: player.faster(_RATE_STEP),
+        "down": lambda: player.faster(-_RATE_STEP),
+    }
+    with nullcontext(False) if options.no_keys else pressed(actions) as has_keys, progress() as show:
+        usage = "space: pause, →: next message, ↑↓: rate; Ctrl-C ends it" if has_keys else "Ctrl-C ends it"
+        if has_keys and not printing.is_terminal():
+            printing.note(usage)
+        if options.start_paused and not has_keys:
+            printing.note(f"paused, until the service {PLAYER}/resume is called")
+
+        def show_state() -> None:
+            show(f"{player.state()}; {usage}")
+
+        helpers = [player.publish_clock(options.clock_hz)] if options.clock_hz else []
+        if options.progress_hz:
+            player.on_change = show_state
+        if options.progress_hz > 0:
+            helpers.append(_again(show_state, 1 / options.progress_hz))
+        await first_of(_whole(player, options.loop), *helpers)
+
+
+async def _whole(player: Player, is_loop: bool) -> None:
+    await player.play()
+    while is_loop and not player.is_stopped:
+        await player.play()
+
+
+async def _again(show: Callable[[], None], every_s: float) -> None:
+    while True:
+        show()
+        await asyncio.sleep(every_s)
