@@ -111,6 +111,7 @@ from rosidl_py_gen.runtime.parameters.live import snapshot as snapshot
 from rosidl_py_gen.runtime.parameters.live import update_parameters as update_parameters
 from rosidl_py_gen.runtime.parameters.overrides import ParameterFileError as ParameterFileError
 from rosidl_py_gen.runtime.parameters.overrides import ParameterOverrides as ParameterOverrides
+from rosidl_py_gen.runtime.parameters.service import ParameterService as ParameterService
 from rosidl_py_gen.runtime.parameters.validation import Listing as Listing
 from rosidl_py_gen.runtime.parameters.values import FloatRange as FloatRange
 from rosidl_py_gen.runtime.parameters.values import IntRange as IntRange
@@ -120,6 +121,7 @@ from rosidl_py_gen.runtime.parameters.values import Parameter as Parameter
 from rosidl_py_gen.runtime.parameters.values import ParameterAlreadyDeclaredError as ParameterAlreadyDeclaredError
 from rosidl_py_gen.runtime.parameters.values import ParameterDescriptor as ParameterDescriptor
 from rosidl_py_gen.runtime.parameters.values import ParameterError as ParameterError
+from rosidl_py_gen.runtime.parameters.values import ParameterEvent as ParameterEvent
 from rosidl_py_gen.runtime.parameters.values import ParameterImmutableError as ParameterImmutableError
 from rosidl_py_gen.runtime.parameters.values import ParameterNotDeclaredError as ParameterNotDeclaredError
 from rosidl_py_gen.runtime.parameters.values import ParameterType as ParameterType
