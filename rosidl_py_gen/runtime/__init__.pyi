@@ -156,6 +156,7 @@ from rosidl_py_gen.runtime.transport.qos import Durability as Durability
 from rosidl_py_gen.runtime.transport.qos import History as History
 from rosidl_py_gen.runtime.transport.qos import InvalidQoSError as InvalidQoSError
 from rosidl_py_gen.runtime.transport.qos import Liveliness as Liveliness
+from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind as QoSPolicyKind
 from rosidl_py_gen.runtime.transport.qos import QoSProfile as QoSProfile
 from rosidl_py_gen.runtime.transport.qos import Reliability as Reliability
 from rosidl_py_gen.runtime.transport.zenoh.router import ZenohRouter as ZenohRouter

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -69,11 +70,12 @@ class LifecyclePublisher(Publisher[T]):
         topic: str,
         qos: QoSProfile,
         is_active: Callable[[], bool],
+        event_callbacks: PublisherEventCallbacks | None = None,
     ) -> None:
         self._is_active = is_active
         self.silenced = 0
         """How many messages were dropped because the node was not active."""
-        super().__init__(scope, message_type, topic, qos)
+        super().__init__(scope, message_type, topic, qos, event_callbacks=event_callbacks)
 
     def publish(self, message: T) -> None:
         """Publish while the node is active; else the message is dropped."""
