@@ -137,6 +137,15 @@ class DecodeError(RosidlError, ValueError):
 class InvalidNameError(RosidlError, ValueError):
     """The caller gave a name that ROS does not allow."""
 
+    def __init__(self, text: str, *, name: str = "", index: int | None = None, reason: str = "") -> None:
+        self.name = name
+        """As it was given; empty where it was no text."""
+        self.index = index
+        """Of the first character that is wrong, from 0; None where the whole name is."""
+        self.reason = reason
+        """What is wrong, in words, without name and place; empty where the text says it all."""
+        super().__init__(text)
+
 
 class ClosedError(RosidlError):
     """The caller used something that is already closed."""

@@ -61,7 +61,6 @@ ATTRIBUTES: dict[str, dict[str, Answer | str]] = {
         "destroy_lifecycle_publisher": closing,
         "destroy_rate": "a rate holds nothing; leave it",
         "get_parameter_or": "node.get_parameter(name, type, default)",
-        "get_parameters_by_prefix": "node.list_parameters(prefix) and node.get_parameters(names)",
         "get_parameter_type": "node.describe_parameter(name).type",
         "get_parameter_types": "node.describe_parameter(name).type",
         "describe_parameters": "node.describe_parameter(name)",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 sys.path.insert(0, str(Path(__file__).parent))
 
 from private_network import PrivateNetwork
-from rclpy_peer import Peer
+from rclpy_peer import REQUIREMENTS, Peer
 
 __all__ = ["dds", "only_loopback", "pytest_pyfunc_call"]
 
@@ -46,24 +46,11 @@ def distro(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-_REQUIREMENTS = {
-    "jazzy": (
-        *("ros-jazzy-rclpy==7.1.6", "ros-jazzy-rmw-fastrtps-cpp==8.4.3", "ros-jazzy-std-msgs==5.3.6"),
-        *("ros-jazzy-std-srvs==5.3.6", "ros-jazzy-test-msgs==2.0.3", "ros-jazzy-sensor-msgs==5.3.6"),
-        "ros-jazzy-nav-msgs==5.3.6",
-    ),
-    "kilted": (
-        *("ros-kilted-rclpy==9.1.2", "ros-kilted-rmw-fastrtps-cpp==9.3.3", "ros-kilted-test-msgs==2.3.0"),
-        *("ros-std-msgs==5.5.1", "ros-std-srvs==5.5.1"),
-    ),
-}
-
-
 @pytest.fixture(scope="session")
 def _pythons() -> dict[str, Path]:
     """One for each distribution, made before anything is in the private network, from which no index can be reached."""
     pythons = {}
-    for name, requirements in _REQUIREMENTS.items():
+    for name, requirements in REQUIREMENTS.items():
         made = os.environ.get(f"ROSIDL_PEER_{name.upper()}")
         pythons[name] = Path(made, "bin", "python") if made else environment(f"rclpy-{name}", requirements)
     return pythons

@@ -10,12 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from itertools import islice, takewhile
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rosidl_py_gen.errors import RosidlError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Mapping
 
 ResultT = TypeVar("ResultT")
 
@@ -61,18 +62,23 @@ class GoalEvent(Enum):
     CANCELED = "canceled"
 
 
-TRANSITIONS: dict[tuple[GoalStatus, GoalEvent], GoalStatus] = {
-    (GoalStatus.ACCEPTED, GoalEvent.EXECUTE): GoalStatus.EXECUTING,
-    (GoalStatus.ACCEPTED, GoalEvent.CANCEL_GOAL): GoalStatus.CANCELING,
-    (GoalStatus.EXECUTING, GoalEvent.CANCEL_GOAL): GoalStatus.CANCELING,
-    (GoalStatus.EXECUTING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
-    (GoalStatus.CANCELING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
-    (GoalStatus.EXECUTING, GoalEvent.ABORT): GoalStatus.ABORTED,
-    (GoalStatus.CANCELING, GoalEvent.ABORT): GoalStatus.ABORTED,
-    (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
-}
-"""Every pair that is not here is an error."""
-ENDS = {event: status for (_, event), status in TRANSITIONS.items() if status.is_terminal}
+GOAL_TRANSITIONS: Mapping[tuple[GoalStatus, GoalEvent], GoalStatus] = MappingProxyType(
+    {
+        (GoalStatus.ACCEPTED, GoalEvent.EXECUTE): GoalStatus.EXECUTING,
+        (GoalStatus.ACCEPTED, GoalEvent.CANCEL_GOAL): GoalStatus.CANCELING,
+        (GoalStatus.EXECUTING, GoalEvent.CANCEL_GOAL): GoalStatus.CANCELING,
+        (GoalStatus.EXECUTING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
+        (GoalStatus.CANCELING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
+        (GoalStatus.EXECUTING, GoalEvent.ABORT): GoalStatus.ABORTED,
+        (GoalStatus.CANCELING, GoalEvent.ABORT): GoalStatus.ABORTED,
+        (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
+    }
+)
+"""The status of a goal and what happens to it give the next status; every pair that is not here is an error.
+
+Source: docs/internals/protocol.md 8.2.
+"""
+ENDS = {event: status for (_, event), status in GOAL_TRANSITIONS.items() if status.is_terminal}
 """The events that end a goal."""
 
 
@@ -83,7 +89,7 @@ class GoalTransitionError(RosidlError):
 
     def __init__(self, status: GoalStatus, event: GoalEvent) -> None:
         self.status, self.event = status, event
-        possible = ", ".join(e.value for s, e in TRANSITIONS if s is status) or "nothing"
+        possible = ", ".join(e.value for s, e in GOAL_TRANSITIONS if s is status) or "nothing"
         super().__init__(f"a goal that is {status.name} cannot {event.value}; possible now: {possible}")
 
 
@@ -95,10 +101,16 @@ class UnknownGoalError(ActionError, LookupError):
     """The caller named a goal the server does not know, or has already forgotten."""
 
 
-def next_status(status: GoalStatus, event: GoalEvent) -> GoalStatus:
-    """The status after `event`; raises `GoalTransitionError`."""
+def next_goal_status(status: GoalStatus, event: GoalEvent) -> GoalStatus:
+    """The status of a goal after `event`, by `GOAL_TRANSITIONS`.
+
+    Raises:
+        GoalTransitionError: a goal of that status cannot do that. TypeError: they are no status and no event.
+    """
+    if not isinstance(status, GoalStatus) or not isinstance(event, GoalEvent):
+        raise TypeError(f"expected a GoalStatus and a GoalEvent, got {status!r:.100} and {event!r:.100}")
     try:
-        return TRANSITIONS[status, event]
+        return GOAL_TRANSITIONS[status, event]
     except KeyError:
         raise GoalTransitionError(status, event) from None
 
@@ -185,7 +197,7 @@ class GoalBook(Generic[ResultT]):
     def apply(self, goal_id: bytes, event: GoalEvent) -> GoalStatus:
         """Let something happen that does not end the goal; raises `UnknownGoalError`, `GoalTransitionError`."""
         goal = self._find(goal_id)
-        status = next_status(goal.status, event)
+        status = next_goal_status(goal.status, event)
         assert not status.is_terminal, "use finish, which takes the result"
         goal.status = status
         return status
@@ -193,7 +205,7 @@ class GoalBook(Generic[ResultT]):
     def finish(self, goal_id: bytes, event: GoalEvent, result: ResultT, now_ns: int) -> None:
         """End a goal with its result, which is any object. Raises as `apply`."""
         goal = self._find(goal_id)
-        status = next_status(goal.status, event)
+        status = next_goal_status(goal.status, event)
         assert status.is_terminal, "use apply"
         goal.status, goal.result = status, result
         if any(ended_ns > now_ns for ended_ns in islice(reversed(self._ended_ns.values()), 1)):

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.runtime.loop.user_function import Owner, UserFunction
+from rosidl_py_gen.runtime.transport.matching import check_compatible
+from rosidl_py_gen.runtime.transport.qos import QoSPolicyKind
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +33,14 @@ class UnsupportedEventError(RosidlError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class MatchedStatus:
-    """Endpoints were connected, or not any more."""
+    """Endpoints were connected, or not any more.
+
+    Attributes:
+        total_count: how many were connected since the endpoint was made.
+        total_count_change: of these, how many since the event before.
+        current_count: how many are connected now.
+        current_count_change: how many more than at the event before; negative when there are fewer.
+    """
 
     total_count: int
     total_count_change: int
@@ -41,16 +50,30 @@ class MatchedStatus:
 
 @dataclass(frozen=True, slots=True)
 class IncompatibleStatus:
-    """Others have another type, or a quality of service that cannot match; `reason` is about the last one."""
+    """Others have another type, or a quality of service that cannot match.
+
+    Attributes:
+        total_count: how many since the endpoint was made.
+        total_count_change: of these, how many since the event before.
+        reason: about the last one, in words.
+        last_policy_kind: the first policy that stands against the last one; INVALID where the type does, or what is no
+            policy.
+    """
 
     total_count: int
     total_count_change: int
     reason: str
+    last_policy_kind: QoSPolicyKind = QoSPolicyKind.INVALID
 
 
 @dataclass(frozen=True, slots=True)
 class CountStatus:
-    """Deadlines that passed, messages that were lost, or leases of liveliness that ended."""
+    """Deadlines that passed, messages that were lost, or leases of liveliness that ended.
+
+    Attributes:
+        total_count: how many since the endpoint was made.
+        total_count_change: of these, how many since the event before.
+    """
 
     total_count: int
     total_count_change: int
@@ -58,7 +81,14 @@ class CountStatus:
 
 @dataclass(frozen=True, slots=True)
 class LivelinessStatus:
-    """Publishers that say they are alive, and those that did not say so in time."""
+    """Publishers that say they are alive, and those that did not say so in time.
+
+    Attributes:
+        alive_count: how many are alive now.
+        not_alive_count: how many are connected and did not say so.
+        alive_count_change: how many more than at the event before; negative when there are fewer.
+        not_alive_count_change: the same of those that did not.
+    """
 
     alive_count: int
     not_alive_count: int
@@ -71,9 +101,10 @@ class SubscriptionEventCallbacks:
     """Functions, plain or async, that get what happened to a subscription.
 
     Attributes:
-        deadline: a publisher was silent for longer than the deadline; DDS only, as the next two.
+        deadline: a publisher was silent for longer than the deadline; DDS only, as the next one.
         liveliness: a publisher is alive, or did not say so within its lease.
-        message_lost: messages did not arrive; what keep-last dropped here is in `Subscription.dropped`.
+        message_lost: messages did not arrive, as DDS and Zenoh tell; what keep-last dropped here is in
+            `Subscription.dropped`.
         incompatible_type: a publisher has another type, or another definition of it.
         incompatible_qos: a publisher offers what is not asked for.
         matched: publishers were connected, or not any more.
@@ -194,12 +225,13 @@ class EndpointEvents:
         self._look_again()
 
     def _look_at_peers(self) -> None:
+        before = self._totals["matched"], len(self._peers)
         peers = set(self._matched())
-        new, change = len(peers - self._peers), len(peers) - len(self._peers)
-        if peers != self._peers:
-            self._totals["matched"] += new
-            self._peers = peers
-            self._tell("matched", MatchedStatus(self._totals["matched"], new, len(peers), change))
+        counts = self._end.event_counts("matched")  # which knows of those, too, that came and went since the last look
+        total = before[0] + len(peers - self._peers) if counts is None else max(counts[0], before[0])
+        if peers != self._peers or total != before[0]:
+            self._totals["matched"], self._peers = total, peers
+            self._tell("matched", MatchedStatus(total, total - before[0], len(peers), len(peers) - before[1]))
 
     def _look_at_others(self) -> None:
         graph = self._discovery.graph
@@ -208,17 +240,20 @@ class EndpointEvents:
             return
         others = graph.on(mine.channel, writers=not mine.is_writer)
         self._apart &= {one.guid for one in others}
-        found: dict[str, list[str]] = {}
+        found: dict[str, list[tuple[str, QoSPolicyKind]]] = {}
         for other in others:
             if other.guid in self._apart:
                 continue
-            kind, reason = self._discovery.apart(*((mine, other) if mine.is_writer else (other, mine)))
+            writer, reader = (mine, other) if mine.is_writer else (other, mine)
+            kind, reason = self._discovery.apart(writer, reader)
             if reason:
                 self._apart.add(other.guid)
-                found.setdefault("incompatible_qos" if kind == "qos" else "incompatible_type", []).append(reason)
-        for name, reasons in found.items():
-            self._totals[name] += len(reasons)
-            self._tell(name, IncompatibleStatus(self._totals[name], len(reasons), reasons[-1]))
+                policies = check_compatible(writer.qos, reader.qos).policies if kind == "qos" else ()
+                name = "incompatible_qos" if kind == "qos" else "incompatible_type"
+                found.setdefault(name, []).append((reason, next(iter(policies), QoSPolicyKind.INVALID)))
+        for name, items in found.items():
+            self._totals[name] += len(items)
+            self._tell(name, IncompatibleStatus(self._totals[name], len(items), *items[-1]))
 
     def _look_at_counts(self, name: str) -> None:
         before, now = self._counts[name], self._end.event_counts(name)

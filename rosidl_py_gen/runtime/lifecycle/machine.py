@@ -27,15 +27,15 @@ from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import MessageType, message_type, service_type
 from rosidl_py_gen.runtime.lifecycle.states import (
-    TRANSITIONS,
+    LIFECYCLE_TRANSITIONS,
     Outcome,
     State,
     Transition,
     TransitionError,
-    available,
-    finished,
+    available_transitions,
+    finished_transition,
     outcome_of,
-    requested,
+    requested_transition,
 )
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.transport.qos import DEFAULT, SERVICES_DEFAULT
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from rosidl_py_gen.runtime.endpoints.scope import Scope
+    from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.transport.qos import QoSProfile
 
@@ -69,11 +70,12 @@ class LifecyclePublisher(Publisher[T]):
         topic: str,
         qos: QoSProfile,
         is_active: Callable[[], bool],
+        event_callbacks: PublisherEventCallbacks | None = None,
     ) -> None:
         self._is_active = is_active
         self.silenced = 0
         """How many messages were dropped because the node was not active."""
-        super().__init__(scope, message_type, topic, qos)
+        super().__init__(scope, message_type, topic, qos, event_callbacks=event_callbacks)
 
     def publish(self, message: T) -> None:
         """Publish while the node is active; else the message is dropped."""
@@ -108,8 +110,12 @@ class LifecycleMachine:
             ("change_state", ChangeState, self._on_change_state),
             ("get_state", GetState, lambda request: GetState_Response(current_state=_state(self.state))),
             ("get_available_states", GetAvailableStates, self._on_states),
-            ("get_available_transitions", GetAvailableTransitions, lambda r: _transitions(available(self.state))),
-            ("get_transition_graph", GetAvailableTransitions, lambda r: _transitions(TRANSITIONS)),
+            (
+                "get_available_transitions",
+                GetAvailableTransitions,
+                lambda r: _transitions(available_transitions(self.state)),
+            ),
+            ("get_transition_graph", GetAvailableTransitions, lambda r: _transitions(LIFECYCLE_TRANSITIONS)),
         ]
         for callback in _CALLBACKS.values():
             require_signature(getattr(node, callback), f"{callback} of a lifecycle node", "the state it comes from")
@@ -127,18 +133,18 @@ class LifecycleMachine:
             CancelledError: whoever waits here was cancelled; the transition has ended as an error.
         """
         self._scope.require_open(False, "the lifecycle")
-        row = requested(self.state, transition_id, label)
+        row = requested_transition(self.state, transition_id, label)
         if row is None:
             wanted = label or transition_id
-            possible = ", ".join(item.label for item in available(self.state) if item.id < 10) or "nothing"
+            possible = ", ".join(item.label for item in available_transitions(self.state) if item.id < 10) or "nothing"
             raise TransitionError(f"{wanted!r} is not possible in state {self.state.label}; possible: {possible}")
         came_from = self.state
         self._enter(row)
         outcome, cancelled = await self._run(came_from)
-        self._enter(finished(self.state, outcome))
+        self._enter(finished_transition(self.state, outcome))
         if self.state is State.ERRORPROCESSING:
             recovered, again = await self._run(came_from)
-            self._enter(finished(self.state, recovered))
+            self._enter(finished_transition(self.state, recovered))
             cancelled = cancelled or again
         if cancelled:
             raise asyncio.CancelledError
@@ -167,6 +173,9 @@ class LifecycleMachine:
             self._scope.logger.warning(f"refused a change of state: {error}")
             return ChangeState_Response(success=False)
         return ChangeState_Response(success=outcome is Outcome.SUCCESS)
+
+    def _on_transitions(self, request: object) -> GetAvailableTransitions_Response:
+        return _transitions(available_transitions(self.state))
 
     def _on_states(self, request: object) -> GetAvailableStates_Response:
         return GetAvailableStates_Response(available_states=[_state(state) for state in State])

@@ -14,6 +14,7 @@ from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.types import Untyped
+    from rosidl_py_gen.runtime.graph.events import PublisherEventCallbacks
     from rosidl_py_gen.runtime.node.arguments import NodeOptions
     from rosidl_py_gen.runtime.transport.qos import QoSLike
 
@@ -98,16 +99,26 @@ class LifecycleNode(Node):
 
     @overload
     def create_lifecycle_publisher(
-        self, msg_type: type[MessageT], topic: str, qos: QoSLike = 10
+        self,
+        msg_type: type[MessageT],
+        topic: str,
+        qos: QoSLike = 10,
+        *,
+        event_callbacks: PublisherEventCallbacks | None = None,
     ) -> LifecyclePublisher[MessageT]: ...
     @overload
     def create_lifecycle_publisher(
-        self, msg_type: str, topic: str, qos: QoSLike = 10
+        self, msg_type: str, topic: str, qos: QoSLike = 10, *, event_callbacks: PublisherEventCallbacks | None = None
     ) -> LifecyclePublisher[Untyped]: ...
     def create_lifecycle_publisher(
-        self, msg_type: type[Message] | str, topic: str, qos: QoSLike = 10
+        self,
+        msg_type: type[Message] | str,
+        topic: str,
+        qos: QoSLike = 10,
+        *,
+        event_callbacks: PublisherEventCallbacks | None = None,
     ) -> LifecyclePublisher[Any]:
-        """A publisher that is silent while the node is not active; errors as `create_publisher`."""
+        """A publisher that is silent while the node is not active; arguments and errors as `create_publisher`."""
         self._scope.require_open(False, "the node")
         return LifecyclePublisher(
             self._scope,
@@ -115,4 +126,5 @@ class LifecycleNode(Node):
             self._names.resolve_topic(topic),
             as_profile(qos),
             lambda: self.state is State.ACTIVE,
+            event_callbacks,
         )

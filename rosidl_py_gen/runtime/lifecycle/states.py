@@ -43,7 +43,14 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One row of the table."""
+    """One row of `LIFECYCLE_TRANSITIONS`.
+
+    Attributes:
+        id: as in lifecycle_msgs/Transition; below 10 it can be requested, the others are what callbacks answer.
+        label: ``configure``, or ``transition_success`` and its like.
+        start: the state it leaves.
+        goal: the state it leads to.
+    """
 
     id: int
     label: str
@@ -80,7 +87,8 @@ def _rows() -> tuple[Transition, ...]:
     return tuple(rows)
 
 
-TRANSITIONS = _rows()
+LIFECYCLE_TRANSITIONS: tuple[Transition, ...] = _rows()
+"""All transitions of a lifecycle node, those that can be requested first; source: docs/internals/protocol.md 12.2."""
 _OUTCOMES = frozenset(outcome.value for outcome in Outcome)
 _CALLBACK_RETURNS = {97: Outcome.SUCCESS, 98: Outcome.FAILURE, 99: Outcome.ERROR}
 """TRANSITION_CALLBACK_... of lifecycle_msgs/Transition, which are what rclpy's callbacks return."""
@@ -95,25 +103,32 @@ def outcome_of(answer: object) -> Outcome:
     return Outcome.SUCCESS if answer is None or answer else Outcome.FAILURE
 
 
-def available(state: State) -> tuple[Transition, ...]:
-    """The transitions that leave `state`."""
-    return tuple(row for row in TRANSITIONS if row.start is state)
+def available_transitions(state: State) -> tuple[Transition, ...]:
+    """The transitions that leave `state`; those with an id below 10 can be requested."""
+    return tuple(row for row in LIFECYCLE_TRANSITIONS if row.start is state)
 
 
-def requested(state: State, transition_id: int, label: str) -> Transition | None:
+def requested_transition(state: State, transition_id: int = 0, label: str = "") -> Transition | None:
     """The transition a ChangeState request means; a label that is not empty takes precedence over the id.
 
-    None when no such transition leaves `state`. The `transition_*` rows cannot be requested, only callbacks cause them.
+    None when no such transition leaves `state`. The ``transition_...`` rows cannot be requested, only callbacks cause
+    them.
     """
-    for row in available(state):
+    for row in available_transitions(state):
         if row.label not in _OUTCOMES and (row.label == label if label else row.id == transition_id):
             return row
     return None
 
 
-def finished(state: State, outcome: Outcome) -> Transition:
-    """The transition that follows when the callback of a passing `state` ends; raises `TransitionError` elsewhere."""
-    for row in available(state):
+def finished_transition(state: State, outcome: Outcome) -> Transition:
+    """The transition that follows when the callback of a passing `state` ends with `outcome`.
+
+    Raises:
+        TransitionError: no callback runs in that state. TypeError: they are no state and no outcome.
+    """
+    if not isinstance(state, State) or not isinstance(outcome, Outcome):
+        raise TypeError(f"expected a State and an Outcome, got {state!r:.100} and {outcome!r:.100}")
+    for row in available_transitions(state):
         if row.label == outcome.value:
             return row
     raise TransitionError(f"{outcome.value} is not possible in state {state.label}")

@@ -9,6 +9,7 @@ Source: docs/internals/protocol.md 10.6.
 from __future__ import annotations
 
 import logging
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,8 +25,18 @@ class LogFileError(RosidlError, OSError):
     """A log file was asked for and cannot be written; the text says where and why."""
 
 
-def log_folder(environ: Mapping[str, str]) -> Path:
-    """``$ROS_LOG_DIR``, else ``$ROS_HOME/log``, else ``~/.ros/log``; a leading ``~`` is the home folder."""
+def get_logging_directory(environ: Mapping[str, str] | None = None) -> Path:
+    """The folder for log files, which may not exist yet; a leading ``~`` is the home folder.
+
+    ``$ROS_LOG_DIR``, else ``$ROS_HOME/log``, else ``~/.ros/log``.
+
+    Args:
+        environ: None means the environment of this process.
+
+    Raises:
+        LogFileError: nobody knows where the home folder is.
+    """
+    environ = os.environ if environ is None else environ
     chosen = environ.get("ROS_LOG_DIR")
     folder = Path(chosen) if chosen else Path(environ.get("ROS_HOME") or "~/.ros") / "log"
     try:

@@ -64,7 +64,10 @@ def logger_name(fully_qualified_node_name: str) -> str:
 
 
 class LogOptions(TypedDict, total=False):
-    """Keyword arguments of every logging call; the last four are those of Python's `logging`."""
+    """Keyword arguments of every logging call; the last four are those of Python's `logging`.
+
+    `stacklevel` 2 makes it the call of whoever called, in the record and for `once`, `throttle_s` and `skip_first`.
+    """
 
     once: bool
     throttle_s: float | None
@@ -107,6 +110,7 @@ class RosLogger(logging.Logger):
 
     `once` logs the first time this line is reached, `throttle_s` at most every so many seconds (steady time),
     `skip_first` not the first time. Extra positional arguments are %-formatted into the message as in `logging`.
+    A function that wraps a logger gives ``stacklevel=2``: then the line is that of its caller.
     """
 
     def __init__(self, name: str, level: int = UNSET) -> None:
@@ -150,7 +154,7 @@ class RosLogger(logging.Logger):
 
     def get_child(self, suffix: str) -> RosLogger:
         """The logger ``<name>.<suffix>``; it publishes to /rosout through the same node."""
-        return get_logger(f"{self.name}.{suffix}")
+        return get_logger(suffix if self is _root else f"{self.name}.{suffix}")
 
     def _maybe(
         self,
@@ -215,7 +219,16 @@ def get_root_logger() -> RosLogger:
 
 
 def get_logger(name: str) -> RosLogger:
-    """The ROS logger of that name; the same object every time. An empty name is the root."""
+    """The ROS logger of that name, such as ``robot.driver`` for the node ``/robot/driver``; always the same object.
+
+    It needs no node. An empty name is the root, whose level counts where no other is set. What loggers say goes to
+    ``/rosout`` where they are that of a node, or below it.
+
+    Raises:
+        TypeError: the name is no text.
+    """
+    if not isinstance(name, str):
+        raise TypeError(f"the name of a logger must be a text, got {name!r:.100}")
     if not name:
         return _root
     logger = _manager.getLogger(name)
@@ -248,14 +261,27 @@ def node_logger(fully_qualified_node_name: str) -> RosLogger:
 
 
 def set_logger_level(name: str, level: int | str) -> None:
-    """Configure a logger; UNSET makes it inherit again. The root (empty name) cannot be unset, it becomes INFO."""
+    """Set the level of a logger, and of those below it that have none of their own.
+
+    Args:
+        name: of the logger; empty for the root.
+        level: ``"debug"``, ``"info"``, ``"warn"``, ``"error"``, ``"fatal"`` or ``"unset"``, in any case, or its number,
+            10 to 50 and 0. ``"unset"`` lets the logger inherit again; the root becomes INFO.
+
+    Raises:
+        LogLevelError: there is no such level. TypeError: the name is no text.
+    """
     number = parse_level(level) if isinstance(level, str) else level
-    if number not in LEVEL_NAMES:
-        raise LogLevelError(f"unknown log level {level!r}; expected one of {sorted(LEVEL_NAMES)}")
+    if not isinstance(number, int) or number not in LEVEL_NAMES:
+        raise LogLevelError(f"unknown log level {level!r:.100}; expected one of {sorted(LEVEL_NAMES)}")
     logger = get_logger(name)
     logger.setLevel(INFO if logger is _root and number == UNSET else number)
 
 
 def get_logger_level(name: str) -> int:
-    """The configured level, UNSET when the logger inherits."""
+    """The level that was set, 0 when the logger inherits; `RosLogger.getEffectiveLevel` has what counts.
+
+    Raises:
+        TypeError: the name is no text.
+    """
     return get_logger(name).level

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.console import install_console, read_console_environment
-from rosidl_py_gen.runtime.logs.file import LogFile, log_file_name, log_folder, program_prefix
+from rosidl_py_gen.runtime.logs.file import LogFile, get_logging_directory, log_file_name, program_prefix
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger, set_logger_level
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class LogOutputs:
         """
         place = None
         if settings.wants_file(environ):
-            place = log_folder(environ), settings.file_name or program_prefix(program)
+            place = get_logging_directory(environ), settings.file_name or program_prefix(program)
         with self._lock:
             if self._users == 0:
                 self._choose(settings.stdout, place, environ)

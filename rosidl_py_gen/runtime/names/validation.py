@@ -1,8 +1,9 @@
 """Which names ROS allows, and how a name as written becomes a fully qualified one.
 
-Decides validation and expansion (docs/internals/protocol.md 10.1, 10.2). Remapping is `remap.py`, what DDS calls a name
-is `dds.py`. A name is validated twice: as written, so that the caret points into the text the user typed, and again
-after expansion, because substitutions and namespaces can break it.
+Decides validation and expansion (docs/internals/protocol.md 10.1, 10.2). Rules are looked at in the order of rcl and
+rmw, so that the place we tell is theirs. Remapping is `remap.py`, what DDS calls a name is `dds.py`. A name is
+validated twice: as written, so that the caret points into the text the user typed, and again after expansion, because
+substitutions and namespaces can break it.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ def _fail(what: str, name: str, index: int, reason: str) -> NoReturn:
     shown = name[start : start + 120]
     # repr() of a character may be wider than one column, so control characters are shown as "?".
     line = "".join(c if c.isprintable() else "?" for c in shown)
-    raise InvalidNameError(f"invalid {what} {name!r}: {reason}\n    {line}\n    {' ' * (index - start)}^")
+    text = f"invalid {what} {name!r}: {reason}\n    {line}\n    {' ' * (index - start)}^"
+    raise InvalidNameError(text, name=name, index=index, reason=reason)
 
 
 def _check_type(what: str, name: object) -> None:
@@ -37,7 +39,7 @@ def _check_type(what: str, name: object) -> None:
 
 
 def validate_node_name(name: str) -> None:
-    """Refuse a node name that rmw would refuse; raises `InvalidNameError`."""
+    """Refuse a node name, without namespace, that rmw would refuse; raises `InvalidNameError`."""
     what = "node name"
     _check_type(what, name)
     if not name:
@@ -48,20 +50,32 @@ def validate_node_name(name: str) -> None:
     if name[0].isdigit():
         _fail(what, name, 0, "it must not begin with a digit")
     if len(name) > MAX_NODE_NAME_LENGTH:
-        _fail(what, name, MAX_NODE_NAME_LENGTH, f"it has {len(name)} characters, at most {MAX_NODE_NAME_LENGTH} fit")
+        _fail(
+            what, name, MAX_NODE_NAME_LENGTH - 1, f"it has {len(name)} characters, at most {MAX_NODE_NAME_LENGTH} fit"
+        )
+
+
+def validate_namespace(namespace: str) -> None:
+    """Refuse a namespace that rmw would refuse: ``/`` or ``/a/b``; raises `InvalidNameError`."""
+    _check_type("namespace", namespace)
+    if namespace != "/":
+        _check_full("namespace", namespace, MAX_NAMESPACE_LENGTH)
 
 
 def normalize_namespace(namespace: str) -> str:
     """The namespace with its leading ``/``; empty becomes ``/``. Raises `InvalidNameError`."""
     _check_type("namespace", namespace)
     full = namespace if namespace.startswith("/") else f"/{namespace}"
-    if full != "/":
-        _check_full("namespace", full, MAX_NAMESPACE_LENGTH)
+    validate_namespace(full)
     return full
 
 
 def validate_full_name(name: str, what: str = "topic name") -> None:
-    """Refuse a fully qualified topic or service name that rmw would refuse; raises `InvalidNameError`."""
+    """Refuse a fully qualified topic or service name that rmw would refuse; raises `InvalidNameError`.
+
+    Args:
+        what: what it is called in the error.
+    """
     _check_type(what, name)
     _check_full(what, name, MAX_TOPIC_LENGTH)
 
@@ -69,61 +83,74 @@ def validate_full_name(name: str, what: str = "topic name") -> None:
 def _check_full(what: str, name: str, max_length: int) -> None:
     if not name.startswith("/"):
         _fail(what, name, 0, "it must begin with '/'")
+    if name.endswith("/"):
+        _fail(what, name, len(name) - 1, "it must not end with '/'")
     for index, character in enumerate(name):
         if not _NAME_CHARACTER.match(character):
             _fail(what, name, index, f"character {character!r} is not allowed, only A-Z, a-z, 0-9, _ and / are")
-    if name.endswith("/"):
-        _fail(what, name, len(name) - 1, "it must not end with '/'")
-    if "//" in name:
-        _fail(what, name, name.index("//") + 1, "it must not contain '//'")
-    _check_token_starts(what, name)
+    for index in range(1, len(name)):
+        if name[index - 1] == "/":
+            if name[index] == "/":
+                _fail(what, name, index, "it must not contain '//'")
+            _check_token_start(what, name, index)
     if len(name) > max_length:
-        _fail(what, name, max_length, f"it has {len(name)} characters, at most {max_length} fit")
+        _fail(what, name, max_length - 1, f"it has {len(name)} characters, at most {max_length} fit")
 
 
-def _check_token_starts(what: str, name: str) -> None:
-    index = 0
-    for token in name.split("/"):
-        if token and token[0] in "0123456789":
-            _fail(what, name, index, "a part between slashes must not begin with a digit")
-        index += len(token) + 1
+def _check_token_start(what: str, name: str, index: int) -> None:
+    if name[index] in "0123456789":
+        _fail(what, name, index, "a part between slashes must not begin with a digit")
 
 
 def validate_name(name: str, what: str = "topic name") -> None:
-    """Refuse a topic or service name as written by a user, with ``~`` and ``{...}``; raises `InvalidNameError`."""
+    """Refuse a topic or service name as written by a user, with ``~`` and ``{...}``; raises `InvalidNameError`.
+
+    Args:
+        what: what it is called in the error.
+    """
     _check_type(what, name)
     if not name:
         _fail(what, name, 0, "it is empty")
-    for index, character in enumerate(name):
-        if not _GIVEN_CHARACTER.match(character):
-            reason = f"character {character!r} is not allowed, only A-Z, a-z, 0-9, _, /, ~ and {{}} are"
-            _fail(what, name, index, reason)
+    _check_token_start(what, name, 0)
     if name.endswith("/"):
         _fail(what, name, len(name) - 1, "it must not end with '/'")
-    if "~" in name[1:]:
-        _fail(what, name, name.index("~", 1), "'~' may only be the first character")
-    if name.startswith("~") and name[1:2] not in ("", "/"):
-        _fail(what, name, 1, "'~' must be followed by '/'")
-    _check_braces(what, name)
-    _check_token_starts(what, name)
+    _check_given_characters(what, name)
+    for index in range(1, len(name)):
+        if name[index - 1] == "/":
+            _check_token_start(what, name, index)
+        elif name[0] == "~" and index == 1 and name[1] != "/":
+            _fail(what, name, 1, "'~' must be followed by '/'")
+    if "{}" in name:  # rcl finds it when it expands
+        _fail(what, name, name.index("{}") + 1, "'' is not a substitution name")
 
 
-def _check_braces(what: str, name: str) -> None:
+def _check_given_characters(what: str, name: str) -> None:
     opened = -1
     for index, character in enumerate(name):
-        if character == "{":
-            if opened >= 0:
-                _fail(what, name, index, "substitutions must not be nested")
-            opened = index
-        elif character == "}":
+        if character == "}":
             if opened < 0:
                 _fail(what, name, index, "'}' without '{'")
-            inner = name[opened + 1 : index]
-            if not _IDENTIFIER.match(inner):
-                _fail(what, name, opened + 1, f"{inner!r} is not a substitution name")
             opened = -1
+        elif opened >= 0:
+            if character == "{":
+                _fail(what, name, index, "substitutions must not be nested")
+            _check_substitution(what, name, opened + 1, index)
+        elif character == "{":
+            opened = index
+        elif not _GIVEN_CHARACTER.match(character):
+            reason = f"character {character!r} is not allowed, only A-Z, a-z, 0-9, _, /, ~ and {{}} are"
+            _fail(what, name, index, reason)
+        elif character == "~" and index > 0:
+            _fail(what, name, index, "'~' may only be the first character")
     if opened >= 0:
         _fail(what, name, opened, "'{' without '}'")
+
+
+def _check_substitution(what: str, name: str, start: int, index: int) -> None:
+    """Of the name of a substitution that begins at `start`, the character at `index`."""
+    if not _IDENTIFIER.match(name[start : index + 1]):
+        inner = name[start:].partition("}")[0]
+        _fail(what, name, index, f"{inner!r} is not a substitution name")
 
 
 def fully_qualified_node_name(name: str, namespace: str) -> str:
@@ -143,9 +170,15 @@ def resolve_node_name(name: str, namespace: str) -> str:
 
 
 def expand_name(name: str, node_name: str, namespace: str, what: str = "topic name") -> str:
-    """Turn a name as written into a fully qualified one, without remapping.
+    """Turn a name as written into a fully qualified one, without remapping: ``~/x`` into ``/ns/node/x``.
 
-    Raises `InvalidNameError`. Source: docs/internals/protocol.md 10.2.
+    Args:
+        what: what it is called in the error.
+
+    Raises:
+        InvalidNameError: the name, as written or as it came out, is not allowed; its `name` is the one that is not.
+
+    Source: docs/internals/protocol.md 10.2.
     """
     validate_name(name, what)
     full = name

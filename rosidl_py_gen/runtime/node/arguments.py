@@ -229,3 +229,4 @@ class NodeOptions:
     start_services: bool
     parameter_events: bool
     logger_services: bool
+    time_source: bool

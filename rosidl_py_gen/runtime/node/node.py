@@ -70,6 +70,8 @@ class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods
         start_services: serve the six parameter services.
         parameter_events: publish changes of parameters on ``/parameter_events``.
         logger_services: serve ``~/get_logger_levels`` and ``~/set_logger_levels``.
+        time_source: declare the parameter `use_sim_time`, and follow ``/clock`` while it is true. Without it `clock`
+            shows system time, or what the program makes it show.
         type_check: what becomes of messages whose sender announces another definition of their type: ``"error"``
             withholds them, ``"warn"`` hands them out; both say so once for each topic and peer, ``"off"`` does not. It
             can be given for each endpoint, too.
@@ -96,6 +98,7 @@ class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods
         start_services: bool = True,
         parameter_events: bool = True,
         logger_services: bool = False,
+        time_source: bool = True,
         type_check: TypeCheck = "error",
         on_error: OnError | None = None,
     ) -> None:
@@ -112,6 +115,7 @@ class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods
             start_services=start_services,
             parameter_events=parameter_events,
             logger_services=logger_services,
+            time_source=time_source,
         )
         self.context = Context.default() if context is None else context
         core = self.context._core

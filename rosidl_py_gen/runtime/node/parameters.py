@@ -7,18 +7,22 @@ What each does is in its own file; what not every node needs is imported when it
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args, get_origin, overload
 
+from rosidl_py_gen.base.registration import Registration, Registrations
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
+from rosidl_py_gen.runtime.parameters.callbacks import require_plain
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
-from rosidl_py_gen.runtime.parameters.validation import Listing
+from rosidl_py_gen.runtime.parameters.validation import SEPARATOR, Listing
 from rosidl_py_gen.runtime.parameters.values import (
     ARRAY_OF,
     TYPE_OF,
     InvalidParameterValueError,
     Parameter,
     ParameterDescriptor,
+    ParameterEvent,
     ParameterType,
     PythonValue,
     WrongParameterTypeError,
@@ -31,16 +35,14 @@ from rosidl_py_gen.runtime.parameters.values import (
 from rosidl_py_gen.runtime.types.describe import start_type_descriptions
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    from rosidl_py_gen.base.registration import Registration
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.node.arguments import NodeOptions
     from rosidl_py_gen.runtime.node.context import Context
     from rosidl_py_gen.runtime.parameters.client import ParameterClient, ParameterEvents
-    from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher
-    from rosidl_py_gen.runtime.parameters.store import ParameterEvent
+    from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher, ParameterService
     from rosidl_py_gen.runtime.parameters.values import ParametersToSet
     from rosidl_py_gen.runtime.time.clock import Clock
 
@@ -63,11 +65,13 @@ class ParameterMethods:
     _names: NodeNames
     _store: ParameterStore
     _changes: list[Stream[ParameterChange]]
+    _event_callbacks: Registrations[Callable[[ParameterEvent], object]]
 
     def _open_parameters(self, options: NodeOptions) -> None:
         """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
         own = {item.name: item.value for item in as_parameters(options.overrides or {})}
         self._changes = changes = list[Stream[ParameterChange]]()
+        self._event_callbacks = callbacks = Registrations[Callable[[ParameterEvent], object]]()
         events: ParameterEventPublisher | None = None
         if options.parameter_events:
             from rosidl_py_gen.runtime.parameters.service import ParameterEventPublisher
@@ -83,6 +87,11 @@ class ParameterMethods:
                     stream._push(ParameterChange(parameter.name, parameter.value.value))
             if events is not None:
                 events.tell(event)
+            for callback in callbacks if event else ():
+                try:
+                    callback(event)
+                except Exception:
+                    self._scope.report_failure("the callback of a parameter event")
 
         self._store = ParameterStore(
             self.context._core.ros_arguments.overrides_for(self._names.fully_qualified_name) | own,
@@ -90,13 +99,14 @@ class ParameterMethods:
             on_event=tell,
             on_failure=self._scope.report_failure,
         )
-        TimeSource(self._scope, self._names, self._store, self.clock)
+        if options.time_source:
+            TimeSource(self._scope, self._names, self._store, self.clock)
         if options.declare_overrides:
             self._store.declare_overrides()
         if options.start_services:
             from rosidl_py_gen.runtime.parameters.service import ParameterServices
 
-            ParameterServices(self._scope, self._names, self._store)
+            ParameterServices(self._scope, self._store).serve(self._names)
         if options.logger_services:
             from rosidl_py_gen.runtime.node.logger_levels import start_logger_services
 
@@ -149,6 +159,24 @@ class ParameterMethods:
         self._scope.require_open(False, "the node")
         value = parameter_value(default)
         return self._store.declare(name, value, descriptor, ignore_override=ignore_override).value
+
+    def set_descriptor(self, name: str, descriptor: ParameterDescriptor, alternative: object = None) -> PythonValue:
+        """Describe a parameter anew, and return its value.
+
+        The descriptor's own name counts for nothing; without a type it keeps that of the parameter. Of an undeclared
+        parameter nothing is kept, where those are allowed.
+
+        Args:
+            alternative: is set when the value that the parameter has does not fit; None: it has to.
+
+        Raises:
+            ParameterNotDeclaredError: nobody declared it. ParameterImmutableError: it is read-only so far.
+            InvalidParameterValueError: neither value fits, a callback refuses the alternative, or a range makes no
+                sense. TypeError: the descriptor is none, or one of its fields has the wrong type. Nothing changes then.
+        """
+        self._scope.require_open(False, "the node")
+        value = parameter_value(alternative)
+        return self._store.set_descriptor(require_name(name), descriptor, value).value
 
     def undeclare_parameter(self, name: str) -> None:
         """Forget a parameter; raises `ParameterNotDeclaredError`, `ParameterImmutableError` when it is read-only.
@@ -205,6 +233,16 @@ class ParameterMethods:
         """Short for `describe_parameter`."""
         return self.describe_parameter(name)
 
+    def get_parameters_by_prefix(self, prefix: str = "") -> dict[str, Parameter]:
+        """The parameters below a prefix, by their names without it; without a prefix all there are.
+
+        They are those of one moment, and some may have no value. Of ``arm`` and ``arm.speed`` the prefix ``arm`` gives
+        ``speed`` alone.
+        """
+        start = f"{require_name(prefix, 'a prefix')}{SEPARATOR}" if prefix else ""
+        values = self._store.values().items()
+        return {name[len(start) :]: Parameter(name, value) for name, value in values if name.startswith(start)}
+
     def list_parameters(self, prefixes: str | Sequence[str] = (), depth: int = 0) -> Listing:
         """Names and groups, all or those below one or several prefixes; depth 0 has no limit."""
         return self._store.listing(as_prefixes(prefixes), depth)
@@ -212,23 +250,34 @@ class ParameterMethods:
     # ----------------------------------------------------------------------------------------------------- setting
 
     def set_parameter(self, name: str, value: object) -> None:
-        """Set one; raises `InvalidParameterValueError` with the reason when it is refused. From any thread."""
-        result = self.set_parameters_atomically({name: value})
+        """Set one, from any thread.
+
+        Raises:
+            ParameterNotDeclaredError: nobody declared it. InvalidParameterValueError: it is refused; has the reason.
+            CallbackAnswerError: a callback answered something it must not. ClosedError.
+        """
+        result = self.set_parameters_atomically({name: value}, require_declared=True)
         if not result.successful:
             raise InvalidParameterValueError(result.reason)
 
-    def set_parameters(self, values: ParametersToSet) -> list[SetResult]:
+    def set_parameters(self, values: ParametersToSet, *, require_declared: bool = False) -> list[SetResult]:
         """Set one by one, from any thread; the result of each says whether and why not.
+
+        Args:
+            require_declared: raise for a name that nobody declared, unless those are allowed; what stands before it
+                stays set, what stands behind it is not set. Otherwise its result is a refusal.
 
         Raises:
             InvalidParameterValueError: one is no parameter value; nothing is set then. TypeError: a name is no text.
-            CallbackAnswerError: a callback answered something it must not. ClosedError.
+            ParameterNotDeclaredError: with `require_declared`. ClosedError.
+            CallbackAnswerError: a callback answered something it must not.
+            Exception: whatever a callback raises that was added with `raises`.
         """
-        return self._store.set_each(self._fitted(values))
+        return self._store.set_each(self._fitted(values), require_declared=require_declared)
 
-    def set_parameters_atomically(self, values: ParametersToSet) -> SetResult:
+    def set_parameters_atomically(self, values: ParametersToSet, *, require_declared: bool = False) -> SetResult:
         """Set all or nothing, with one event; otherwise as `set_parameters`."""
-        return self._store.set_atomically(self._fitted(values))
+        return self._store.set_atomically(self._fitted(values), require_declared=require_declared)
 
     def _fitted(self, values: ParametersToSet) -> list[Parameter]:
         """An empty list takes the type that was declared; raises `ClosedError`."""
@@ -242,24 +291,38 @@ class ParameterMethods:
             fitted.append(Parameter(parameter.name, value))
         return fitted
 
-    def add_pre_set_callback(self, callback: Callable[[list[Parameter]], list[Parameter]]) -> Registration:
+    def add_pre_set_callback(
+        self, callback: Callable[[list[Parameter]], list[Parameter]], *, raises: bool = False
+    ) -> Registration:
         """May replace the list to set, until the answer is closed. Raises `TypeError` for an async function.
 
-        It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop. When it
-        raises, the set is refused with a reason that says so, and the traceback is logged.
-        """
-        return self._store.callbacks.add("pre-set", callback)
+        It is called on the thread that sets, and other sets wait for it: it must not wait for the event loop.
 
-    def add_on_set_callback(self, callback: Callable[[list[Parameter]], SetResult]) -> Registration:
+        Args:
+            raises: an exception in it goes on to whoever sets or declares, as in rclpy; of another node that sets, the
+                set is refused. Otherwise it refuses every set, with a reason that says so, and the traceback is logged.
+        """
+        return self._store.callbacks.add("pre-set", callback, raises=raises)
+
+    def add_on_set_callback(
+        self, callback: Callable[[list[Parameter]], SetResult], *, raises: bool = False
+    ) -> Registration:
         """May refuse a set, the newest is asked first; otherwise as `add_pre_set_callback`."""
-        return self._store.callbacks.add("on-set", callback)
+        return self._store.callbacks.add("on-set", callback, raises=raises)
 
-    def add_post_set_callback(self, callback: Callable[[list[Parameter]], None]) -> Registration:
-        """Hears of each successful set and declaration, on the thread that set; what it raises is logged.
+    def add_post_set_callback(
+        self, callback: Callable[[list[Parameter]], None], *, raises: bool = False
+    ) -> Registration:
+        """Hears of each successful set and declaration, on the thread that set, until the answer is closed.
 
-        Until the answer is closed. Raises `TypeError` for an async function.
+        Args:
+            raises: an exception in it goes on to whoever set, once all have heard; the values stay. Otherwise it is
+                logged.
+
+        Raises:
+            TypeError: for an async function.
         """
-        return self._store.callbacks.add("post-set", callback)
+        return self._store.callbacks.add("post-set", callback, raises=raises)
 
     # ------------------------------------------------------------------------------------------------------ events
 
@@ -269,6 +332,25 @@ class ParameterMethods:
         self._changes.append(stream)
         self._scope.own(stream)
         return stream
+
+    def add_parameter_event_callback(self, callback: Callable[[ParameterEvent], object]) -> Registration:
+        """Hears of each event of this node, as ``/parameter_events`` has it, until the answer is closed.
+
+        Also without `parameter_events` of `Node`. It is called on the thread that sets, in the order of the sets, and
+        other sets wait for it; what it raises is logged. Raises `TypeError` for an async function.
+        """
+        require_plain(callback, "the callback of parameter events", "the event")
+        return self._event_callbacks.add(callback)
+
+    def parameter_services(self) -> list[ParameterService]:
+        """The six parameter services of this node as functions, to be served by other means than its own.
+
+        Sets publish their events as always. With ``start_services=False`` the node does not serve them itself.
+        """
+        from rosidl_py_gen.runtime.parameters.service import ParameterServices
+
+        self._scope.require_open(False, "the node")
+        return ParameterServices(self._scope, self._store).listed()
 
     def parameter_events(self, node: str | None = None) -> ParameterEvents:
         """What all nodes, or one of them, publish on ``/parameter_events`` from now on."""

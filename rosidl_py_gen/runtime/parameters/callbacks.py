@@ -1,16 +1,17 @@
 """The functions that users hand in around a set: keeping them, calling them, judging what they answer.
 
 Decides what callbacks and validators may be and may answer, and what becomes of one that raises: the set is refused
-with a reason that names the function, and the traceback is logged; a set that is stored already stays. When they are
-called is `store.py`'s. All run on the thread that sets, post-set callbacks without any lock; each in a copy of the
-`contextvars` context of whoever sets, so that it knows for whom it is called and leaves nothing behind.
+with a reason that names the function, and the traceback is logged, unless whoever added it wants its errors to go on to
+whoever sets; a set that is stored already stays. When they are called is `store.py`'s. All run on the thread that sets,
+post-set callbacks without any lock; each in a copy of the `contextvars` context of whoever sets, so that it knows for
+whom it is called and leaves nothing behind.
 """
 
 from __future__ import annotations
 
 import inspect
 from contextvars import copy_context
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 from rosidl_py_gen.base.registration import Registrations
 from rosidl_py_gen.base.signatures import require_signature
@@ -81,18 +82,24 @@ def _raised(what: str, error: Exception) -> RefusedError:
     return RefusedError(f"{what} raised {type(error).__name__}: {error}", what)
 
 
+class _Added(NamedTuple):
+    function: Callable[..., Any]
+    raises: bool
+    """Whether its errors go on to whoever sets."""
+
+
 class SetCallbacks:
     """The callbacks of one store; any thread may add and remove."""
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
         self._on_failure = on_failure
-        self._functions: dict[str, Registrations[Any]] = {
+        self._added: dict[str, Registrations[_Added]] = {
             kind: Registrations() for kind in ("pre-set", "on-set", "post-set", "mirror")
         }
         self.preparing = False
         """True while mirrors check a set; another set would then be overtaken by the one that is checked."""
 
-    def add(self, kind: str, callback: Callable[..., Any]) -> Registration:
+    def add(self, kind: str, callback: Callable[..., Any], *, raises: bool = False) -> Registration:
         """Call a function around each set until the answer is closed. Raises `TypeError` for async functions.
 
         Args:
@@ -101,19 +108,23 @@ class SetCallbacks:
                 sets and declarations, and holds up nobody else. ``mirror``: checks values once all others have agreed;
                 it raises `RefusedError`, or returns the function that shows them (None when they do not concern it),
                 which is called when they are stored, before anybody else hears of them.
+            raises: what it raises goes on to whoever sets.
         """
         if kind != "mirror":
             require_plain(callback, f"the {kind} callback", "the list of parameters")
-        return self._functions[kind].add(callback)
+        return self._added[kind].add(_Added(callback, raises))
 
     def before(self, parameters: list[Parameter]) -> list[Parameter]:
         """What pre-set callbacks make of the list. Raises `RefusedError`, `CallbackAnswerError`."""
-        if not self._functions["pre-set"]:
+        if not self._added["pre-set"]:
             return parameters
         wanted: list[Parameter] = []
-        for callback in self._functions["pre-set"]:
+        for callback, raises in self._added["pre-set"]:
             what = f"the pre-set callback {_name_of(callback)!r}"
-            answer = called(what, callback, list(parameters))
+            if raises:
+                answer = copy_context().run(callback, list(parameters))
+            else:
+                answer = called(what, callback, list(parameters))
             if not isinstance(answer, (list, tuple)) or not all(isinstance(item, Parameter) for item in answer):
                 raise _wrong_answer(what, answer, "a list of Parameter objects")
             try:
@@ -134,33 +145,45 @@ class SetCallbacks:
             RefusedError: one of them refused or raised. CallbackAnswerError.
         """
         result = ACCEPTED
-        for callback in reversed(list(self._functions["on-set"])):
+        for callback, raises in reversed(list(self._added["on-set"])):
             try:
                 result = copy_context().run(callback, list(parameters))
             except Exception as error:
+                if raises:
+                    raise
                 raise _raised(f"the on-set callback {_name_of(callback)!r}", error) from error
             if type(result) is not SetResult or type(result.successful) is not bool or type(result.reason) is not str:
                 result = _as_result(callback, result)
             if not result.successful:
                 raise RefusedError(result.reason)
-        return result, self._prepared(parameters) if self._functions["mirror"] else []
+        return result, self._prepared(parameters) if self._added["mirror"] else []
 
     def _prepared(self, parameters: Sequence[Parameter]) -> list[Commit]:
         changes = {parameter.name: parameter.value for parameter in parameters}
         self.preparing = True
         try:
-            found = [prepare(changes) for prepare in self._functions["mirror"]]
+            found = [prepare(changes) for prepare, _ in self._added["mirror"]]
         finally:
             self.preparing = False
         return [commit for commit in found if commit is not None]
 
     def after(self, parameters: Sequence[Parameter]) -> None:
-        """Call the post-set callbacks, the newest first; one that raises is logged and the others still hear."""
-        for callback in reversed(list(self._functions["post-set"])):
+        """Call the post-set callbacks, the newest first; one that raises is logged and the others still hear.
+
+        Raises:
+            Exception: what the first one raised that was added with `raises`, once all have heard.
+        """
+        failed: Exception | None = None
+        for callback, raises in reversed(list(self._added["post-set"])):
             try:
                 copy_context().run(callback, list(parameters))
-            except Exception:
-                self._on_failure(f"the post-set callback {_name_of(callback)!r}")
+            except Exception as error:
+                if raises and failed is None:
+                    failed = error
+                else:
+                    self._on_failure(f"the post-set callback {_name_of(callback)!r}")
+        if failed is not None:
+            raise failed
 
 
 def _as_result(callback: object, answer: Any) -> SetResult:

@@ -80,5 +80,6 @@ class Notifier:
                     for event in batch.events:
                         self.event(event)
         finally:
-            for parameters in batch.sets:
-                self.after_set(parameters)
+            with contextlib.ExitStack() as calls:  # all of them are called, whatever one of them raises
+                for parameters in reversed(batch.sets):
+                    calls.callback(self.after_set, parameters)

@@ -6,7 +6,7 @@ docs/internals/protocol.md 9.1 to 9.5.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rosidl_py_gen.msgs.rcl_interfaces import msg, srv
 from rosidl_py_gen.runtime.endpoints.late_types import late_message_type, late_service_type
@@ -27,6 +27,7 @@ from rosidl_py_gen.runtime.transport.qos import PARAMETER_EVENTS, PARAMETERS
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from rosidl_py_gen.cdr import Service
     from rosidl_py_gen.runtime.endpoints.scope import Scope
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.parameters.store import ParameterEvent, ParameterStore
@@ -61,13 +62,28 @@ class ParameterEventPublisher(Publisher[msg.ParameterEvent]):
             self._scope.report_failure("publishing a parameter event")
 
 
-class ParameterServices:
-    """The six services of one node, which owns them."""
+class ParameterService(NamedTuple):
+    """One of the six services for the parameters of a node, for whoever serves it; made by `Node.parameter_services`.
 
-    def __init__(self, scope: Scope, names: NodeNames, store: ParameterStore) -> None:
+    Attributes:
+        name: without the node, such as ``get_parameters``; its own services are called ``~/get_parameters``.
+        srv_type: its class.
+        handler: takes a request and returns the response, in any thread. What callbacks of parameters raise refuses the
+            set and is logged. Raises `ClosedError`.
+    """
+
+    name: str
+    srv_type: type[Service[Any, Any]]
+    handler: Callable[[Any], Any]
+
+
+class ParameterServices:
+    """What answers the six services of one node."""
+
+    def __init__(self, scope: Scope, store: ParameterStore) -> None:
         self._scope = scope
         self._store = store
-        table: list[tuple[str, str, Callable[[Any], Any]]] = [
+        self._table: list[tuple[str, str, Callable[[Any], Any]]] = [
             ("describe_parameters", "DescribeParameters", self._describe),
             ("get_parameters", "GetParameters", self._get),
             ("get_parameter_types", "GetParameterTypes", self._types),
@@ -75,9 +91,26 @@ class ParameterServices:
             ("set_parameters", "SetParameters", self._set),
             ("set_parameters_atomically", "SetParametersAtomically", self._set_atomically),
         ]
-        for name, title, handler in table:
+
+    def serve(self, names: NodeNames) -> None:
+        """Make the services; the node owns them."""
+        for name, title, handler in self._table:
             service_type = late_service_type(f"rcl_interfaces/srv/{title}")
-            ServiceServer(scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS)
+            ServiceServer(self._scope, service_type, names.resolve_service(f"~/{name}"), handler, PARAMETERS)
+
+    def listed(self) -> list[ParameterService]:
+        """Them, for whoever serves them otherwise."""
+        return [
+            ParameterService(name, getattr(srv, title), self._while_open(handler))
+            for name, title, handler in self._table
+        ]
+
+    def _while_open(self, handler: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        def answer(request: Any) -> Any:
+            self._scope.require_open(False, "the node")
+            return handler(request)
+
+        return answer
 
     def _describe(self, request: srv.DescribeParameters_Request) -> srv.DescribeParameters_Response:
         found = self._store.describe_all(request.names)

@@ -21,15 +21,9 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.runtime.logs.loggers import report_failure
 from rosidl_py_gen.runtime.parameters.callbacks import CallbackAnswerError, RefusedError, SetCallbacks
+from rosidl_py_gen.runtime.parameters.declaration import declared_descriptor, described_anew, fitted
 from rosidl_py_gen.runtime.parameters.notifier import Notifier
-from rosidl_py_gen.runtime.parameters.validation import (
-    Listing,
-    descriptor_reason,
-    list_names,
-    name_reason,
-    range_reason,
-    refusal_reason,
-)
+from rosidl_py_gen.runtime.parameters.validation import Listing, list_names, name_reason, refusal_reason
 from rosidl_py_gen.runtime.parameters.values import (
     InvalidParameterNameError,
     InvalidParameterValueError,
@@ -44,7 +38,6 @@ from rosidl_py_gen.runtime.parameters.values import (
     ParameterValue,
     SetResult,
     WrongParameterTypeError,
-    parameter_value,
     widened,
 )
 
@@ -114,9 +107,13 @@ class ParameterStore:
             InvalidParameterValueError: a range or a callback refused it.
         """
         with self.lock:
-            described = self._declaration(name, default, descriptor)
+            if reason := name_reason(name):
+                raise InvalidParameterNameError(reason)
+            if name in self._values:
+                raise ParameterAlreadyDeclaredError(f"parameter {name!r} is already declared")
+            described = declared_descriptor(name, default, descriptor)
             is_overridden = name in self.overrides and not ignore_override
-            value = _fitted(self.overrides[name] if is_overridden else default, described)
+            value = fitted(self.overrides[name] if is_overridden else default, described)
             if is_overridden and not described.dynamic_typing:
                 value = widened(value, described.type)
             if value.is_set and not described.dynamic_typing and value.type is not described.type:
@@ -162,31 +159,6 @@ class ParameterStore:
         if self.callbacks.preparing:
             raise RefusedError(_NESTED_REASON)
         return self.callbacks.ask(parameters)
-
-    def _declaration(
-        self, name: str, default: ParameterValue, given: ParameterDescriptor | None
-    ) -> ParameterDescriptor:
-        descriptor = ParameterDescriptor() if given is None else given
-        if reason := name_reason(name):
-            raise InvalidParameterNameError(reason)
-        if name in self._values:
-            raise ParameterAlreadyDeclaredError(f"parameter {name!r} is already declared")
-        if reason := descriptor_reason(descriptor):
-            raise TypeError(f"parameter {name!r}: {reason}")
-        if reason := range_reason(descriptor.floating_point_range) or range_reason(descriptor.integer_range):
-            raise InvalidParameterValueError(f"parameter {name!r}: {reason}")
-        default = _fitted(default, descriptor)
-        if descriptor.dynamic_typing:
-            return replace(descriptor, name=name)
-        kind = default.type if descriptor.type is ParameterType.NOT_SET else descriptor.type
-        if kind is ParameterType.NOT_SET:
-            raise InvalidParameterValueError(
-                f"parameter {name!r} has no default, so its type is unknown; give a default, a type, or a descriptor "
-                "with dynamic_typing"
-            )
-        if default.is_set and default.type is not kind:
-            raise WrongParameterTypeError(name, kind.name, default.type.name)
-        return replace(descriptor, name=name, type=kind)
 
     def declare_overrides(self) -> None:
         """Declare every override that is not declared yet, statically typed by its value."""
@@ -271,19 +243,23 @@ class ParameterStore:
 
     # --------------------------------------------------------------------------------------------------- setting
 
-    def set_each(self, parameters: Iterable[Parameter]) -> list[SetResult]:
+    def set_each(self, parameters: Iterable[Parameter], *, require_declared: bool = False) -> list[SetResult]:
         """Set one by one; a failure does not stop the next."""
-        return [self.set_atomically([parameter]) for parameter in parameters]
+        return [self.set_atomically([one], require_declared=require_declared) for one in parameters]
 
-    def set_atomically(self, parameters: Iterable[Parameter]) -> SetResult:
+    def set_atomically(self, parameters: Iterable[Parameter], *, require_declared: bool = False) -> SetResult:
         """Set all or nothing, with one event for all; the result says why a value or a callback was not fine.
 
         Raises:
             CallbackAnswerError: a callback or validator answered something it must not.
+            Exception: whatever a callback raises that was added with `raises`.
+            ParameterNotDeclaredError: with `require_declared`, where the result would say so otherwise.
         """
         try:
             with self.lock:
                 wanted = [self._widened(one) for one in self.callbacks.before(list(parameters))]
+                if require_declared and (missing := self._missing([one.name for one in wanted])):
+                    raise ParameterNotDeclaredError(missing)
                 result, commits = self._agreed(wanted, self._reason(wanted))
                 event = self._apply(wanted)
                 for commit in commits:
@@ -297,6 +273,46 @@ class ParameterStore:
         if refusal.failed:
             self._report(refusal)
         return SetResult(False, str(refusal))
+
+    def set_descriptor(
+        self, name: str, descriptor: ParameterDescriptor, alternative: ParameterValue = NOT_SET
+    ) -> ParameterValue:
+        """Describe a parameter anew, and return its value: the one it has, or else the alternative, which is set then.
+
+        Without a type the descriptor keeps that of the parameter. Nothing happens to an undeclared one where those are
+        allowed.
+
+        Raises:
+            ParameterNotDeclaredError, ParameterImmutableError: the latter for one that is read-only so far.
+            InvalidParameterValueError: neither value fits, a callback refuses the alternative, or a range makes no
+                sense; all stays as it was. TypeError: the descriptor is none.
+        """
+        with self.lock:
+            self._require(name)
+            if name not in self._values:
+                return NOT_SET
+            if self._descriptors[name].read_only:
+                raise ParameterImmutableError(f"parameter {name!r} is read-only and cannot be described anew")
+            described, now, reason = described_anew(
+                self._descriptors[name], self._values[name], descriptor, alternative
+            )
+            is_new = now.value != self._values[name]
+            try:
+                if reason:
+                    raise RefusedError(reason)
+                commits = self._agreed([now], "")[1] if is_new else []
+            except RefusedError as refusal:
+                text = f"parameter {name!r} cannot be described so while it is {now.value.value!r}: {refusal}"
+                raise InvalidParameterValueError(text) from refusal.__cause__
+            self._descriptors[name] = described
+            if is_new:
+                event = self._apply([now])
+                for commit in commits:
+                    commit()
+                self._notifier.event(event)
+        if is_new:
+            self._notifier.after_set([now])
+        return now.value
 
     def _report(self, refusal: RefusedError) -> None:
         """Report what the function of the user raised, not what became of it."""
@@ -379,10 +395,3 @@ class ParameterStore:
     def _require(self, name: str) -> None:
         if self._missing([name]):
             raise ParameterNotDeclaredError([name])
-
-
-def _fitted(value: ParameterValue, described: ParameterDescriptor) -> ParameterValue:
-    """An empty list from YAML or Python says nothing about its type; let it be what was declared."""
-    if described.type.is_array and value.type.is_array and not value.value:
-        return parameter_value((), described.type)
-    return value

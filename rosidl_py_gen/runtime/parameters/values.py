@@ -113,7 +113,13 @@ ParametersToSet: TypeAlias = "Mapping[str, object] | Iterable[Parameter]"
 
 @dataclass(frozen=True, slots=True)
 class ParameterEvent:
-    """What one set or declaration did. Changed parameters had a value before, even an equal one."""
+    """What one set or declaration did.
+
+    Attributes:
+        new: had no value before.
+        changed: had one before, even an equal one.
+        deleted: have none any more.
+    """
 
     new: tuple[Parameter, ...] = ()
     changed: tuple[Parameter, ...] = ()

@@ -16,6 +16,7 @@ from rosidl_py_gen.runtime.transport.qos import (
     UNSPECIFIED_NS,
     Durability,
     Liveliness,
+    QoSPolicyKind,
     QoSProfile,
     Reliability,
 )
@@ -36,10 +37,18 @@ class Compatibility(Enum):
 
 @dataclass(frozen=True, slots=True)
 class CompatibilityResult:
-    """Verdict and reasons; `reason` is empty when all is well, else fragments that each end in ``;``."""
+    """Verdict and reasons.
+
+    Attributes:
+        compatibility: the verdict.
+        reason: empty when all is well, else fragments that each end in ``;``.
+        policies: those that stand against it, in the order in which DDS looks at them; as there, the lease of
+            liveliness counts as LIVELINESS. Empty unless the verdict is ERROR.
+    """
 
     compatibility: Compatibility
     reason: str
+    policies: tuple[QoSPolicyKind, ...] = ()
 
     @property
     def matches(self) -> bool:
@@ -55,36 +64,39 @@ def check_compatible(offered: QoSProfile, requested: QoSProfile) -> Compatibilit
 
     Source: docs/internals/protocol.md 7.6.
     """
-    errors = [f"ERROR: {text};" for text in _mismatches(offered, requested)]
+    errors = _mismatches(offered, requested)
     if errors:
-        return CompatibilityResult(Compatibility.ERROR, "".join(errors))
+        text = "".join(f"ERROR: {text};" for _, text in errors)
+        return CompatibilityResult(Compatibility.ERROR, text, tuple(dict.fromkeys(kind for kind, _ in errors)))
     warnings = [f"WARNING: {text};" for text in _doubts(offered, requested)]
     if warnings:
         return CompatibilityResult(Compatibility.WARNING, "".join(warnings))
     return CompatibilityResult(Compatibility.OK, "")
 
 
-def _mismatches(offered: QoSProfile, requested: QoSProfile) -> list[str]:
+def _mismatches(offered: QoSProfile, requested: QoSProfile) -> list[tuple[QoSPolicyKind, str]]:
     found = []
     if offered.reliability is Reliability.BEST_EFFORT and requested.reliability is Reliability.RELIABLE:
-        found.append("Best effort publisher and reliable subscription")
+        found.append((QoSPolicyKind.RELIABILITY, "Best effort publisher and reliable subscription"))
     if offered.durability is Durability.VOLATILE and requested.durability is Durability.TRANSIENT_LOCAL:
-        found.append("Volatile publisher and transient local subscription")
-    found += _duration_mismatch(
+        found.append((QoSPolicyKind.DURABILITY, "Volatile publisher and transient local subscription"))
+    deadline = _duration_mismatch(
         offered.deadline_ns,
         requested.deadline_ns,
         "Subscription has a deadline, but publisher does not",
         "Subscription deadline is less than publisher deadline",
     )
+    found += [(QoSPolicyKind.DEADLINE, text) for text in deadline]
     if offered.liveliness is Liveliness.AUTOMATIC and requested.liveliness is Liveliness.MANUAL_BY_TOPIC:
-        found.append("Publisher's liveliness is automatic and subscription's is manual by topic")
-    found += _duration_mismatch(
+        text = "Publisher's liveliness is automatic and subscription's is manual by topic"
+        found.append((QoSPolicyKind.LIVELINESS, text))
+    lease = _duration_mismatch(
         offered.liveliness_lease_ns,
         requested.liveliness_lease_ns,
         "Subscription has a liveliness lease duration, but publisher does not",
         "Subscription liveliness lease duration is less than publisher",
     )
-    return found
+    return found + [(QoSPolicyKind.LIVELINESS, text) for text in lease]
 
 
 def _duration_mismatch(offered_ns: int, requested_ns: int, absent: str, shorter: str) -> list[str]:

@@ -96,7 +96,10 @@ class Writer(Protocol):
         """True when every matched reliable reader confirmed everything written so far. Never blocks."""
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
-        """How often ``deadline`` or ``liveliness`` was not kept so far; None where the middleware does not tell."""
+        """How often ``deadline`` or ``liveliness`` was not kept so far, or how many readers were ``matched``.
+
+        None where the middleware does not tell.
+        """
 
     def assert_liveliness(self) -> None:
         """Say that the publisher is alive (liveliness MANUAL_BY_TOPIC)."""
@@ -126,7 +129,8 @@ class Reader(Protocol):
         """GUIDs of the writers this reader receives from."""
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
-        """``deadline``: missed ones; ``liveliness``: publishers alive, and not alive; ``message_lost``: lost ones.
+        """``deadline``: missed ones; ``liveliness``: publishers alive, and not alive; ``message_lost``: lost ones;
+        ``matched``: writers that were.
 
         All so far; None where the middleware does not tell.
         """

@@ -64,6 +64,21 @@ class Liveliness(IntEnum):
     BEST_AVAILABLE = 5
 
 
+class QoSPolicyKind(IntEnum):
+    """What two endpoints disagree on; numbers of rmw_qos_policy_kind_t and of rclpy."""
+
+    INVALID = 1
+    DURABILITY = 2
+    DEADLINE = 4
+    LIVELINESS = 8
+    RELIABILITY = 16
+    HISTORY = 32
+    LIFESPAN = 64
+    DEPTH = 128
+    LIVELINESS_LEASE_DURATION = 256
+    AVOID_ROS_NAMESPACE_CONVENTIONS = 512
+
+
 POLICIES: dict[str, type[IntEnum]] = {
     "history": History,
     "reliability": Reliability,

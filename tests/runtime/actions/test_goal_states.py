@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 from scale import examples
 
+from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime.actions.states import (
     ZERO_ID,
     CancelCode,
@@ -20,7 +22,7 @@ from rosidl_py_gen.runtime.actions.states import (
     GoalStatus,
     GoalTransitionError,
     UnknownGoalError,
-    next_status,
+    next_goal_status,
 )
 
 S, E = GoalStatus, GoalEvent
@@ -48,11 +50,24 @@ def test_statuses_have_the_numbers_of_action_msgs() -> None:
 def test_every_pair_of_status_and_event(status: GoalStatus, event: GoalEvent) -> None:
     expected = ALLOWED.get((status, event))
     if expected is not None:
-        assert next_status(status, event) is expected
+        assert next_goal_status(status, event) is expected
         return
     with pytest.raises(GoalTransitionError, match=f"a goal that is {status.name} cannot {event.value}") as caught:
-        next_status(status, event)
+        next_goal_status(status, event)
     assert caught.value.code == 2301
+
+
+def test_the_table_is_public_and_cannot_be_changed() -> None:
+    assert runtime.GOAL_TRANSITIONS == ALLOWED
+    with pytest.raises(TypeError, match="does not support item assignment"):
+        runtime.GOAL_TRANSITIONS[S.SUCCEEDED, E.EXECUTE] = S.EXECUTING  # type: ignore[index]
+    assert runtime.next_goal_status(runtime.GoalStatus.ACCEPTED, runtime.GoalEvent.EXECUTE) is S.EXECUTING
+
+
+@pytest.mark.parametrize(("status", "event"), [(1, E.EXECUTE), (S.ACCEPTED, "execute"), ([], {})])
+def test_numbers_and_texts_are_no_status_and_no_event(status: Any, event: Any) -> None:
+    with pytest.raises(TypeError, match="expected a GoalStatus and a GoalEvent, got "):
+        next_goal_status(status, event)
 
 
 def gid(number: int) -> bytes:

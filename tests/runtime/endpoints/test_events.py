@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import ctypes
+import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,8 +13,10 @@ from worlds import until
 from rosidl_py_gen import get_message
 from rosidl_py_gen.runtime import (
     CallbackSignatureError,
+    ClosedError,
     CountStatus,
     IncompatibleStatus,
+    LifecycleNode,
     Liveliness,
     LivelinessStatus,
     MatchedStatus,
@@ -21,6 +25,7 @@ from rosidl_py_gen.runtime import (
     SubscriptionEventCallbacks,
     UnsupportedEventError,
 )
+from rosidl_py_gen.runtime import QoSPolicyKind as Kind
 
 if TYPE_CHECKING:
     from worlds import World
@@ -64,6 +69,120 @@ async def test_async_callbacks_hear_of_other_types_and_qualities(world: World) -
         await until(lambda: bool(qualities))
         assert (qualities[0].total_count, "Best effort" in qualities[0].reason) == (1, True)
     assert len(types) == 1
+
+
+RELIABLE, MANUAL = QoSProfile(), QoSProfile().manual_liveliness(1.0)
+KINDS = [
+    (RELIABLE.best_effort(), RELIABLE, Kind.RELIABILITY),
+    (RELIABLE, RELIABLE.transient_local(), Kind.DURABILITY),
+    (RELIABLE, RELIABLE.deadline(1.0), Kind.DEADLINE),
+    (RELIABLE.deadline(2.0), RELIABLE.deadline(1.0), Kind.DEADLINE),
+    (RELIABLE.automatic_liveliness(1.0), MANUAL, Kind.LIVELINESS),
+    (MANUAL, RELIABLE.manual_liveliness(0.5), Kind.LIVELINESS),
+    (RELIABLE, RELIABLE.automatic_liveliness(1.0), Kind.LIVELINESS),
+    (RELIABLE.best_effort(), RELIABLE.transient_local().deadline(1.0), Kind.RELIABILITY),
+    (RELIABLE, MANUAL.transient_local().deadline(1.0), Kind.DURABILITY),
+    (RELIABLE, MANUAL.deadline(1.0), Kind.DEADLINE),
+]
+"""What is offered and asked for, and what DDS says it disagrees on."""
+DDS_POLICIES = {Kind.DURABILITY: 2, Kind.DEADLINE: 4, Kind.LIVELINESS: 8, Kind.RELIABILITY: 11}
+"""Numbers of DDS_..._QOS_POLICY_ID."""
+
+
+@pytest.mark.every_transport
+@pytest.mark.without_zenoh("nobody looks at profiles there")
+@pytest.mark.parametrize(("offered", "requested", "kind"), KINDS)
+async def test_both_sides_learn_which_policy_it_is(
+    world: World, offered: QoSProfile, requested: QoSProfile, kind: Kind
+) -> None:
+    alice, bob = world.pair()
+    asked: list[IncompatibleStatus] = []
+    told: list[IncompatibleStatus] = []
+    callbacks = SubscriptionEventCallbacks(incompatible_qos=asked.append)
+    subscription = bob.create_subscription(String, "t", qos=requested, event_callbacks=callbacks)
+    alice.create_publisher(String, "t", offered, event_callbacks=PublisherEventCallbacks(incompatible_qos=told.append))
+    await until(lambda: bool(asked and told))
+    for status in (*asked, *told):
+        assert (status.total_count, status.total_count_change, status.last_policy_kind) == (1, 1, kind)
+    if world.kind == "dds":  # as Cyclone itself sees it
+        reader: Any = subscription._reader
+        found = (ctypes.c_uint32 * 8)()
+        read = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_int32, ctypes.c_void_p)(
+            ("dds_get_requested_incompatible_qos_status", reader._api.library)
+        )
+        await until(lambda: read(reader.entity, found) == 0 and found[0] > 0)
+        assert found[2] == DDS_POLICIES[kind]
+
+
+async def test_totals_go_on_and_the_kind_is_that_of_the_last(memory: World) -> None:
+    alice, bob = memory.pair()
+    heard: list[IncompatibleStatus] = []
+    types: list[IncompatibleStatus] = []
+    callbacks = SubscriptionEventCallbacks(incompatible_qos=heard.append, incompatible_type=types.append)
+    bob.create_subscription(String, "t", qos=RELIABLE.transient_local(), event_callbacks=callbacks)
+    alice.create_publisher(String, "t", RELIABLE)
+    await until(lambda: len(heard) == 1)
+    gone = alice.create_publisher(String, "t", RELIABLE.best_effort())
+    await until(lambda: len(heard) == 2)
+    gone.close()
+    alice.create_publisher(String, "t", RELIABLE.best_effort())
+    alice.create_publisher(String, "t", RELIABLE)
+    alice.create_publisher(Bool, "t", RELIABLE)
+    await until(lambda: len(heard) == 3 and bool(types))
+    assert [(one.total_count, one.total_count_change) for one in heard] == [(1, 1), (2, 1), (4, 2)]
+    assert [one.last_policy_kind for one in heard] == [Kind.DURABILITY, Kind.RELIABILITY, Kind.DURABILITY]
+    assert [(one.total_count, one.last_policy_kind) for one in types] == [(1, Kind.INVALID)]
+
+
+def test_kinds_have_the_numbers_of_rmw() -> None:
+    assert [int(kind) for kind in Kind] == [1 << bit for bit in range(10)]
+    assert (Kind.INVALID, Kind.RELIABILITY, Kind.AVOID_ROS_NAMESPACE_CONVENTIONS) == (1, 16, 512)
+
+
+async def test_dds_knows_of_those_that_came_and_went_between_two_looks(dds: World) -> None:
+    alice, bob = dds.pair()
+    heard: list[MatchedStatus] = []
+    told: list[MatchedStatus] = []
+    subscription = bob.create_subscription(
+        String, "t", event_callbacks=SubscriptionEventCallbacks(matched=heard.append)
+    )
+    publisher = alice.create_publisher(String, "t", event_callbacks=PublisherEventCallbacks(matched=told.append))
+    await until(lambda: bool(heard and told))
+    reader: Any = subscription._reader
+    other = alice.create_publisher(String, "t")
+    while reader.event_counts("matched")[0] < 2:  # without giving the loop a chance to look
+        time.sleep(0.001)
+    other.close()
+    while len(reader.matched_writers()) > 1:
+        time.sleep(0.001)
+    await until(lambda: len(heard) == 2)
+    assert heard == [MatchedStatus(1, 1, 1, 1), MatchedStatus(2, 1, 1, 0)]
+    assert told == [MatchedStatus(1, 1, 1, 1)] and publisher.subscription_count == 1
+
+
+async def test_a_lifecycle_publisher_tells_what_others_tell(memory: World) -> None:
+    node = LifecycleNode("managed", context=memory.context())
+    told: list[MatchedStatus] = []
+    node.create_lifecycle_publisher(String, "t", event_callbacks=PublisherEventCallbacks(matched=told.append))
+    memory.node("other").create_subscription(String, "t")
+    await until(lambda: bool(told))
+    assert told == [MatchedStatus(1, 1, 1, 1)]
+
+
+async def test_a_publisher_that_falls_silent_is_told_with_both_counts_and_their_changes(dds: World) -> None:
+    alice, bob = dds.pair()
+    qos = QoSProfile().manual_liveliness(1.0)
+    alive: list[LivelinessStatus] = []
+    bob.create_subscription(String, "t", qos=qos, event_callbacks=SubscriptionEventCallbacks(liveliness=alive.append))
+    publisher = alice.create_publisher(String, "t", qos)
+    await until(lambda: bool(publisher.publish(String()) or (alive and alive[-1].alive_count == 1)))  # type: ignore[func-returns-value]
+    await until(lambda: alive[-1].not_alive_count == 1)
+    assert alive[-1] == LivelinessStatus(0, 1, -1, 1)
+    publisher.close()
+    await until(lambda: alive[-1].not_alive_count == 0)
+    assert alive[-1] == LivelinessStatus(0, 0, 0, -1)
+    with pytest.raises(ClosedError, match="the publisher on /t of node /alice is closed"):
+        publisher.assert_liveliness()
 
 
 async def test_dds_tells_of_deadlines_and_liveliness(dds: World) -> None:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
 
+from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime.lifecycle.states import (
-    TRANSITIONS,
+    LIFECYCLE_TRANSITIONS,
     Outcome,
     State,
     TransitionError,
-    available,
-    finished,
+    available_transitions,
+    finished_transition,
     outcome_of,
-    requested,
+    requested_transition,
 )
 
 REQUESTS = {
@@ -45,41 +47,55 @@ def test_state_numbers_and_labels() -> None:
 
 @pytest.mark.parametrize(("state", "label"), list(itertools.product(State, LABELS)))
 def test_every_request_by_label_in_every_state(state: State, label: str) -> None:
-    got = requested(state, 255, label)
+    got = requested_transition(state, 255, label)
     assert (None if got is None else (got.id, got.goal)) == REQUESTS.get((state, label))
 
 
 @pytest.mark.parametrize(("state", "number"), list(itertools.product(State, range(70))))
 def test_every_request_by_id_in_every_state(state: State, number: int) -> None:
-    got = requested(state, number, "")
+    got = requested_transition(state, number, "")
     expected = {(start, row[0]): row[1] for (start, _), row in REQUESTS.items()}
     assert (None if got is None else got.goal) == expected.get((state, number))
 
 
 def test_a_label_wins_over_the_id_and_outcomes_cannot_be_requested() -> None:
-    got = requested(State.INACTIVE, 3, "cleanup")
+    got = requested_transition(State.INACTIVE, 3, "cleanup")
     assert got is not None and got.id == 2
-    assert requested(State.CONFIGURING, 0, "transition_success") is None
+    assert requested_transition(State.CONFIGURING, 0, "transition_success") is None
 
 
 @pytest.mark.parametrize(("state", "index"), list(itertools.product(ENDS, range(3))))
 def test_every_outcome_of_every_passing_state(state: State, index: int) -> None:
     first, *goals = ENDS[state]
     outcome = list(Outcome)[index]
-    row = finished(state, outcome)
+    row = finished_transition(state, outcome)
     assert (row.id, row.goal, row.label) == (first + index, goals[index], outcome.value)
 
 
 @pytest.mark.parametrize("state", [state for state in State if state not in ENDS])
 def test_the_other_states_wait_for_requests(state: State) -> None:
     with pytest.raises(TransitionError, match="not possible in state"):
-        finished(state, Outcome.SUCCESS)
+        finished_transition(state, Outcome.SUCCESS)
+
+
+@pytest.mark.parametrize(("state", "outcome"), [(10, Outcome.SUCCESS), (State.CONFIGURING, "transition_success")])
+def test_numbers_and_texts_are_no_state_and_no_outcome(state: Any, outcome: Any) -> None:
+    with pytest.raises(TypeError, match="expected a State and an Outcome, got "):
+        finished_transition(state, outcome)
+
+
+def test_the_table_is_public() -> None:
+    assert runtime.LIFECYCLE_TRANSITIONS is LIFECYCLE_TRANSITIONS
+    row = runtime.requested_transition(runtime.State.UNCONFIGURED, label="configure")
+    assert row == runtime.Transition(1, "configure", State.UNCONFIGURED, State.CONFIGURING)
+    assert row in runtime.available_transitions(State.UNCONFIGURED)
+    assert runtime.finished_transition(row.goal, Outcome.SUCCESS).goal is State.INACTIVE
 
 
 def test_the_table_has_25_rows_and_available_ones_leave_the_state() -> None:
-    assert len(TRANSITIONS) == 7 + 18 and len({row.id for row in TRANSITIONS}) == 25
-    assert [row.id for row in available(State.INACTIVE)] == [2, 3, 6]
-    assert available(State.FINALIZED) == ()
+    assert len(LIFECYCLE_TRANSITIONS) == 7 + 18 and len({row.id for row in LIFECYCLE_TRANSITIONS}) == 25
+    assert [row.id for row in available_transitions(State.INACTIVE)] == [2, 3, 6]
+    assert available_transitions(State.FINALIZED) == ()
 
 
 @pytest.mark.parametrize(

@@ -11,12 +11,13 @@ from pathlib import Path
 
 import pytest
 
+from rosidl_py_gen import runtime
 from rosidl_py_gen.runtime import Context, MemoryTransport, Node
 from rosidl_py_gen.runtime.logs.file import (
     LogFile,
     LogFileError,
+    get_logging_directory,
     log_file_name,
-    log_folder,
     program_prefix,
 )
 from rosidl_py_gen.runtime.logs.loggers import get_logger, get_root_logger
@@ -83,7 +84,12 @@ def test_a_file_is_written_only_when_somebody_asks(flags: str, environ: dict[str
     ],
 )
 def test_the_folder(environ: dict[str, str], folder: str) -> None:
-    assert log_folder(environ) == Path(folder).expanduser()
+    assert get_logging_directory(environ) == Path(folder).expanduser()
+
+
+def test_the_folder_is_that_of_this_process(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "logs"))
+    assert runtime.get_logging_directory() == tmp_path / "logs" and not (tmp_path / "logs").exists()
 
 
 @pytest.mark.parametrize(

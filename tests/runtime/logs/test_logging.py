@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from worlds import World
 
+from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.msgs.rcl_interfaces.msg import Log
 from rosidl_py_gen.runtime.logs import console as log_console
@@ -133,6 +134,41 @@ def test_stacklevel_points_further_out(caught: list[python_logging.LogRecord]) -
     helper()
     assert caught[0].funcName == "test_stacklevel_points_further_out"
     assert caught[0].stack_info is not None and "in helper" not in caught[0].stack_info
+
+
+def test_a_wrapper_counts_calls_for_its_callers(caught: list[python_logging.LogRecord]) -> None:
+    def wrapped(text: str) -> None:
+        get_logger("wrapped").info(text, once=True, stacklevel=2)
+
+    for _ in range(2):
+        wrapped("a")
+        wrapped("b")
+    assert [(r.getMessage(), r.funcName) for r in caught] == [
+        ("a", "test_a_wrapper_counts_calls_for_its_callers"),
+        ("b", "test_a_wrapper_counts_calls_for_its_callers"),
+    ]
+
+
+def test_loggers_are_public_and_need_no_node() -> None:
+    assert runtime.get_logger("a.b") is get_logger("a").get_child("b")
+    assert runtime.get_logger("").get_child("a") is get_logger("a")
+    runtime.set_logger_level("public.a", "Error")
+    assert runtime.get_logger_level("public.a") == ERROR and runtime.get_logger_level("public.a.b") == UNSET
+    assert runtime.get_logger("public.a.b").getEffectiveLevel() == ERROR
+    runtime.set_logger_level("public.a", "unset")
+
+
+@pytest.mark.parametrize("name", [None, 5, b"a", ["a"]])
+def test_the_name_of_a_logger_is_a_text(name: Any) -> None:
+    for use in (get_logger, get_logger_level, lambda name: set_logger_level(name, INFO)):
+        with pytest.raises(TypeError, match="the name of a logger must be a text, got "):
+            use(name)
+
+
+@pytest.mark.parametrize("level", [None, 25, 20.0, [], "loud"])
+def test_there_are_six_levels(level: Any) -> None:
+    with pytest.raises(LogLevelError, match="unknown log level"):
+        set_logger_level("x", level)
 
 
 def test_exception_logs_the_traceback(caught: list[python_logging.LogRecord]) -> None:

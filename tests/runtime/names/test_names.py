@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
+from collections.abc import Callable
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rosidl_py_gen import runtime
 from rosidl_py_gen.errors import InvalidNameError
 from rosidl_py_gen.runtime.names.remap import (
     InvalidRemapRuleError,
@@ -56,6 +60,40 @@ def test_a_bad_name_is_refused_with_a_caret_below_the_place(name: str, caret: in
     text = str(caught.value)
     assert reason in text
     assert text.splitlines()[-1] == " " * (4 + caret) + "^"
+
+
+@pytest.mark.parametrize(
+    ("check", "name", "index"),
+    [
+        (runtime.validate_name, "a/1-", 3),  # what may not stand there at all comes first, as in rcl
+        (runtime.validate_name, "1/", 0),
+        (runtime.validate_full_name, "/a~/", 3),
+        (runtime.validate_full_name, "/1//a", 1),
+        (runtime.validate_full_name, "/" + "a" * 247, 246),
+        (runtime.validate_node_name, "n" * 256, 254),
+        (runtime.validate_namespace, "a", 0),
+        (runtime.validate_namespace, "/a//b", 3),
+        (lambda name: runtime.expand_name(name, "n", "/"), "a/{b}", 2),
+    ],
+)
+def test_the_error_says_which_character_is_wrong(check: Callable[[str], None], name: str, index: int) -> None:
+    with pytest.raises(InvalidNameError) as caught:
+        check(name)
+    for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
+        assert (error.name, error.index) == (name, index)
+        assert f"{error.name!r}: {error.reason}\n" in str(error)
+
+
+def test_what_is_no_text_has_no_place() -> None:
+    with pytest.raises(InvalidNameError, match="expected a str, got int 5") as caught:
+        runtime.validate_namespace(5)  # type: ignore[arg-type]
+    assert (caught.value.name, caught.value.index, caught.value.reason) == ("", None, "")
+
+
+def test_what_expands_to_something_wrong_is_named_as_it_came_out() -> None:
+    with pytest.raises(InvalidNameError) as caught:
+        runtime.expand_name("/{ns}", "n", "/a")
+    assert (caught.value.name, caught.value.index) == ("//a", 1)
 
 
 @pytest.mark.parametrize(

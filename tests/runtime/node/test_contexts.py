@@ -18,7 +18,7 @@ from std_msgs.msg import Int32
 from worlds import ROOT
 
 from rosidl_py_gen.errors import ClosedError, InvalidNameError
-from rosidl_py_gen.runtime import Context, Node, TransportError
+from rosidl_py_gen.runtime import Context, Node, ParameterDescriptor, TransportError
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
 
 if TYPE_CHECKING:
@@ -289,6 +289,8 @@ async def test_a_closed_node_answers_nothing(world: World) -> None:
         lambda: node.get_service_names_and_types_by_node("n"),
         lambda: node.get_client_names_and_types_by_node("n"),
         lambda: node.create_publisher(Int32, "t"),
+        lambda: node.set_descriptor("use_sim_time", ParameterDescriptor()),
+        lambda: node.parameter_services(),
     ]
     for ask in asks:
         with pytest.raises(ClosedError, match=r"^node /ns/n is closed$"):

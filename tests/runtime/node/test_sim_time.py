@@ -53,6 +53,18 @@ async def test_use_sim_time_is_live(world: World) -> None:
     assert node.clock.now() == ros(0)
 
 
+def test_a_node_without_time_source_leaves_its_clock_to_the_program(world: World) -> None:
+    node = world.node("n", args="--ros-args -p use_sim_time:=true", time_source=False)
+    assert not node.has_parameter("use_sim_time")
+    assert node.declare_parameter("use_sim_time", False) is True  # a parameter as any other
+    assert node.count_subscribers("/clock") == 0 and node.clock.now() > ros(1_000_000_000)
+    node.clock.set_ros_time_override(ros(5))
+    node.clock.enable_ros_time_override()
+    assert reads(node.clock, 5)
+    other = world.node("other", context=node.context, args="")
+    assert other.count_subscribers("/clock") == 1
+
+
 @pytest.mark.parametrize("value", [1, "true", 1.0, [True]])
 def test_something_else_than_a_bool_is_refused(world: World, value: object) -> None:
     node = world.node("n")

@@ -84,6 +84,52 @@ def test_a_post_set_callback_that_raises_changes_nothing_and_the_others_still_he
     assert world.failures == ["the post-set callback 'broken'"] * 2
 
 
+@pytest.mark.parametrize("kind", ["pre-set", "on-set"])
+def test_what_a_callback_raises_goes_on_to_whoever_sets(kind: str) -> None:
+    world = World("a")
+    with world.store.callbacks.add(kind, broken, raises=True):
+        for use in (world.store.set_atomically, world.store.set_each):
+            with pytest.raises(KeyError, match="gone"):
+                use([p("a", 2)])
+    assert world.values() == {"a": 1} and world.events == [] and world.failures == []
+    assert world.store.set_atomically([p("a", 2)]) == OK
+
+
+def test_what_a_callback_raises_goes_on_to_whoever_declares() -> None:
+    world = World()
+    with world.store.callbacks.add("on-set", broken, raises=True), pytest.raises(KeyError, match="gone"):
+        world.store.declare("a", parameter_value(1))
+    assert not world.store.has("a") and world.events == world.failures == []
+
+
+def test_what_a_post_set_callback_raises_comes_when_all_have_heard() -> None:
+    world = World("a")
+    heard: list[str] = []
+    world.store.callbacks.add("post-set", lambda ps: heard.append("old"))
+    world.store.callbacks.add("post-set", lambda ps: 1 / 0, raises=True)
+    world.store.callbacks.add("post-set", broken, raises=True)
+    with pytest.raises(KeyError, match="gone"):
+        world.store.set_atomically([p("a", 2)])
+    assert world.values() == {"a": 2} and heard == ["old"] and len(world.events) == 1
+    assert world.failures == ["the post-set callback '<lambda>'"]  # only one of two can be raised
+
+
+def test_of_declarations_that_are_made_together_all_are_heard_of() -> None:
+    world = World()
+    heard: list[str] = []
+
+    def hear(parameters: list[Parameter]) -> None:
+        heard.append(parameters[0].name)
+        broken()
+
+    world.store.callbacks.add("post-set", hear, raises=True)
+    with pytest.raises(KeyError, match="gone"), world.store.together() as declared:
+        for name in ("a", "b"):
+            world.store.declare(name, parameter_value(1))
+            declared.append(name)
+    assert heard == ["a", "b"] and set(world.values()) == {"a", "b"}
+
+
 def test_an_event_that_cannot_be_published_changes_nothing() -> None:
     failures: list[str] = []
     store = ParameterStore(on_event=broken, on_failure=failures.append)

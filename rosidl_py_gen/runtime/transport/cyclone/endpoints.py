@@ -41,6 +41,18 @@ _LARGE_SAMPLE = 65536
 """Samples of this size are copied into Cyclone without the GIL, and out of it not at all: they are freed when the last
 view of them dies."""
 
+_OFFERED = {
+    "deadline": "offered_deadline_missed",
+    "liveliness": "liveliness_lost",
+    "matched": "publication_matched",
+}
+_REQUESTED = {
+    "deadline": "requested_deadline_missed",
+    "message_lost": "sample_lost",
+    "matched": "subscription_matched",
+}
+"""The status of DDS that counts an event."""
+
 _by_reference = ct.byref
 _address = ct.c_void_p
 _size = ct.c_size_t
@@ -157,7 +169,7 @@ class CycloneWriter:
         return code == 0 or (code != functions.TIMEOUT and self._api.check(code, "wait for acknowledgements") == 0)
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
-        status = {"deadline": "offered_deadline_missed", "liveliness": "liveliness_lost"}[event]
+        status = _OFFERED[event]
         return self._api.counts(self._entity, status, 1)
 
     def assert_liveliness(self) -> None:
@@ -294,7 +306,7 @@ class CycloneReader:
     def event_counts(self, event: str) -> tuple[int, ...] | None:
         if event == "liveliness":
             return self._api.counts(self.entity, "liveliness_changed", 2)
-        status = {"deadline": "requested_deadline_missed", "message_lost": "sample_lost"}[event]
+        status = _REQUESTED[event]
         return self._api.counts(self.entity, status, 1)
 
     def writer_guid(self, handle: int) -> bytes | None:

@@ -129,7 +129,8 @@ _FUNCTIONS = {
     "i:i": "dds_delete dds_assert_liveliness",
     "i:ip": "dds_writecdr dds_set_listener dds_get_guid dds_get_instance_handle dds_entity_pin"
     " dds_get_requested_deadline_missed_status dds_get_offered_deadline_missed_status"
-    " dds_get_liveliness_changed_status dds_get_liveliness_lost_status dds_get_sample_lost_status",
+    " dds_get_liveliness_changed_status dds_get_liveliness_lost_status dds_get_sample_lost_status"
+    " dds_get_publication_matched_status dds_get_subscription_matched_status",
     "i:pppb": "dds_lset_data_available_arg dds_lset_subscription_matched_arg",
     "i:ippzu": "dds_take",
     "i:ippzuu": "dds_read_mask",
@@ -162,7 +163,7 @@ _SHORT = {
     "-:pzzp": "ddsi_serdata_to_ser",
 }
 """Of samples. They keep the GIL, which is dearer to get back than what they do, and wait for nobody."""
-_BARE = ("dds_takecdr", "dds_get_publication_matched_status")
+_BARE = ("dds_takecdr",)
 _OTHERS = ("ddsi_sertype_v0", "ddsi_serdata_from_ser", "ddsi_sertype_derive_sertype")
 _OPTIONAL = {"i:ip": "dds_get_entity_sertype", "-:pup": "dds_qset_psmx_instances"}
 """Which 0.10 does not have."""

@@ -41,6 +41,7 @@ from rosidl_py_gen.runtime.transport.port import TransportError
 from rosidl_py_gen.runtime.transport.qos import Durability, History, Reliability
 from rosidl_py_gen.runtime.transport.samples import ReceiveQueue
 from rosidl_py_gen.runtime.transport.zenoh.attachment import AttachmentError, pack, unpack
+from rosidl_py_gen.runtime.transport.zenoh.gaps import Gaps
 from rosidl_py_gen.runtime.transport.zenoh.keys import cpu_channel
 from rosidl_py_gen.runtime.transport.zenoh.qos import DEFAULT_DEPTH
 
@@ -202,6 +203,7 @@ class ZenohReader:
         self.queue = ReceiveQueue(info.qos)
         self._ignore_local = ignore_local
         self._sink: Sink | None = None
+        self._gaps: Gaps | None = None
         self._complaint = ""
         self._closed = False
         self._subscriber = self._declare(key)
@@ -214,6 +216,8 @@ class ZenohReader:
         """Called by Zenoh with each sample."""
         told = self.read_attachment(sample)
         data = sample.payload.to_bytes()
+        if told is not None and self._gaps is not None:
+            self._gaps.note(told[2], told[0])
         if told is not None and data:
             self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns()))
 
@@ -256,7 +260,11 @@ class ZenohReader:
         return [guid for guid, one in connected.items() if one.participant_guid != own]
 
     def event_counts(self, event: str) -> tuple[int, ...] | None:
-        return None
+        if event != "message_lost":
+            return None
+        if self._gaps is None:  # what nobody asks for is not counted
+            self._gaps = Gaps()
+        return (self._gaps.lost,)
 
     def writer_guid(self, handle: int) -> bytes | None:
         """The handle is the GUID as a number, 0 where it is not known."""

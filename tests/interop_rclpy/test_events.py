@@ -1,0 +1,94 @@
+"""What our endpoints tell of rclpy's on Fast DDS, and with the numbers of rclpy."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy_peer import Peer
+from rclpy_worlds import fresh
+from worlds import until
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.runtime import (
+    CountStatus,
+    IncompatibleStatus,
+    LivelinessStatus,
+    MatchedStatus,
+    PublisherEventCallbacks,
+    QoSPolicyKind,
+    QoSProfile,
+    SubscriptionEventCallbacks,
+)
+
+STRING = "std_msgs/msg/String"
+String: Any = get_message(STRING)
+
+
+@pytest.mark.real_time("another process answers")
+def test_policies_have_the_names_and_numbers_of_rclpy(peer_python: Path) -> None:
+    ask = "from rclpy.qos import QoSPolicyKind as K; print(*(f'{one.name}={one.value}' for one in K))"
+    command = [str(peer_python), "-c", ask]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    assert answer.stdout.split() == [f"{one.name}={one.value}" for one in QoSPolicyKind]
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours", "kind"),
+    [
+        ({"reliability": "BEST_EFFORT"}, QoSProfile(), QoSPolicyKind.RELIABILITY),
+        ({}, QoSProfile().transient_local(), QoSPolicyKind.DURABILITY),
+        ({"deadline_s": 2}, QoSProfile().deadline(1.0), QoSPolicyKind.DEADLINE),
+        ({"lease_s": 2}, QoSProfile().automatic_liveliness(1.0), QoSPolicyKind.LIVELINESS),
+    ],
+)
+async def test_their_publishers_that_do_not_fit(
+    dds: Any, shared_peer: Peer, theirs: dict[str, Any], ours: QoSProfile, kind: QoSPolicyKind
+) -> None:
+    topic = fresh("apart")
+    heard: list[IncompatibleStatus] = []
+    await shared_peer.ask("publisher", topic=topic, type=STRING, qos=theirs)
+    callbacks = SubscriptionEventCallbacks(incompatible_qos=heard.append)
+    dds.node().create_subscription(String, topic, qos=ours, event_callbacks=callbacks)
+    await until(lambda: bool(heard))
+    assert [(one.total_count, one.last_policy_kind) for one in heard] == [(1, kind)]
+    await shared_peer.ask("unpublish", topic=topic)
+
+
+async def test_their_publisher_comes_falls_silent_and_goes(dds: Any, shared_peer: Peer) -> None:
+    topic = fresh("silent")
+    matched: list[MatchedStatus] = []
+    alive: list[LivelinessStatus] = []
+    late: list[CountStatus] = []
+    callbacks = SubscriptionEventCallbacks(matched=matched.append, liveliness=alive.append, deadline=late.append)
+    qos = QoSProfile().deadline(0.5).manual_liveliness(1.0)
+    dds.node().create_subscription(String, topic, qos=qos, event_callbacks=callbacks)
+    theirs = {"deadline_s": 0.5, "lease_s": 1, "liveliness": "MANUAL_BY_TOPIC"}
+    await shared_peer.ask("publisher", topic=topic, type=STRING, qos=theirs)
+    await shared_peer.ask("matched", topic=topic)
+    await until(lambda: bool(matched))
+    await shared_peer.ask("publish", topic=topic, messages_=[{"data": "once"}])
+    await until(lambda: bool(late) and bool(alive) and alive[-1].not_alive_count == 1)
+    assert late[0].total_count >= late[0].total_count_change >= 1
+    await shared_peer.ask("unpublish", topic=topic)
+    await until(lambda: len(matched) == 2 and alive[-1].not_alive_count == 0)
+    assert matched == [MatchedStatus(1, 1, 1, 1), MatchedStatus(1, 0, 0, -1)]
+
+
+async def test_their_subscriptions_come_and_do_not_fit(dds: Any, shared_peer: Peer) -> None:
+    topic = fresh("both")
+    matched: list[MatchedStatus] = []
+    apart: list[IncompatibleStatus] = []
+    callbacks = PublisherEventCallbacks(matched=matched.append, incompatible_qos=apart.append)
+    dds.node().create_publisher(String, topic, QoSProfile().best_effort(), event_callbacks=callbacks)
+    await shared_peer.ask("subscribe", topic=topic, type=STRING, qos={"reliability": "RELIABLE"})
+    await until(lambda: bool(apart))
+    assert (apart[0].total_count, apart[0].last_policy_kind) == (1, QoSPolicyKind.RELIABILITY)
+    assert matched == []
+    await shared_peer.ask("unsubscribe", topic=topic)
+    await shared_peer.ask("subscribe", topic=topic, type=STRING, qos={"reliability": "BEST_EFFORT"})
+    await until(lambda: bool(matched))
+    assert matched == [MatchedStatus(1, 1, 1, 1)] and len(apart) == 1
+    await shared_peer.ask("unsubscribe", topic=topic)

@@ -1,0 +1,122 @@
+"""Describing a parameter anew: what becomes of its value, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from worlds import World
+
+from rosidl_py_gen.runtime import (
+    FloatRange,
+    IntRange,
+    InvalidParameterValueError,
+    Node,
+    ParameterDescriptor,
+    ParameterEvent,
+    ParameterImmutableError,
+    ParameterNotDeclaredError,
+    ParameterType,
+    SetResult,
+)
+
+SMALL = ParameterDescriptor(integer_range=IntRange(0, 10))
+
+
+@pytest.fixture
+def node(memory: World) -> Node:
+    made = memory.node("n", time_source=False)
+    made.declare_parameter("a", 5, ParameterDescriptor(description="before"))
+    return made
+
+
+def test_the_value_stays_where_it_fits_and_nobody_hears_of_it(node: Node) -> None:
+    events: list[ParameterEvent] = []
+    node.add_parameter_event_callback(events.append)
+    assert node.set_descriptor("a", ParameterDescriptor("other name", integer_range=IntRange(0, 10)), 3) == 5
+    assert node.describe("a") == ParameterDescriptor("a", ParameterType.INTEGER, integer_range=IntRange(0, 10))
+    assert events == []
+    with pytest.raises(InvalidParameterValueError, match=r"out of range\. Min: 0, Max: 10, value: 11"):
+        node.set_parameter("a", 11)
+
+
+def test_the_alternative_is_set_where_the_value_does_not_fit(node: Node) -> None:
+    events: list[ParameterEvent] = []
+    node.add_parameter_event_callback(events.append)
+    heard: list[str] = []
+    node.add_post_set_callback(lambda parameters: heard.extend(one.name for one in parameters))
+    described = ParameterDescriptor(type=ParameterType.DOUBLE, floating_point_range=FloatRange(0.0, 4.0))
+    assert node.set_descriptor("a", described, 2) == 2.0  # a whole number is a double where one is declared
+    assert node.get_parameter("a") == 2.0 and node.describe("a").type is ParameterType.DOUBLE
+    assert [one.value.value for event in events for one in event.changed] == [2.0] and heard == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("descriptor", "alternative", "reason"),
+    [
+        (ParameterDescriptor(integer_range=IntRange(6, 9)), None, "while it is 5: .*out of range. Min: 6"),
+        (ParameterDescriptor(integer_range=IntRange(6, 9)), 10, "while it is 10: .*out of range. Min: 6"),
+        (ParameterDescriptor(type=ParameterType.STRING), None, "expected 'Type.STRING' got 'Type.INTEGER'"),
+        (ParameterDescriptor(type=ParameterType.STRING), 2.5, "expected 'Type.STRING' got 'Type.DOUBLE'"),
+        (ParameterDescriptor(integer_range=IntRange(0, 9, -1)), None, "a step that is not negative"),
+        (SMALL, object(), "is no parameter value"),
+    ],
+)
+def test_what_fits_neither_value_is_refused_and_changes_nothing(
+    node: Node, descriptor: ParameterDescriptor, alternative: object, reason: str
+) -> None:
+    with pytest.raises(InvalidParameterValueError, match=reason):
+        node.set_descriptor("a", descriptor, alternative)
+    assert node.get_parameter("a") == 5 and node.describe("a").description == "before"
+
+
+def test_a_callback_may_refuse_the_alternative(node: Node) -> None:
+    with node.add_on_set_callback(lambda parameters: SetResult(False, "not now")):
+        with pytest.raises(InvalidParameterValueError, match="'a' cannot be described so while it is 7: not now"):
+            node.set_descriptor("a", ParameterDescriptor(integer_range=IntRange(6, 9)), 7)
+        assert node.set_descriptor("a", SMALL) == 5  # nothing is set
+
+
+def test_the_class_that_shows_a_parameter_keeps_its_type(memory: World) -> None:
+    @dataclass
+    class Drive:
+        speed: float = 1.5
+
+    node = memory.node("n")
+    drive = node.declare_parameters(Drive)
+    with pytest.raises(InvalidParameterValueError, match=r"Drive\.speed, which is of type DOUBLE, not STRING"):
+        node.set_descriptor("speed", ParameterDescriptor(type=ParameterType.STRING), "fast")
+    node.set_descriptor("speed", ParameterDescriptor(floating_point_range=FloatRange(0.0, 1.0)), 0.5)
+    assert drive.speed == 0.5
+
+
+def test_dynamic_typing_comes_and_goes(node: Node) -> None:
+    assert node.set_descriptor("a", ParameterDescriptor(dynamic_typing=True)) == 5
+    node.set_parameter("a", "text")
+    assert node.describe("a").type is ParameterType.STRING
+    assert node.set_descriptor("a", ParameterDescriptor()) == "text"
+    with pytest.raises(InvalidParameterValueError, match=r"expected 'Type\.STRING' got 'Type\.INTEGER'"):
+        node.set_parameter("a", 5)
+
+
+def test_an_empty_list_takes_the_type_of_the_descriptor(node: Node) -> None:
+    node.declare_parameter("l", [], ParameterDescriptor(type=ParameterType.STRING_ARRAY))
+    assert node.set_descriptor("l", ParameterDescriptor(type=ParameterType.INTEGER_ARRAY)) == ()
+    assert node.get_parameters_by_prefix()["l"].value.type is ParameterType.INTEGER_ARRAY
+
+
+def test_read_only_and_undeclared_ones_are_refused(node: Node, memory: World) -> None:
+    node.set_descriptor("a", ParameterDescriptor(read_only=True))
+    with pytest.raises(ParameterImmutableError, match="'a' is read-only and cannot be described anew"):
+        node.set_descriptor("a", ParameterDescriptor())
+    with pytest.raises(ParameterNotDeclaredError):
+        node.set_descriptor("nope", ParameterDescriptor())
+    assert memory.node("free", allow_undeclared=True).set_descriptor("nope", ParameterDescriptor(), 3) is None
+
+
+@pytest.mark.parametrize("descriptor", [None, {}, ParameterDescriptor(read_only=1)])  # type: ignore[arg-type]
+def test_what_is_no_descriptor_is_refused(node: Node, descriptor: Any) -> None:
+    with pytest.raises(TypeError, match="parameter 'a': "):
+        node.set_descriptor("a", descriptor)
+    assert node.describe("a").description == "before"

@@ -1,0 +1,79 @@
+"""Lost messages: docs/internals/zenoh.md 8."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from worlds import World, until
+from zenoh_peer import Peer, PlainPublisher
+
+from rosidl_py_gen.msgs.rcl_interfaces.msg import ParameterType
+from rosidl_py_gen.runtime import CountStatus, SubscriptionEventCallbacks, UnsupportedEventError
+from rosidl_py_gen.runtime.transport.zenoh.gaps import Gaps
+
+ONE, OTHER = b"1" * 16, b"2" * 16
+TYPE = "rcl_interfaces::msg::dds_::ParameterType_"
+
+
+def counted(*numbers: tuple[bytes, Iterable[int]]) -> int:
+    gaps = Gaps()
+    for publisher, given_ in numbers:
+        for number in given_:
+            gaps.note(publisher, number)
+    return gaps.lost
+
+
+def test_each_publisher_has_numbers_of_its_own() -> None:
+    assert counted((ONE, [1, 2, 3]), (OTHER, [1, 2]), (ONE, [4])) == 0
+    assert counted((ONE, [7, 8]), (OTHER, [100])) == 0  # what was before the first one was not for us
+    assert counted((ONE, [1, 4]), (OTHER, [1, 3])) == 3
+
+
+def test_what_comes_twice_or_late_is_no_loss_of_its_own() -> None:
+    assert counted((ONE, [1, 1, 2, 2])) == 0
+    assert counted((ONE, [1, 3, 2, 4])) == 1  # 2 was overtaken
+
+
+@given(st.lists(st.integers(0, 20), unique=True, min_size=1).map(sorted))
+def test_of_numbers_in_order_those_between_are_missing(numbers: list[int]) -> None:
+    assert counted((ONE, numbers)) == numbers[-1] - numbers[0] + 1 - len(numbers)
+
+
+def test_memory_has_a_bound_and_what_was_counted_stays() -> None:
+    gaps = Gaps()
+    for publisher in range(3000):
+        gaps.note(publisher.to_bytes(16, "big"), 1)
+        gaps.note(publisher.to_bytes(16, "big"), 3)
+    assert gaps.lost == 3000 and len(gaps._publishers) <= 1024
+
+
+async def test_a_subscription_is_told_of_numbers_that_never_came(zenoh: World, peer: Peer) -> None:
+    lost: list[CountStatus] = []
+    came: list[ParameterType] = []
+    callbacks = SubscriptionEventCallbacks(message_lost=lost.append)
+    zenoh.node("n").create_subscription(ParameterType, "t", came.append, event_callbacks=callbacks)
+    publisher = PlainPublisher(peer, "/t", f"{TYPE}/{ParameterType._TYPE.hash}")
+    data = ParameterType().encode()
+
+    def publish(skipped: int) -> None:
+        publisher.numbers = itertools.count(next(publisher.numbers) + skipped)
+        publisher.publish(data)
+
+    await until(lambda: bool(publish(0) or came))  # what was sent before they are connected was not for us
+    publish(2)
+    await until(lambda: bool(lost))
+    publish(0)
+    publish(1)
+    await until(lambda: len(lost) == 2)
+    assert lost == [CountStatus(2, 2), CountStatus(3, 1)]
+
+
+async def test_deadlines_and_liveliness_are_told_by_nobody(zenoh: World) -> None:
+    node = zenoh.node("n")
+    for callbacks in (SubscriptionEventCallbacks(deadline=print), SubscriptionEventCallbacks(liveliness=print)):
+        with pytest.raises(UnsupportedEventError, match="the subscription on /t: this middleware does not tell of"):
+            node.create_subscription(ParameterType, "t", event_callbacks=callbacks)
