@@ -215,7 +215,7 @@ class ZenohReader:
         told = self.read_attachment(sample)
         data = sample.payload.to_bytes()
         if told is not None and data:
-            self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns()))
+            self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns(), told[0]))
 
     def receive(self, sample: Any) -> None:
         """Take a sample, or what else is received here, into the queue."""
