@@ -162,8 +162,9 @@ class Subscription(Takeable, Generic[T]):
     def take(self) -> T | None:
         """The next message, oldest first, without waiting; None when there is none. From any thread.
 
-        What has arrived is there without an event loop, too, and as long as nobody takes it the oldest is dropped for
-        the newest, as the depth says.
+        What has arrived is there without an event loop, too, but where the context has a `Driver`: there it is what was
+        taken in while somebody waited. As long as nobody takes it the oldest is dropped for the newest, as the depth
+        says.
 
         Raises:
             CallbackInUseError: the subscription has a callback. ClosedError: it, or its node, is closed.
@@ -179,7 +180,7 @@ class Subscription(Takeable, Generic[T]):
     def _take_next(self) -> tuple[T, Sample] | None:
         self._require_takeable()
         found = self._take()
-        if found is None and self._reader.fetch():
+        if found is None and self._scope.bridge.portal.given is None and self._reader.fetch():
             found = self._take()
         if found is not None:
             self._latest = found[0]

@@ -63,10 +63,8 @@ class Driver:
         self._turns = turns = Turns()
         self.loop: asyncio.AbstractEventLoop = turns.loop
         """The event loop; it runs while somebody waits."""
-        self._changed = threading.Condition()
-        self._closed = ""
-        """Why it is closed; empty while it is open."""
-        turns.why_closed = self._why_closed
+        self._lock = threading.RLock()
+        self._left = threading.Condition(self._lock)
         _drivers.add(self)
 
     # ------------------------------------------------------------------------------------------------------- waiting
@@ -97,7 +95,7 @@ class Driver:
         """
         require_callable(until, "until", " without arguments, or None")
         limit_ns = None if timeout_s is None else limit_to_ns("timeout_s", timeout_s)
-        turn = Turn[Any](_never if until is None else until)
+        turn: Turn[Any] = Turn(_never if until is None else until)
         if not turn.look():
             if limit_ns is not None:
                 turn.end_s = self.loop.time() + limit_ns / NS_PER_S
@@ -209,30 +207,31 @@ class Driver:
 
     def _enter(self, turn: Turn[Any]) -> bool:
         """Whether this thread runs the loop from now on; otherwise it waits for `turn.woken`."""
-        with self._changed:
-            if self._closed:
-                raise ClosedError(self._closed)
-            if self._turns.driving is None:
-                self._turns.driving = turn
+        turns = self._turns
+        with self._lock:
+            if turns.closed:
+                raise ClosedError(turns.closed)
+            if turns.driving is None:
+                turns.driving, turns.thread = turn, threading.get_ident()
                 return True
-            if turn.woken is None:
-                turn.woken = threading.Event()
+            turn.stand_aside()
             return False
 
     def _leave(self, turn: Turn[Any]) -> None:
         """Give the loop to the next, if the turn had it."""
         turns = self._turns
-        with self._changed:
-            with contextlib.suppress(ValueError):  # interrupted before it was there
+        with self._lock:
+            if turn in turns.waiting:  # not interrupted before that
                 turns.waiting.remove(turn)
             if turns.driving is turn:
-                turns.driving = None
+                turns.driving, turns.thread = None, 0
             if turns.driving is None:
                 if turns.waiting and (woken := turns.waiting[0].woken) is not None:
                     woken.set()
-                self._changed.notify_all()
-                if self._closed and not turns.waiting:
-                    self._end()
+                if turns.closed:
+                    self._left.notify_all()
+                    if not turns.waiting:
+                        self._end()
 
     # ------------------------------------------------------------------------------------------------------------ end
 
@@ -245,9 +244,6 @@ class Driver:
         self.wake()
         return True
 
-    def _why_closed(self) -> BaseException | None:
-        return ClosedError(self._closed) if self._closed else None
-
     def __enter__(self) -> Self:
         return self
 
@@ -257,22 +253,22 @@ class Driver:
     @property
     def is_closed(self) -> bool:
         """True after `close`, and in a forked child."""
-        return self._closed != ""
+        return self._turns.closed != ""
 
     def close(self) -> None:
         """End all waits with `ClosedError`, cancel what is left in the loop, and close it; may be called twice.
 
         Called inside the loop, that happens when the loop is left.
         """
-        with self._changed:
-            if self._closed:
+        with self._lock:
+            if self._turns.closed:
                 return
-            self._closed = "this driver is closed"
+            self._turns.closed = "this driver is closed"
         self.wake()
         if current_loop() is self.loop:
             return
-        with self._changed:
-            if self._changed.wait_for(lambda: self._turns.driving is None, _PATIENCE_S):
+        with self._left:
+            if self._left.wait_for(lambda: self._turns.driving is None, _PATIENCE_S):
                 self._end()
 
     def _end(self) -> None:
@@ -299,7 +295,7 @@ def _join(thread: threading.Thread) -> None:
 def _after_fork() -> None:
     """In the child: the loop's descriptors are the parent's."""
     for driver in list(_drivers):
-        driver._closed = _FORKED
+        driver._turns.closed = _FORKED
 
 
 if hasattr(os, "register_at_fork"):

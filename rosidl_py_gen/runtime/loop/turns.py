@@ -23,7 +23,7 @@ from collections import deque
 from contextvars import copy_context
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from rosidl_py_gen.base.waiting import current_loop
+from rosidl_py_gen.errors import ClosedError
 
 if sys.platform == "linux":
     from rosidl_py_gen.runtime.loop.event_loop import EarlySelector as _Base
@@ -62,7 +62,8 @@ class Turn(Generic[T]):
 
     def __init__(self, until: Callable[[], T]) -> None:
         self._until = until
-        self._lock = threading.RLock()
+        self._lock: threading.RLock | None = None
+        """While several threads may look."""
         self.end_s: float | None = None
         self.value: T
         self.error: BaseException | None = None
@@ -70,22 +71,33 @@ class Turn(Generic[T]):
         self.woken: threading.Event | None = None
         self.rounds_left = _ROUNDS
 
-    def look(self, *, last: bool = False) -> bool:
+    def stand_aside(self) -> None:
+        """Another thread runs the loop, and looks for this one, too."""
+        if self.woken is None:
+            self._lock = threading.RLock()
+            self.woken = threading.Event()
+
+    def look(self, last: bool = False) -> bool:
         """Whether it is done, because the condition holds or raises; the `last` look ends it either way."""
+        if self._lock is None:
+            return self._look(last)
         with self._lock:
-            if not self.is_done:
-                try:
-                    self.value = self._until()
-                    self.is_done = last or bool(self.value)
-                except Exception as error:
-                    self.error, self.is_done = error, True
-            return self.is_done
+            return self._look(last)
+
+    def _look(self, last: bool) -> bool:
+        if not self.is_done:
+            try:
+                self.value = value = self._until()
+                if value or last:
+                    self.is_done = True
+            except Exception as error:
+                self.error, self.is_done = error, True
+        return self.is_done
 
     def fail(self, error: BaseException) -> None:
-        """End it with an error, unless it is done."""
-        with self._lock:
-            if not self.is_done:
-                self.error, self.is_done = error, True
+        """End it with an error, unless it is done; whoever runs the loop does that, or whose it is."""
+        if not self.is_done:
+            self.error, self.is_done = error, True
 
     def result(self) -> T:
         """What the condition answered; raises what it raised."""
@@ -129,11 +141,13 @@ class Turns:
         self.loop = _DrivenLoop(self)
         self.driving: Turn[Any] | None = None
         """That of the thread that runs the loop."""
+        self.thread = 0
+        """That thread."""
         self.waiting: list[Turn[Any]] = []
         """All, in order of arrival, `driving` among them."""
         self.calls: deque[Call[Any]] = deque()
-        self.why_closed: Callable[[], BaseException | None] = lambda: None
-        """The error with which all have to end now, if there is one."""
+        self.closed = ""
+        """Why nobody may wait any more; empty while all may."""
         self._may_wait = False
         self._may_end = False
         self._looks = False
@@ -174,13 +188,15 @@ class Turns:
             return
         self._looks = True
         try:
-            error = self.why_closed()
-            for turn in tuple(self.waiting):
-                if error is not None:
-                    turn.fail(error)
+            driving = self.driving
+            for turn in tuple(self.waiting) if len(self.waiting) > 1 else self.waiting:
+                if turn is not driving and turn.woken is None:
+                    continue  # it is about to look by itself
+                if self.closed:
+                    turn.fail(ClosedError(self.closed))
                 if turn.look() and turn.woken is not None:
                     turn.woken.set()
-            if self.driving is not None and self.driving.is_done:
+            if driving is not None and driving.is_done:
                 self.loop.stop()
         finally:
             self._looks = False
@@ -189,7 +205,7 @@ class Turns:
         """Let all look again."""
         if self.driving is None:
             return
-        if current_loop() is self.loop:
+        if threading.get_ident() == self.thread:  # a question that costs no call of the system
             self.look()
             if not self._may_wait:
                 return
