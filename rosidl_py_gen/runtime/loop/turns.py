@@ -44,6 +44,8 @@ T = TypeVar("T")
 
 LONGEST_S = 0.1 if sys.platform == "win32" else threading.TIMEOUT_MAX
 """At a time: on Windows neither a lock nor a select is interrupted by Ctrl-C."""
+_A_DAY_S = 86_400.0
+"""As long as asyncio waits at a time; more may be too much for a selector."""
 _ROUNDS = 10
 """So many rounds of the loop are made at most when the time is over and there always is something to do."""
 
@@ -171,8 +173,10 @@ class Turns:
                     loop.stop()
                 self._may_end = timeout_s is None or timeout_s > 0
                 return 0
-            timeout_s = left_s if timeout_s is None else min(timeout_s, left_s)
-        return LONGEST_S if timeout_s is None and LONGEST_S < 1 else timeout_s
+            timeout_s = min(left_s, _A_DAY_S) if timeout_s is None else min(timeout_s, left_s)
+        if sys.platform == "win32":
+            return LONGEST_S if timeout_s is None else min(timeout_s, LONGEST_S)
+        return timeout_s
 
     def has_waited(self, events: list[Any]) -> None:
         """The loop has waited, and `events` are what asyncio is told of."""

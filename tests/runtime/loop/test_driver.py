@@ -184,6 +184,18 @@ def test_the_answer_is_that_of_the_condition(driver: Driver) -> None:
     assert list(answers) == []
 
 
+def test_a_time_limit_may_be_for_ever_in_effect(driver: Driver) -> None:
+    for limit_s in (1e9, float("inf")):
+        done: list[int] = []
+        waits = [started(lambda done=done, limit_s=limit_s: driver.wait(lambda: done, limit_s)) for _ in range(2)]
+        wait_until(lambda: is_driven(driver, 2))
+        done.append(1)
+        driver.wake()
+        for thread, outcomes in waits:
+            thread.join(10)
+            assert outcomes == [[1]]
+
+
 def test_wrong_arguments_are_refused(driver: Driver) -> None:
     with pytest.raises(TypeError, match=r"until must be a function, got 3 without arguments"):
         driver.wait(3)  # type: ignore[call-overload]
