@@ -29,7 +29,7 @@ from locks import lock
 from rosidl_py_gen.base.resources import interfaces_dir
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.compiler.spec.find import search_path
-from rosidl_py_gen.runtime import Context, MemoryTransport, Node
+from rosidl_py_gen.runtime import Context, Driver, MemoryTransport, Node
 from rosidl_py_gen.runtime.loop.virtual_time import VirtualTimeLoop
 from rosidl_py_gen.runtime.transport.clocks import SYSTEM_CLOCKS, Clocks
 from rosidl_py_gen.runtime.transport.cyclone import library
@@ -62,6 +62,7 @@ ON_ZENOH = {
     "test_arrays.py",
     "test_buffer.py",
     "test_contexts.py",
+    "test_driver.py",
     "test_introspection.py",
     "test_lifecycle.py",
     "test_lost_results.py",
@@ -75,6 +76,7 @@ ON_ZENOH = {
     "test_sim_time.py",
     "test_sim_time_sleep.py",
     "test_stress.py",
+    "test_take.py",
     "test_threads_and_loops.py",
     "test_topics.py",
     "test_type_description.py",
@@ -176,9 +178,9 @@ class World:
         self.nodes: list[Node] = []
         self._numbers = itertools.count()
 
-    def context(self, *args: str) -> Context:
+    def context(self, *args: str, driver: Driver | None = None) -> Context:
         """A context of this world; `args` is a command line without program name, in words or as a whole."""
-        context = Context(transport=self.transport, args=["test", *" ".join(args).split()])
+        context = Context(transport=self.transport, args=["test", *" ".join(args).split()], driver=driver)
         self.contexts.append(context)
         return context
 

@@ -31,15 +31,15 @@ from rosidl_py_gen.runtime.actions.states import next_goal_status as next_goal_s
 from rosidl_py_gen.runtime.endpoints.client import Client as Client
 from rosidl_py_gen.runtime.endpoints.introspection import ServiceEventType as ServiceEventType
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher as Publisher
-from rosidl_py_gen.runtime.endpoints.scope import WouldDeadlockError as WouldDeadlockError
+from rosidl_py_gen.runtime.endpoints.ready import CallbackInUseError as CallbackInUseError
 from rosidl_py_gen.runtime.endpoints.server import AlreadyRespondedError as AlreadyRespondedError
+from rosidl_py_gen.runtime.endpoints.server import RequestInfo as RequestInfo
 from rosidl_py_gen.runtime.endpoints.server import ServiceRequest as ServiceRequest
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer as ServiceServer
 from rosidl_py_gen.runtime.endpoints.service_parts import CallTimeoutError as CallTimeoutError
 from rosidl_py_gen.runtime.endpoints.service_parts import ForeignServiceError as ForeignServiceError
 from rosidl_py_gen.runtime.endpoints.service_parts import IntrospectionState as IntrospectionState
 from rosidl_py_gen.runtime.endpoints.service_parts import ServerLostError as ServerLostError
-from rosidl_py_gen.runtime.endpoints.subscription import CallbackInUseError as CallbackInUseError
 from rosidl_py_gen.runtime.endpoints.subscription import MessageInfo as MessageInfo
 from rosidl_py_gen.runtime.endpoints.subscription import Subscription as Subscription
 from rosidl_py_gen.runtime.endpoints.timer import Timer as Timer
@@ -74,6 +74,8 @@ from rosidl_py_gen.runtime.logs.loggers import get_logger as get_logger
 from rosidl_py_gen.runtime.logs.loggers import get_logger_level as get_logger_level
 from rosidl_py_gen.runtime.logs.loggers import set_logger_level as set_logger_level
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError as LoopMismatchError
+from rosidl_py_gen.runtime.loop.driver import Driver as Driver
+from rosidl_py_gen.runtime.loop.driver import WouldDeadlockError as WouldDeadlockError
 from rosidl_py_gen.runtime.loop.event_loop import new_event_loop as new_event_loop
 from rosidl_py_gen.runtime.loop.failures import CallbackFailedError as CallbackFailedError
 from rosidl_py_gen.runtime.loop.stream import Stream as Stream

@@ -19,9 +19,8 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.runtime.logs.loggers import get_root_logger
 from rosidl_py_gen.runtime.loop.bridge import LoopMismatchError
-from rosidl_py_gen.runtime.loop.event_loop import new_event_loop
+from rosidl_py_gen.runtime.loop.event_loop import end_tasks, new_event_loop
 from rosidl_py_gen.runtime.loop.failures import Guard
-from rosidl_py_gen.runtime.loop.portal import end_tasks
 from rosidl_py_gen.runtime.node import open_contexts
 from rosidl_py_gen.runtime.node.context import Context
 

@@ -1,13 +1,14 @@
 """Service clients: send a request, find its response among all that arrive.
 
 Decides that a request never outlives who made it: an answer, a time limit, cancellation and `close` all remove it. So
-does the end of the last server that got it: one that comes in its place has never heard of the request. `ask` is the
-core, `call` a future on top of it. How a response is known to be the answer is the port's business.
+does the end of the last server that got it: one that comes in its place has never heard of the request. `_put` is the
+core, `call` and `send_request` futures on top of it. How a response is known to be the answer is the port's business.
 """
 
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import sys
 from functools import partial
 from typing import TYPE_CHECKING, Literal, TypeVar
@@ -167,6 +168,45 @@ class Client(ServiceEnd[RequestT, ResponseT]):
         """
         call = self.call(request, timeout_s)
         return self._scope.run(call, f"call_sync on {self.name}", "'await client.call(...)'")
+
+    def send_request(self, request: RequestT) -> concurrent.futures.Future[ResponseT]:
+        """Send a request to the servers that are there now, and return at once; from any thread.
+
+        Nothing waits for a server: `wait_for_service` and `service_is_available` tell of one. Without any, the request
+        is lost on DDS, and is kept for the first that comes on Zenoh.
+
+        Returns:
+            A future of the response. It fails with `ServerLostError`, `DecodeError`, `TransportError`, or with
+            `ClosedError` when the client is closed, as `call` does; there is no time limit. `cancel` forgets the
+            request. Its callbacks are called on the event loop, which has to run, or to be waited for in a `Driver`:
+            ``driver.wait(future.done, timeout_s=1.0)``. In an async function use ``await asyncio.wrap_future(future)``,
+            or simply `call`.
+
+        Raises:
+            EncodeError: the request does not fit its type. TypeError: it is of another type. ClosedError.
+        """
+        scope = self._scope
+        scope.require_open(self._closed, f"the client of {self.name}")
+        encoded = self._type.request.encode(request)
+        future: concurrent.futures.Future[ResponseT] = concurrent.futures.Future()
+
+        def on_reply(response: ResponseT, _: bytes | None) -> None:
+            if future.set_running_or_notify_cancel():
+                future.set_result(response)
+
+        def on_error(error: Exception) -> None:
+            if not future.done() and future.set_running_or_notify_cancel():
+                future.set_exception(error)
+
+        def on_done(_: object) -> None:
+            if future.cancelled():
+                scope.bridge.call_soon(partial(self._forget, pending.sequence))
+
+        self._was_asked = True
+        pending = PendingRequest(encoded, on_reply, on_error)
+        future.add_done_callback(on_done)
+        scope.bridge.call_in_loop(partial(self._put, pending))
+        return future
 
     def _ask(
         self,

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 from rosidl_py_gen.base.rclpy_names import knows_rclpy
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiting import current_loop
-from rosidl_py_gen.errors import ClosedError, RosidlError
+from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
 from rosidl_py_gen.runtime.logs.loggers import node_logger
 from rosidl_py_gen.runtime.loop.callbacks import start_task
+from rosidl_py_gen.runtime.loop.driver import WouldDeadlockError
 from rosidl_py_gen.runtime.loop.failures import Failures
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.deadline import Deadline, WaitTimeoutError
@@ -39,10 +40,6 @@ T = TypeVar("T")
 
 _GRAPH_POLL_S = 0.05
 """Matching inside DDS may follow the discovery event by some moments, and nothing announces that."""
-
-
-class WouldDeadlockError(RosidlError, RuntimeError):
-    """The caller would wait, on the event loop's own thread, for something only that loop can bring."""
 
 
 class Closable(Protocol):

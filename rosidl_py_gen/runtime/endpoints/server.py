@@ -10,10 +10,11 @@ the port says.
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
+from rosidl_py_gen.runtime.endpoints.ready import CallbackInUseError, Takeable
 from rosidl_py_gen.runtime.endpoints.service import ServiceEnd
 from rosidl_py_gen.runtime.endpoints.service_parts import why_refused
 from rosidl_py_gen.runtime.loop.callbacks import require_callable
@@ -43,17 +44,41 @@ class AlreadyRespondedError(RosidlError, RuntimeError):
     """The caller answered one request twice; that of a goal or a cancel also when it is over by itself."""
 
 
+class RequestInfo(NamedTuple):
+    """Where and when a request came from.
+
+    Attributes:
+        source_timestamp_ns: when it was sent, by the client's clock, ns since the epoch.
+        received_timestamp_ns: when this process took it from the transport, ns since the epoch.
+        client_gid: 16 bytes by which the client is known, as introspection shows them.
+        sequence_number: that of the request, by the client's count.
+    """
+
+    source_timestamp_ns: int
+    received_timestamp_ns: int
+    client_gid: bytes
+    sequence_number: int
+
+
 class ServiceRequest(Generic[RequestT, ResponseT]):
-    """One request; answer it from any task of the loop, any time later. Unanswered ones are simply forgotten."""
+    """One request; answer it from any thread, any time later. Unanswered ones are simply forgotten."""
 
-    __slots__ = ("_respond", "_responded", "_service", "message")
+    __slots__ = ("_asker", "_responded", "_server", "_times_ns", "message")
 
-    def __init__(self, service: str, message: RequestT, respond: Callable[[ResponseT], None]) -> None:
-        self._service = service
+    def __init__(
+        self, server: ServiceServer[RequestT, ResponseT], asker: RequestId, message: RequestT, times_ns: tuple[int, int]
+    ) -> None:
+        self._server = server
+        self._asker = asker
+        self._times_ns = times_ns
         self.message = message
         """The request."""
-        self._respond = respond
         self._responded = False
+
+    @property
+    def info(self) -> RequestInfo:
+        """Its number, its times, and whose it is."""
+        return RequestInfo(*self._times_ns, *self._server._asked_by(self._asker))
 
     def respond(self, response: ResponseT) -> None:
         """Send the response; returns at once.
@@ -63,12 +88,12 @@ class ServiceRequest(Generic[RequestT, ResponseT]):
             AlreadyRespondedError, ClosedError: as their names say.
         """
         if self._responded:
-            raise AlreadyRespondedError(f"this request to {self._service} was answered already")
-        self._respond(response)
+            raise AlreadyRespondedError(f"this request to {self._server.name} was answered already")
+        self._server._respond(self._asker, response)
         self._responded = True
 
 
-class ServiceServer(ServiceEnd[RequestT, ResponseT]):
+class ServiceServer(Takeable, ServiceEnd[RequestT, ResponseT]):
     """Made by `Node.create_service`."""
 
     def __init__(
@@ -95,8 +120,7 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
     # ---------------------------------------------------------------------------------------------------- requests
 
     def __aiter__(self) -> ServiceServer[RequestT, ResponseT]:
-        if self._handler is not None:
-            raise TypeError(f"service {self.name} has a handler; its requests cannot be iterated over too")
+        self._require_no_handler()
         return self
 
     async def __anext__(self) -> ServiceRequest[RequestT, ResponseT]:
@@ -105,12 +129,37 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
         self._scope.bridge.running_loop()
         return await anext(self._requests)
 
+    def take(self) -> ServiceRequest[RequestT, ResponseT] | None:
+        """The next request, oldest first, without waiting; None when there is none. From any thread.
+
+        Requests are taken in by the event loop: one that runs, or that of a `Driver` while somebody waits.
+
+        Raises:
+            CallbackInUseError: the service has a handler. ClosedError: it, or its node, is closed.
+        """
+        self._require_takeable()
+        return self._requests.take()
+
+    def _require_no_handler(self) -> None:
+        if self._handler is not None:
+            raise CallbackInUseError(f"{self._described()} has a handler; its requests cannot be received too")
+
+    def _require_takeable(self) -> None:
+        self._require_no_handler()
+        self._scope.require_open(self._closed, self._described())
+
+    def _described(self) -> str:
+        return f"service {self.name}"
+
+    def _is_ready(self) -> bool:
+        return self._requests.waiting > 0
+
     def _on_requests(self) -> Callable[[], None] | None:
         """The sink of the request reader."""
         if self._handler is not None:
             return self._read_all
         self._read_all()
-        return None
+        return self._tell if self._requests.waiting else None
 
     def _read_all(self) -> None:
         take = self._port.take
@@ -124,7 +173,12 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
                 self._handler.call(request.message, then=partial(self._answer, request))
 
     def _read(
-        self, asker: RequestId, data: Payload | Refused | DecodeError, client: bytes | None
+        self,
+        asker: RequestId,
+        data: Payload | Refused | DecodeError,
+        client: bytes | None,
+        source_ns: int,
+        received_ns: int,
     ) -> ServiceRequest[RequestT, ResponseT] | None:
         if client not in self._agreeing and not self._check.admits(client):
             return None
@@ -138,7 +192,7 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
                 raise data
             if self._tap is not None:
                 self._tap.received(*self._port.asked_by(asker), data)
-            return ServiceRequest(self.name, self._type.request.decode(data), partial(self._respond, asker))
+            return ServiceRequest(self, asker, self._type.request.decode(data), (source_ns, received_ns))
         except DecodeError as err:
             if self._throttle.passes():
                 self._scope.logger.warning(
@@ -159,14 +213,23 @@ class ServiceServer(ServiceEnd[RequestT, ResponseT]):
         if self._port.hears(asker):
             if self._outbox.waiting or not self._send(asker, data):
                 self._outbox.send(partial(self._send, asker, data))
+        elif self._scope.bridge.loop is None or self._scope.bridge.in_loop_thread():
+            self._wait_and_send(asker, data)
         else:
-            self._scope.start(self._send_later(asker, data))
+            self._scope.bridge.call_soon(lambda: self._wait_and_send(asker, data))
+
+    def _asked_by(self, asker: RequestId) -> tuple[bytes, int]:
+        return self._port.asked_by(asker)
 
     def _send(self, asker: RequestId, data: bytes) -> bool:
         sent = self._port.send(asker, data)
         if sent and self._tap is not None:
             self._tap.sent(*self._port.asked_by(asker), data)
         return sent
+
+    def _wait_and_send(self, asker: RequestId, data: bytes) -> None:
+        if not self._closed:
+            self._scope.start(self._send_later(asker, data))
 
     async def _send_later(self, asker: RequestId, data: bytes) -> None:
         hears, patience_s = partial(self._port.hears, asker), self._port.patience_s(asker)

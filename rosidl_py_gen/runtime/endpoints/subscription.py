@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Generic, Literal, NamedTuple, TypeVar
 
 from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.base.waiting import Waiters
-from rosidl_py_gen.errors import ClosedError, DecodeError, RosidlError
-from rosidl_py_gen.runtime.endpoints.scope import Owned, Throttle, shown
+from rosidl_py_gen.errors import ClosedError, DecodeError
+from rosidl_py_gen.runtime.endpoints.ready import CallbackInUseError, Takeable
+from rosidl_py_gen.runtime.endpoints.scope import Throttle, shown
 from rosidl_py_gen.runtime.endpoints.type_check import WriterCheck
 from rosidl_py_gen.runtime.endpoints.types import has_buffer
 from rosidl_py_gen.runtime.graph.definitions import checked_mode
@@ -52,18 +53,17 @@ class MessageInfo(NamedTuple):
         source_timestamp_ns: when it was published, by the publisher's clock, ns since the epoch.
         received_timestamp_ns: when this process took it from the transport, ns since the epoch.
         publisher_gid: the publisher's 16 bytes as in the graph; 16 zeros when it vanished before it was known.
+        publication_sequence_number: how many messages the publisher had published with it, by its own count; None
+            on DDS, whose C library does not tell.
     """
 
     source_timestamp_ns: int
     received_timestamp_ns: int
     publisher_gid: bytes
+    publication_sequence_number: int | None = None
 
 
-class CallbackInUseError(RosidlError, TypeError):
-    """The caller wants to receive from a subscription that has a callback."""
-
-
-class Subscription(Owned, Generic[T]):
+class Subscription(Takeable, Generic[T]):
     """Made by `Node.create_subscription`."""
 
     def __init__(
@@ -154,11 +154,41 @@ class Subscription(Owned, Generic[T]):
 
     async def receive_with_info(self, timeout_s: float | None = None) -> tuple[T, MessageInfo]:
         """Like `receive`: the message, and its timestamps and publisher's GID."""
-        message, (_, source_ns, handle, received_ns) = await self._next_good(timeout_s)
-        gid = self._reader.writer_guid(handle) or bytes(16)
-        return message, MessageInfo(source_ns, received_ns, gid)
+        message, sample = await self._next_good(timeout_s)
+        return message, self._info(sample)
 
     receive_with_info_sync = blocking(receive_with_info)
+
+    def take(self) -> T | None:
+        """The next message, oldest first, without waiting; None when there is none. From any thread.
+
+        What has arrived is there without an event loop, too, but where the context has a `Driver`: there it is what was
+        taken in while somebody waited. As long as nobody takes it the oldest is dropped for the newest, as the depth
+        says.
+
+        Raises:
+            CallbackInUseError: the subscription has a callback. ClosedError: it, or its node, is closed.
+        """
+        found = self._take_next()
+        return None if found is None else found[0]
+
+    def take_with_info(self) -> tuple[T, MessageInfo] | None:
+        """Like `take`: the message, and its timestamps and publisher's GID."""
+        found = self._take_next()
+        return None if found is None else (found[0], self._info(found[1]))
+
+    def _take_next(self) -> tuple[T, Sample] | None:
+        self._require_takeable()
+        found = self._take()
+        if found is None and self._scope.bridge.portal.given is None and self._reader.fetch():
+            found = self._take()
+        if found is not None:
+            self._latest = found[0]
+        return found
+
+    def _info(self, sample: Sample) -> MessageInfo:
+        _, source_ns, handle, received_ns, number = sample
+        return MessageInfo(source_ns, received_ns, self._reader.writer_guid(handle) or bytes(16), number)
 
     async def _next_good(self, timeout_s: float | None) -> tuple[T, Sample]:
         self._require_no_callback()
@@ -174,9 +204,12 @@ class Subscription(Owned, Generic[T]):
         raise ClosedError(f"the subscription on {self.topic} of node {self._scope.node_name} is closed")
 
     def _take(self) -> tuple[T, Sample] | None:
-        """The oldest message that decodes; None when there is none."""
+        """The oldest message that decodes; None when there is none. Several threads may share what there is."""
         while self._items and not self._closed:
-            sample = self._items.popleft()
+            try:
+                sample = self._items.popleft()
+            except IndexError:  # another thread was faster
+                return None
             if sample[2] not in self._agreeing and not self._check.admits(sample[2]):
                 continue
             try:
@@ -193,11 +226,13 @@ class Subscription(Owned, Generic[T]):
         Raises:
             ClosedError: the subscription or its node is closed.
         """
-        self._require_no_callback()
-        self._scope.require_open(self._closed, f"the subscription on {self.topic}")
+        self._require_takeable()
         self._reader.fetch()
         while self._items:
-            sample = self._items.pop()
+            try:
+                sample = self._items.pop()
+            except IndexError:  # another thread was faster
+                break
             if sample[2] not in self._agreeing and not self._check.admits(sample[2]):
                 continue
             try:
@@ -216,6 +251,17 @@ class Subscription(Owned, Generic[T]):
     def _has_news(self) -> bool:
         return bool(self._items) or self._closed
 
+    def _is_ready(self) -> bool:
+        return bool(self._items) or self._reader.fetch()
+
+    def _described(self) -> str:
+        return f"the subscription on {self.topic}"
+
+    def _require_takeable(self) -> None:
+        self._require_no_callback()
+        if self._closed or self._scope.closed:
+            self._scope.require_open(True, self._described())
+
     def _require_no_callback(self) -> None:
         if self._callback is not None:
             raise CallbackInUseError(f"the subscription on {self.topic} has a callback; it cannot be received from too")
@@ -232,7 +278,7 @@ class Subscription(Owned, Generic[T]):
         if self._callback is not None:
             return self._call_back
         self._waiters.wake()
-        return None
+        return self._tell
 
     def _call_back(self) -> None:
         callback = self._callback

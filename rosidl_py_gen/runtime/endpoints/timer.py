@@ -14,7 +14,8 @@ from rosidl_py_gen.base.signatures import require_signature
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.base.waiting import Waiters
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.endpoints.scope import Owned, shown
+from rosidl_py_gen.runtime.endpoints.ready import CallbackInUseError, Takeable
+from rosidl_py_gen.runtime.endpoints.scope import shown
 from rosidl_py_gen.runtime.loop.user_function import UserFunction
 from rosidl_py_gen.runtime.time.clock import Clock
 from rosidl_py_gen.runtime.time.due import DueTimer
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from rosidl_py_gen.runtime.endpoints.scope import Scope
 
 
-class Timer(Owned):
+class Timer(Takeable):
     """Made by `Node.create_timer` and `create_wall_timer`."""
 
     def __init__(self, scope: Scope, period_ns: int, callback: Callable[[], object] | None, clock: Clock) -> None:
@@ -66,7 +67,7 @@ class Timer(Owned):
         Raises:
             ClosedError: the timer was closed, also while waiting.
         """
-        self._require_usable()
+        self._require_takeable()
         self._scope.bridge.running_loop()
         if self._schedule.is_ready(self._clock.now_ns()):
             return self._call()
@@ -86,13 +87,38 @@ class Timer(Owned):
         except ClosedError:
             raise StopAsyncIteration from None
 
-    def _require_usable(self) -> None:
+    def take(self) -> Duration | None:
+        """The tick that is due, as the time since the previous one; None when none is. From any thread, never waits.
+
+        Ticks that were missed are skipped and counted.
+
+        Raises:
+            CallbackInUseError: the timer has a callback. ClosedError: it, or its node, is closed.
+        """
+        self._require_takeable()
+        now_ns = self._clock.now_ns()
+        with self._schedule_lock:
+            if not self._schedule.is_ready(now_ns):
+                return None
+            call = self._schedule.call(now_ns)
+        self._due.arm_soon()
+        return self._count(call)
+
+    def _require_takeable(self) -> None:
         if self._callback is not None:
-            raise TypeError("this timer has a callback; it cannot be waited for too")
+            raise CallbackInUseError("this timer has a callback; it cannot be waited for too")
         self._scope.require_open(self._closed, "a timer")
 
+    def _described(self) -> str:
+        return "a timer"
+
+    def _is_ready(self) -> bool:
+        return self.is_ready
+
     def _call(self) -> Duration:
-        call = self._advance()
+        return self._count(self._advance())
+
+    def _count(self, call: TimerCall) -> Duration:
         self.missed += call.missed
         self.call_count += 1
         return Duration(nanoseconds=call.since_last_ns)
@@ -104,8 +130,10 @@ class Timer(Owned):
 
     def _on_due(self) -> None:
         if self._callback is None:
-            if not self._waiters:
-                return  # it stays due
+            if not self._waiters:  # it stays due
+                if self._tell is not None:
+                    self._tell()
+                return
             self._tick.append(self._call())
             self._tick = []
             self._waiters.wake()

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rosidl_py_gen.base.registration import Registration
+    from rosidl_py_gen.runtime.loop.driver import Driver
     from rosidl_py_gen.runtime.transport.port import Participant
     from rosidl_py_gen.runtime.transport.samples import Sink
 
@@ -42,6 +43,10 @@ _MISMATCH = (
     "this context already belongs to another running event loop; give the nodes of each loop a Context of their own: "
     "Node(..., context=Context())"
 )
+_DRIVEN = (
+    "this context has a Driver, whose loop is the only one that serves it: use driver.wait, driver.run(main()) or the "
+    "blocking methods, and contexts without driver for other loops"
+)
 
 
 class LoopMismatchError(RosidlError, RuntimeError):
@@ -51,11 +56,12 @@ class LoopMismatchError(RosidlError, RuntimeError):
 class Bridge:
     """Connects one participant with one event loop at a time."""
 
-    def __init__(self, participant: Participant) -> None:
+    def __init__(self, participant: Participant, driver: Driver | None = None) -> None:
+        """`driver`: its loop is the only one."""
         self._participant = participant
         self.attached: asyncio.AbstractEventLoop | None = None
         """The newest loop, closed or not; a plain attribute, because every publish looks at it."""
-        self.portal = Portal(self)
+        self.portal = Portal(self, driver)
         """Runs coroutines for plain code."""
         self._watched: int | None = None
         """A duplicate of the participant's descriptor, so that either of us may close first."""
@@ -88,7 +94,7 @@ class Bridge:
     def adopt_running_loop(self) -> None:
         """Attach the loop this thread runs, if it runs one and no other one is in charge."""
         loop = current_loop()
-        if loop is None or self._closed or loop is self.attached:
+        if loop is None or self._closed or loop is self.attached or self.portal.given is not None:
             return
         if not self.is_running or self.attached is self.portal.loop:
             self.attach(loop)
@@ -97,7 +103,7 @@ class Bridge:
         """Deliver on `loop` from now on; call it on the loop's thread, or while the loop does not run.
 
         Raises:
-            LoopMismatchError: another loop is attached and still running.
+            LoopMismatchError: another loop is attached and still running, or has to be.
             ClosedError: the bridge is closed.
         """
         if self.attached is loop:
@@ -107,6 +113,8 @@ class Bridge:
         if loop is self.portal.loop:
             self._change_to(loop)
             return
+        if self.portal.given is not None:
+            raise LoopMismatchError(_DRIVEN)
         with self.portal.drained() as drained:
             if not drained or self.is_running:
                 raise LoopMismatchError(_MISMATCH)
@@ -186,9 +194,26 @@ class Bridge:
                 else:
                     loop.call_soon_threadsafe(function)
 
+    def call_in_loop(self, function: Callable[[], T]) -> T:
+        """As `run_on_loop`, for a function that needs a running loop: where none runs, one is entered for it.
+
+        Raises `ClosedError`, and what the function raises.
+        """
+        if self.portal.given is None and not self.is_running:
+            if current_loop() is None:
+
+                async def call() -> T:
+                    return function()
+
+                return self.portal.run(call())
+            self.running_loop()
+        return self.run_on_loop(function)
+
     def run_on_loop(self, function: Callable[[], T]) -> T:
         """Run `function` on the loop's thread and return what it returns; here and now when no loop runs (any more)."""
-        loop = self.loop
+        loop, driver = self.loop, self.portal.driver
+        if driver is not None and loop is driver.loop and not driver.is_closed:
+            return driver.call(function)
         if loop is None or not loop.is_running() or self.in_loop_thread():
             return function()
         done: concurrent.futures.Future[T] = concurrent.futures.Future()

@@ -38,11 +38,21 @@ def new_event_loop() -> asyncio.AbstractEventLoop:
     return loop
 
 
+def end_tasks(loop: asyncio.AbstractEventLoop) -> set[asyncio.Task[Any]]:
+    """Cancel what is left of a loop that does not run, wait for it, and return it."""
+    tasks = asyncio.all_tasks(loop)
+    for task in tasks:
+        task.cancel()
+    if tasks:
+        loop.run_until_complete(asyncio.wait(tasks))
+    return tasks
+
+
 class EventLoop(asyncio.SelectorEventLoop):
     """asyncio's event loop with one method more; on Linux only."""
 
-    def __init__(self) -> None:
-        self._watching = _Selector()
+    def __init__(self, selector: EarlySelector | None = None) -> None:
+        self._watching = EarlySelector() if selector is None else selector
         super().__init__(self._watching)
 
     def watch(self, descriptor: int, early: Callable[[], bool], callback: Callable[[], None]) -> None:
@@ -57,7 +67,7 @@ class EventLoop(asyncio.SelectorEventLoop):
         self._watching.forget(descriptor)
 
 
-class _Selector(selectors.DefaultSelector):
+class EarlySelector(selectors.DefaultSelector):
     """Calls functions for some descriptors, and tells asyncio of the others."""
 
     def __init__(self) -> None:

@@ -2,8 +2,9 @@
 
 Decides who gets it then: the innermost `async with` on its node or context, or blocking call, that is under way; else
 the `run` or `spin` whose loop serves the node. Each is a `Guard`: it cancels its task, as `asyncio.timeout` does, and
-raises the exception in place of the cancellation. What nobody could take is kept for the next guard. The first one
-counts: what else fails until the end is logged only, so that the program gets the same exception every time.
+raises the exception in place of the cancellation. Without any, the `Driver.wait` that runs the loop raises it. What
+nobody could take is kept for the next guard. The first one counts: what else fails until the end is logged only, so
+that the program gets the same exception every time.
 """
 
 from __future__ import annotations
@@ -79,6 +80,9 @@ class Failures:
             if guard.concerns(self):
                 guard.fire(self)
                 return
+        driver = self.bridge.portal.driver
+        if driver is not None and self.bridge.in_loop_thread() and driver._end_wait(error):
+            self.kept = None
 
     def raise_kept(self) -> None:
         """Raise what was not raised yet, if there is something."""

@@ -1,19 +1,19 @@
-"""Waiting calls from plain code: a thread that runs a private event loop while such calls are under way.
+"""Waiting calls from plain code, which drive a loop of their own while they are under way.
 
 Decides between two cases. Somebody else's loop runs (in another thread): the coroutine goes there; should that loop
-stop, the call ends with an error. None runs: the private loop does, in a thread that ends with the last call. A real
-loop that starts meanwhile waits until the calls under way have ended; later ones wait for it and then go there. A real
-one that was only paused gets the context back.
+stop, the call ends with an error. None runs: the calls drive one that is kept for the purpose (`driver.py`), where the
+user gave the context none of his. A real loop that starts meanwhile waits until the calls under way have ended; later
+ones wait for it and then go there. A real one that was only paused gets the context back.
 
 Who may call what, on which thread, under which lock; there is one, `_changed`, of this context:
 
 1. `run`: any thread in which no event loop runs. It takes the lock to choose a loop, and to count its call in and out,
-   but not while the call is under way. The last call waits, with the lock, for the thread of the private loop to end.
+   but not while the call is under way.
 2. `drained`: whoever attaches another loop, until that is attached, with the lock; it is free while calls under way are
    waited for. Calls that begin meanwhile wait. `_leave` comes back to it when it gives a paused loop the context: the
    lock may be taken twice by one thread.
-3. `close`: any thread. That of the private loop neither takes the lock nor waits: the last call ends the loop.
-4. `_serve`, and all that calls do: the thread of the private loop, which never takes the lock; others wait for it.
+3. `close`: any thread. One that runs the own loop neither takes the lock nor waits: the last call ends the loop.
+4. What calls do in the loop never takes the lock.
 5. What a `Portal` has is changed with the lock, but `_closed`, which is set once. `Bridge` compares `loop` without it.
 """
 
@@ -26,8 +26,9 @@ import threading
 import time
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from rosidl_py_gen.base.waiting import current_loop
 from rosidl_py_gen.errors import ClosedError
-from rosidl_py_gen.runtime.loop.event_loop import new_event_loop
+from rosidl_py_gen.runtime.loop.driver import Driver
 
 if TYPE_CHECKING:
     from collections.abc import Coroutine, Iterator
@@ -53,18 +54,30 @@ class LoopOwner(Protocol):
 
 
 class Portal:
-    """The private loop of one context and its thread."""
+    """The loop that one context has for plain code: the user's `Driver`, or one of its own."""
 
-    def __init__(self, host: LoopOwner) -> None:
+    def __init__(self, host: LoopOwner, given: Driver | None = None) -> None:
+        """`given`: the user's, which no other loop takes over from."""
         self._host = host
-        self.loop: asyncio.AbstractEventLoop | None = None
-        """The private loop; None before it is needed."""
-        self._thread: threading.Thread | None = None
+        self.given = given
+        self._own: Driver | None = None
+        """None before it is needed."""
         self._changed = threading.Condition()
         self._calls = 0
         self._attaching = 0
         self._paused: asyncio.AbstractEventLoop | None = None
         self._closed = False
+
+    @property
+    def driver(self) -> Driver | None:
+        """The user's or the own one, if there is one."""
+        return self._own if self.given is None else self.given
+
+    @property
+    def loop(self) -> asyncio.AbstractEventLoop | None:
+        """The loop of that one."""
+        driver = self.driver
+        return None if driver is None else driver.loop
 
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
         """Run a coroutine to its end; not to be called where an event loop runs.
@@ -72,6 +85,8 @@ class Portal:
         Raises:
             ClosedError: the loop that had to run it ended.
         """
+        if self.given is not None:
+            return self.given.run(coroutine)
         with self._changed:
             self._changed.wait_for(lambda: self._attaching == 0)
             loop = self._host.loop
@@ -80,38 +95,26 @@ class Portal:
         if own is None:
             assert loop is not None
             return _wait(asyncio.run_coroutine_threadsafe(coroutine, loop), loop)
-        future = asyncio.run_coroutine_threadsafe(coroutine, own)
         try:
-            return future.result()
+            return own.run(coroutine)
         finally:
-            future.cancel()
-            self._leave(own)
+            self._leave()
 
-    def _enter(self, before: asyncio.AbstractEventLoop | None) -> asyncio.AbstractEventLoop:
-        if self.loop is None:
-            self.loop = new_event_loop()
+    def _enter(self, before: asyncio.AbstractEventLoop | None) -> Driver:
+        if self._own is None:
+            self._own = Driver()
+        own = self._own
         self._calls += 1
         if self._calls == 1:
-            self._paused = before if before is not self.loop else None
-            self._thread = _start(self._serve, self.loop)
-        return self.loop
-
-    def _serve(self, loop: asyncio.AbstractEventLoop) -> None:
-        def attach() -> None:
+            self._paused = before if before is not own.loop else None
             with contextlib.suppress(ClosedError):  # the calls will say so
-                self._host.attach(loop)
+                self._host.attach(own.loop)
+        return own
 
-        loop.call_soon(attach)
-        loop.run_forever()
-
-    def _leave(self, loop: asyncio.AbstractEventLoop) -> None:
+    def _leave(self) -> None:
         with self._changed:
             self._calls -= 1
             if self._calls == 0:
-                assert self._thread is not None
-                loop.call_soon_threadsafe(loop.stop)
-                self._thread.join()
-                self._thread = None
                 # When the paused loop runs again, nothing there would notice that it lost the context.
                 paused, self._paused = self._paused, None
                 if paused is not None and not paused.is_closed():
@@ -133,35 +136,18 @@ class Portal:
                 self._changed.notify_all()
 
     def close(self) -> None:
-        """Wait for the calls under way, which end because everything they wait for is closed; then end the loop."""
+        """Wait for the calls under way, which end because everything they wait for is closed; then end the own loop."""
         self._closed = True
-        if threading.current_thread() is self._thread:
+        if self._own is not None and current_loop() is self._own.loop:
             return  # the last call does it
         with self._changed:
             if self._changed.wait_for(lambda: self._calls == 0, _PATIENCE_S):
                 self._end()
 
     def _end(self) -> None:
-        loop, self.loop = self.loop, None
-        if loop is not None:
-            _start(end_tasks, loop).join()  # in a thread, because a loop may run in this one
-            loop.close()
-
-
-def _start(function: Any, loop: asyncio.AbstractEventLoop) -> threading.Thread:
-    thread = threading.Thread(target=function, args=(loop,), name="rosidl-py-gen portal", daemon=True)
-    thread.start()
-    return thread
-
-
-def end_tasks(loop: asyncio.AbstractEventLoop) -> set[asyncio.Task[Any]]:
-    """Cancel what is left of a loop that does not run, wait for it, and return it."""
-    tasks = asyncio.all_tasks(loop)
-    for task in tasks:
-        task.cancel()
-    if tasks:
-        loop.run_until_complete(asyncio.wait(tasks))
-    return tasks
+        own, self._own = self._own, None
+        if own is not None:
+            own.close()
 
 
 def _wait(future: concurrent.futures.Future[T], loop: asyncio.AbstractEventLoop) -> T:

@@ -36,6 +36,17 @@ class Stream(Generic[T]):
         self._items.append(item)
         self._waiters.wake()
 
+    @property
+    def waiting(self) -> int:
+        """How many items can be read without waiting."""
+        return len(self._items)
+
+    def take(self) -> T | None:
+        """The oldest item, without waiting; None when there is none. From any thread."""
+        with contextlib.suppress(IndexError):
+            return self._items.popleft()
+        return None
+
     def close(self, error: BaseException | None = None) -> None:
         """End the stream once it is drained; with an error, readers get that instead of a plain end. Any thread may."""
         if not self.closed:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from rosidl_py_gen.base.stamps import NS_PER_S
 from rosidl_py_gen.errors import RosidlError
-from rosidl_py_gen.runtime.loop.portal import end_tasks
+from rosidl_py_gen.runtime.loop.event_loop import end_tasks
 from rosidl_py_gen.runtime.transport.clocks import Clocks
 
 if TYPE_CHECKING:

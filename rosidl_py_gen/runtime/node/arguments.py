@@ -218,9 +218,29 @@ def _deprecated_remap(parser: _Parser, argument: str) -> bool:
     return True
 
 
+def parse_node_arguments(arguments: Sequence[str] | None) -> RosArguments:
+    """What one node is given as ``cli_args``; None: nothing. Raises as `parse_arguments`."""
+    if arguments is None:
+        return RosArguments()
+    own = parse_arguments(arguments)
+    if own.logs != LogSettings() or own.enclave != "/":
+        raise RosArgumentError(
+            "cli_args concern one node: they may have remap rules (-r) and parameters (-p, --params-file); what is for "
+            "the whole process, logs and the enclave, is given to the context: Context(args=[...])"
+        )
+    return own
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeOptions:
-    """The keyword arguments of `Node`, without the context."""
+    """The keyword arguments of `Node`, without the context.
+
+    Attributes:
+        arguments: what only this node is given.
+    """
+
+    arguments: RosArguments
+    use_global_arguments: bool
 
     enable_rosout: bool
     overrides: Mapping[str, object] | None

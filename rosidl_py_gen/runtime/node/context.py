@@ -11,6 +11,7 @@ import threading
 from typing import TYPE_CHECKING, ClassVar
 
 from rosidl_py_gen.base.rclpy_names import knows_rclpy
+from rosidl_py_gen.runtime.loop.driver import Driver
 from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.node.core import ContextCore
 
@@ -40,9 +41,11 @@ class Context:
         on_error: what nodes do that are not told otherwise, when a callback raises; see `Node`.
         transport: ``"dds"`` or ``"zenoh"``; None means what ``RMW_IMPLEMENTATION`` says, else DDS where a libddsc is
             found. A `MemoryTransport` stays inside this process.
+        driver: its loop serves the context, and no other one does. None: the asyncio loop that its nodes are used in.
 
     Raises:
         EnvironmentSettingError, RosArgumentError, LogFileError, BackendMissingError: as their names say.
+        ClosedError: the driver is closed.
         TransportError: DDS refused, the domain is open with other settings, or this process was forked from one that
             uses DDS.
     """
@@ -59,8 +62,11 @@ class Context:
         transport: Transport | str | None = None,
         on_error: OnError = "log",
         announce_delay_s: float = 0.0,
+        driver: Driver | None = None,
     ) -> None:
-        self._core = core = ContextCore(domain_id, discovery, args, transport, on_error, announce_delay_s)
+        if not (driver is None or isinstance(driver, Driver)):
+            raise TypeError(f"driver must be a Driver, got {driver!r:.100}")
+        self._core = core = ContextCore(domain_id, discovery, args, transport, on_error, announce_delay_s, driver)
         self._guards: list[Guard] = []
         self.arguments = list(core.ros_arguments.program)
         """What is left for the program, like `sys.argv`: its name first, without ROS arguments."""

@@ -27,6 +27,7 @@ from rosidl_py_gen.runtime.parameters.initial import InitialValues
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rosidl_py_gen.runtime.loop.driver import Driver
     from rosidl_py_gen.runtime.loop.failures import OnError
     from rosidl_py_gen.runtime.names.remap import NodeNames
     from rosidl_py_gen.runtime.transport.port import DomainSettings, Transport
@@ -52,6 +53,7 @@ class ContextCore:
         transport: Transport | str | None,
         on_error: OnError,
         announce_delay_s: float,
+        driver: Driver | None,
     ) -> None:
         self.on_error = require_on_error(on_error)
         chosen = chosen_transport(transport)
@@ -59,18 +61,20 @@ class ContextCore:
         self.ros_arguments = parse_arguments(sys.argv if args is None else args)
         outputs.open(self.ros_arguments.logs, next(iter(self.ros_arguments.program), ""), os.environ)
         try:
-            self._open(settings, chosen, announce_delay_s)
+            self._open(settings, chosen, announce_delay_s, driver)
         except BaseException:
             outputs.close()
             raise
 
-    def _open(self, settings: DomainSettings, transport: Transport, announce_delay_s: float) -> None:
+    def _open(
+        self, settings: DomainSettings, transport: Transport, announce_delay_s: float, driver: Driver | None
+    ) -> None:
         for sentence in (*settings.warnings, *self.ros_arguments.warnings):
             get_root_logger().warning(sentence)
         self.settings = settings
         self.clocks = transport.clocks
         self.participant = transport.open(settings, self.ros_arguments.enclave)
-        self.bridge = Bridge(self.participant)
+        self.bridge = Bridge(self.participant, driver)
         self.discovery = Discovery(self.participant, self.bridge, announce_delay_s)
         self.request_windows = RequestWindows()
         self.initial_values = InitialValues(self.ros_arguments.parameters, self.bridge)
@@ -82,6 +86,12 @@ class ContextCore:
         self._had_loop = threading.Event()
         self.bridge.on_start(self._had_loop.set)
         self._nodes: dict[int, OpenNode] = {}
+        if driver is not None:
+            try:
+                driver.call(lambda: self.bridge.attach(driver.loop))
+            except BaseException:
+                self.participant.close()
+                raise
         open_contexts.add(self)
 
     def require_open(self) -> None:

@@ -22,7 +22,7 @@ from rosidl_py_gen.runtime.loop.failures import Guard
 from rosidl_py_gen.runtime.names.remap import NodeNames
 from rosidl_py_gen.runtime.names.validation import normalize_namespace, validate_node_name
 from rosidl_py_gen.runtime.node.actions import ActionMethods
-from rosidl_py_gen.runtime.node.arguments import NodeOptions
+from rosidl_py_gen.runtime.node.arguments import NodeOptions, parse_node_arguments
 from rosidl_py_gen.runtime.node.context import Context
 from rosidl_py_gen.runtime.node.graph import GraphMethods
 from rosidl_py_gen.runtime.node.parameters import ParameterMethods
@@ -33,7 +33,7 @@ from rosidl_py_gen.runtime.node.types import TypeMethods
 from rosidl_py_gen.runtime.transport.qos import as_profile
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from typing_extensions import Self
 
@@ -78,10 +78,14 @@ class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods
         on_error: what an exception in a callback does. ``"log"``: it is logged, and all goes on. ``"raise"``: it also
             ends `run`, `spin`, ``async with node``, ``with node`` or the blocking call under way, which raises it.
             None: what the context says, else ``"log"``.
+        cli_args: a command line for this node alone, such as ``["--ros-args", "-r", "chatter:=talk"]``: remap rules
+            and parameters, which go before those of the context. What is not for ROS has no effect.
+        use_global_arguments: remap rules and parameters of the context count for this node, too.
 
     Raises:
         InvalidNameError: for name or namespace.
         ClosedError: the context is closed.
+        RosArgumentError: `cli_args` cannot be understood, or concern more than one node.
         ParameterError: an initial value does not fit, such as ``use_sim_time:=3``.
     """
 
@@ -101,13 +105,18 @@ class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods
         time_source: bool = True,
         type_check: TypeCheck = "error",
         on_error: OnError | None = None,
+        cli_args: Sequence[str] | None = None,
+        use_global_arguments: bool = True,
     ) -> None:
         if not (context is None or isinstance(context, Context)):
             raise TypeError(f"context must be a Context, such as Context(transport=...), got {context!r:.100}")
         validate_node_name(name)  # before a context is opened for it
         normalize_namespace(namespace)
         mode = checked_mode(type_check)
+        own = parse_node_arguments(cli_args)
         options = NodeOptions(
+            arguments=own,
+            use_global_arguments=use_global_arguments,
             enable_rosout=enable_rosout,
             overrides=overrides,
             allow_undeclared=allow_undeclared,
@@ -120,7 +129,8 @@ class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods
         self.context = Context.default() if context is None else context
         core = self.context._core
         try:
-            self._names = NodeNames.create(name, namespace, core.ros_arguments.remap_rules)
+            rules = own.remap_rules + (core.ros_arguments.remap_rules if use_global_arguments else ())
+            self._names = NodeNames.create(name, namespace, rules)
             self._scope = core.open_scope(self._names, on_error)
             self._scope.type_check = mode
         except BaseException:
@@ -131,6 +141,8 @@ class Node(GraphMethods, ServiceMethods, TypeMethods, TimeMethods, ActionMethods
         self.clock = self._scope.make_clock()
         """ROS time; system time until simulated time is switched on."""
         core.adopt(self)
+        for sentence in own.warnings:
+            self.logger.warning(sentence)
         try:
             self._open(options)
         except BaseException:

@@ -14,6 +14,7 @@ from rosidl_py_gen.base.registration import Registration, Registrations
 from rosidl_py_gen.runtime.loop.stream import Stream
 from rosidl_py_gen.runtime.node.sim_time import TimeSource
 from rosidl_py_gen.runtime.parameters.callbacks import require_plain
+from rosidl_py_gen.runtime.parameters.overrides import overrides_for
 from rosidl_py_gen.runtime.parameters.store import ParameterStore, SetResult
 from rosidl_py_gen.runtime.parameters.validation import SEPARATOR, Listing
 from rosidl_py_gen.runtime.parameters.values import (
@@ -70,6 +71,9 @@ class ParameterMethods:
     def _open_parameters(self, options: NodeOptions) -> None:
         """Bring up parameters and what depends on them, in rclpy's order; call it once `scope` and `clock` exist."""
         own = {item.name: item.value for item in as_parameters(options.overrides or {})}
+        given = options.arguments.parameters
+        if options.use_global_arguments:
+            given = self.context._core.ros_arguments.parameters + given
         self._changes = changes = list[Stream[ParameterChange]]()
         self._event_callbacks = callbacks = Registrations[Callable[[ParameterEvent], object]]()
         events: ParameterEventPublisher | None = None
@@ -94,7 +98,7 @@ class ParameterMethods:
                     self._scope.report_failure("the callback of a parameter event")
 
         self._store = ParameterStore(
-            self.context._core.ros_arguments.overrides_for(self._names.fully_qualified_name) | own,
+            overrides_for(given, self._names.fully_qualified_name) | own,
             allow_undeclared=options.allow_undeclared,
             on_event=tell,
             on_failure=self._scope.report_failure,
@@ -112,7 +116,14 @@ class ParameterMethods:
 
             start_logger_services(self._scope, self._names)
         start_type_descriptions(self._scope, self._names, self._store)
-        self.context._core.initial_values.opened(self._scope, self._store, own, self._may_declare_more)
+        self.context._core.initial_values.opened(
+            self._scope,
+            self._store,
+            own,
+            options.arguments.parameters,
+            self._may_declare_more,
+            takes_global=options.use_global_arguments,
+        )
 
     def _may_declare_more(self) -> bool:
         """Whether this is too early to wonder about initial values that no parameter takes."""

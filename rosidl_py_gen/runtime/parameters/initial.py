@@ -40,9 +40,8 @@ class _Given:
     is_for_somebody: bool = False
 
     def concerns(self, holder: _Holder) -> bool:
-        if self.only is not None:
-            return self.only is holder.store
-        return self.parameters.matches(holder.scope.node_name)
+        is_for = holder.takes_global if self.only is None else self.only is holder.store
+        return is_for and self.parameters.matches(holder.scope.node_name)
 
 
 @dataclass(slots=True, eq=False)
@@ -53,6 +52,8 @@ class _Holder:
     store: ParameterStore
     may_declare_more: Callable[[], bool]
     leave: Callable[[_Holder], None]
+    takes_global: bool
+    """What is given to no node in particular is for it, too."""
 
     def close(self) -> None:
         self.leave(self)
@@ -76,12 +77,16 @@ class InitialValues:
         scope: Scope,
         store: ParameterStore,
         own: Mapping[str, ParameterValue],
+        arguments: Sequence[ParameterOverrides],
         may_declare_more: Callable[[], bool],
+        *,
+        takes_global: bool,
     ) -> None:
-        """A node begins to declare; `own` is what its constructor got."""
-        if not self._given and not own:
+        """A node begins to declare; `own` and `arguments` are what its constructor got."""
+        if not self._given and not own and not arguments:
             return
-        holder = _Holder(scope, store, may_declare_more, self._closed)
+        holder = _Holder(scope, store, may_declare_more, self._closed, takes_global)
+        self._given += [_Given(one, store, dict(one.values)) for one in arguments]
         if own:
             constructor = ParameterOverrides(scope.node_name, own, "overrides=")
             self._given.append(_Given(constructor, store, dict(own)))

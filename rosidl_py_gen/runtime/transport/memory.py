@@ -288,6 +288,7 @@ class MemoryWriter(_Endpoint):
         keeps = qos.durability is Durability.TRANSIENT_LOCAL
         depth = (None if qos.history is History.KEEP_ALL else max(1, qos.depth)) if keeps else 0
         self._history: deque[Sample] = deque(maxlen=depth)
+        self._numbers = itertools.count(1)
 
     def write(self, data: Payload) -> bool:
         return self.put(in_fours(data))
@@ -297,8 +298,8 @@ class MemoryWriter(_Endpoint):
         if self.closed:
             raise ClosedError("this writer is closed")
         now = self.owner.time_ns()
-        sample = (thing, now, self.handle, now)
         with self.owner.lock:
+            sample = (thing, now, self.handle, now, next(self._numbers))
             self._history.append(sample)
             for peer in self.owner.peers:
                 for reader in peer.readers:
@@ -352,7 +353,7 @@ class MemoryReader(_Endpoint):
         """Take something that is for this reader alone."""
         with self.owner.lock:
             now = self.owner.time_ns()
-            self.receive((thing, now, sender.handle, now))
+            self.receive((thing, now, sender.handle, now, None))
 
     def set_sink(self, sink: Sink | None) -> None:
         with self.owner.lock:

@@ -55,7 +55,7 @@ class MemoryClient(ClientEnd):
         items: Any = self._reader.queue.items
         if not items:
             return self._next_lost()
-        (number, data), _, handle, _ = items.popleft()
+        (number, data), _, handle, _, _ = items.popleft()
         return number, data, self._reader.writer_guid(handle)
 
     def _find(self) -> Servers:
@@ -76,8 +76,8 @@ class MemoryServer(ServerEnd):
         items: Any = self._reader.queue.items
         if not items:
             return None
-        (client, number, data), _, handle, _ = items.popleft()
-        return (client, number), data, self._reader.writer_guid(handle)
+        (client, number, data), source_ns, handle, received_ns, _ = items.popleft()
+        return (client, number), data, self._reader.writer_guid(handle), source_ns, received_ns
 
     def send(self, to: RequestId, data: bytes) -> bool:
         asker: _Asker = to

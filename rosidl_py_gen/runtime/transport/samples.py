@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 Payload: TypeAlias = "bytes | memoryview"
 """A sample with its 4-byte encapsulation header. Large ones are read-only views of memory that DDS allocated."""
 
-Sample: TypeAlias = "tuple[Payload, int, int, int]"
-"""Payload, source timestamp (ns since the epoch), local handle of the writer, time of reception (ns).
+Sample: TypeAlias = "tuple[Payload, int, int, int, int | None]"
+"""Payload, source timestamp (ns since the epoch), local handle of the writer, time of reception (ns), and the number by
+which its writer counts it, where the transport tells that.
 
 A plain tuple: this is made once per message, and a named one costs ten times as much.
 """

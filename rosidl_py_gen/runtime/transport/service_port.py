@@ -80,9 +80,9 @@ Reply: TypeAlias = "tuple[int, Payload | Unanswered, bytes | None]"
 made for each."""
 RequestId: TypeAlias = "Any"
 """Whom a response goes to; only the port that gave it knows what it is."""
-Request: TypeAlias = "tuple[RequestId, Payload | Refused | DecodeError, bytes | None]"
-"""Whom the response goes to, the request, and the GUID of who sent it, where that is known; or who cannot be served, or
-what is wrong with the bytes."""
+Request: TypeAlias = "tuple[RequestId, Payload | Refused | DecodeError, bytes | None, int, int]"
+"""Whom the response goes to, the request, the GUID of who sent it, where that is known, and when it was sent and
+when it came, ns since the epoch; in place of a request who cannot be served, or what is wrong with the bytes."""
 
 
 class ClientPort(Protocol):

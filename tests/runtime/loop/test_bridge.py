@@ -22,8 +22,7 @@ from std_srvs.srv import SetBool
 from worlds import ROOT, rests, until
 
 from rosidl_py_gen.runtime import CallTimeoutError
-from rosidl_py_gen.runtime.loop.event_loop import EventLoop
-from rosidl_py_gen.runtime.loop.portal import end_tasks
+from rosidl_py_gen.runtime.loop.event_loop import EventLoop, end_tasks
 from rosidl_py_gen.runtime.node import open_contexts
 from rosidl_py_gen.runtime.transport.cyclone import participant as cyclone
 from rosidl_py_gen.runtime.transport.cyclone import pipe

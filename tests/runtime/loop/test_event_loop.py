@@ -72,13 +72,13 @@ def pipes() -> Iterator[list[Pipe]]:
 def rounds(monkeypatch: pytest.MonkeyPatch) -> list[float | None]:
     """The times that selectors of ours were told to wait, one for each round."""
     waits: list[float | None] = []
-    select = event_loop._Selector.select
+    select = event_loop.EarlySelector.select
 
     def note(self: Any, timeout: float | None = None) -> Any:
         waits.append(timeout)
         return select(self, timeout)
 
-    monkeypatch.setattr(event_loop._Selector, "select", note)
+    monkeypatch.setattr(event_loop.EarlySelector, "select", note)
     return waits
 
 

@@ -16,7 +16,7 @@ from worlds import until, wait_until
 
 from rosidl_py_gen.errors import ClosedError
 from rosidl_py_gen.runtime import CallTimeoutError, WaitTimeoutError
-from rosidl_py_gen.runtime.loop.portal import end_tasks
+from rosidl_py_gen.runtime.loop.event_loop import end_tasks
 from rosidl_py_gen.runtime.transport.qos import SERVICES_DEFAULT
 
 if TYPE_CHECKING:
@@ -24,10 +24,13 @@ if TYPE_CHECKING:
 
     from worlds import World
 
+    from rosidl_py_gen.runtime import Node
 
-def someone_waits() -> bool:
-    """Whether there is the thread that serves waiting calls of plain code."""
-    return "rosidl-py-gen portal" in [one.name for one in threading.enumerate()]
+
+def someone_waits(node: Node) -> bool:
+    """Whether a thread runs the loop that waiting calls of plain code have."""
+    loop = node.context._core.bridge.portal.loop
+    return loop is not None and loop.is_running()
 
 
 @contextlib.contextmanager
@@ -237,7 +240,7 @@ def test_a_loop_may_start_while_threads_wait_for_services(world: World) -> None:
     threads = [threading.Thread(target=calls) for _ in range(2)]
     for thread in threads:
         thread.start()
-    wait_until(someone_waits)
+    wait_until(lambda: someone_waits(node))
 
     async def main() -> None:
         async with node:
@@ -275,14 +278,14 @@ def test_a_waiting_call_between_two_runs_of_a_loop_gives_the_context_back(world:
     threads = [threading.Thread(target=call, args=(timeout_s,)) for timeout_s in (0.2, 0.5)]
     for thread in threads:
         thread.start()
-        wait_until(lambda thread=thread: someone_waits() or not thread.is_alive())
+        wait_until(lambda thread=thread: someone_waits(node) or not thread.is_alive())
     for thread in threads:
         thread.join(20)
     loop.run_until_complete(go_on())
     # Nothing can be given back once the context is closed.
     last = threading.Thread(target=call, args=(60,))
     last.start()
-    wait_until(someone_waits)
+    wait_until(lambda: someone_waits(node))
     node.context.close()
     last.join(10)
     assert not last.is_alive()
@@ -336,7 +339,7 @@ def test_a_thread_may_take_the_context_from_a_loop_of_the_main_thread(world: Wor
 
 
 @pytest.mark.every_transport
-def test_the_thread_of_waiting_calls_ends_with_the_last_one(world: World) -> None:
+def test_waiting_calls_run_callbacks_and_leave_the_loop_with_the_last_one(world: World) -> None:
     node = world.node("n")
     client, heard = node.create_client(SetBool, "s"), []
     node.create_subscription(String, "t", heard.append)
@@ -344,9 +347,9 @@ def test_the_thread_of_waiting_calls_ends_with_the_last_one(world: World) -> Non
 
     with waiting_call(client):
         wait_until(lambda: heard)  # callbacks run during a call
-        assert someone_waits()
+        assert someone_waits(node)
     assert len(heard) == 1
-    assert not someone_waits()
+    assert not someone_waits(node)
 
 
 @pytest.mark.every_transport

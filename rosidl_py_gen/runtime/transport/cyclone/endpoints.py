@@ -281,7 +281,7 @@ class CycloneReader:
                     data = self._view(sample, sample + content, size)
                 if len(items) == items.maxlen:  # as `ReceiveQueue.push`, without a call for each sample
                     self.queue.dropped += 1
-                items.append((data, source_ns, writer, now))
+                items.append((data, source_ns, writer, now, None))
                 found = True
         return found
 

@@ -110,7 +110,7 @@ class NodeTopic:
         items = self._reader.queue.items
         found: list[DiscoveryEvent] = []
         while items:
-            data, _, handle, _ = items.popleft()
+            data, _, handle, _, _ = items.popleft()
             guid = self._reader.writer_guid(handle)
             if guid is None:
                 continue

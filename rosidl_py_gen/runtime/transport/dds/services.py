@@ -89,7 +89,7 @@ class DdsClient(ClientEnd):
     def take(self) -> Reply | None:
         items = self._reader.queue.items
         while items:
-            data, _, handle, _ = items.popleft()
+            data, _, handle, _, _ = items.popleft()
             server = self._reader.writer_guid(handle)
             try:
                 found = self._correlation.reply(data, server)
@@ -141,15 +141,15 @@ class DdsServer(ServerEnd):
         items = self._reader.queue.items
         if not items:
             return None
-        data, _, handle, _ = items.popleft()
+        data, source_ns, handle, received_ns, _ = items.popleft()
         writer = self._reader.writer_guid(handle)
         if writer is not None and has_identities(writer) and identity_of(data) is None:
-            return None, Refused(writer, self._refusal() or ""), writer
+            return None, Refused(writer, self._refusal() or ""), writer, source_ns, received_ns
         try:
             client, number, begin = header_of(data)
         except DecodeError as err:
-            return None, err, writer
-        return (client, number, writer, handle), message_of(data, begin), writer
+            return None, err, writer, source_ns, received_ns
+        return (client, number, writer, handle), message_of(data, begin), writer, source_ns, received_ns
 
     def send(self, to: RequestId, data: bytes) -> bool:
         asker: _Asker = to

@@ -219,7 +219,7 @@ class ZenohReader:
         if told is not None and self._gaps is not None:
             self._gaps.note(told[2], told[0])
         if told is not None and data:
-            self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns()))
+            self.receive((data, told[1], int.from_bytes(told[2], "little"), _time_ns(), told[0]))
 
     def receive(self, sample: Any) -> None:
         """Take a sample, or what else is received here, into the queue."""

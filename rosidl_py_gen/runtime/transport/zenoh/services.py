@@ -283,11 +283,11 @@ class ZenohServer(_End):
         if told is None or len(data) < _HEADER_BYTES:
             query.drop()
             return
-        number, _, gid = told
+        number, source_ns, gid = told
         if not self._keep((gid, number), _Query(query, len(data))):
             query.drop()
             return
-        self.receive(((gid, number), data, twin(gid)))
+        self.receive(((gid, number), data, twin(gid), source_ns, _time_ns()))
 
     def _keep(self, identity: _Asker, query: _Query) -> bool:
         """Remember a query until it is answered, and give up the oldest where there are too many; False: not wanted."""

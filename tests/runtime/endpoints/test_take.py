@@ -1,0 +1,415 @@
+"""Taking what arrived without waiting for it: subscriptions, services and timers, from any thread."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from example_interfaces.srv import AddTwoInts
+from std_msgs.msg import String
+from worlds import until, wait_until
+
+from rosidl_py_gen.base.signatures import CallbackSignatureError
+from rosidl_py_gen.errors import ClosedError, EncodeError
+from rosidl_py_gen.runtime import (
+    AlreadyRespondedError,
+    CallbackInUseError,
+    Driver,
+    MessageInfo,
+    RequestInfo,
+    ServerLostError,
+    ServiceServer,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from worlds import World
+
+Server = ServiceServer[AddTwoInts.Request, AddTwoInts.Response]
+
+
+@pytest.fixture
+def driver() -> Iterator[Driver]:
+    with Driver() as made:
+        yield made
+
+
+# ------------------------------------------------------------------------------------------------------------- topics
+
+
+@pytest.mark.every_transport
+def test_a_script_without_loop_takes_what_arrived(world: World) -> None:
+    node = world.node("polled")
+    publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t", qos=3)
+    assert subscription.take() is None
+    wait_until(lambda: publisher.subscription_count and subscription.publisher_count)
+    for number in range(2):
+        publisher.publish(String(data=str(number)))
+    taken: list[str] = []
+
+    def take() -> bool:
+        message = subscription.take()
+        taken.extend([] if message is None else [message.data])
+        return len(taken) == 2
+
+    wait_until(take)
+    assert taken == ["0", "1"]
+    assert subscription.take() is None
+    assert subscription.latest() == String(data="1")
+    for number in range(5):
+        publisher.publish(String(data=str(number)))
+    wait_until(lambda: subscription.latest() == String(data="4"))
+    assert subscription.take() is None  # `latest` skipped the others
+
+
+@pytest.mark.every_transport
+def test_where_a_message_came_from_is_taken_with_it(world: World) -> None:
+    node = world.node("polled")
+    publishers = [node.create_publisher(String, "t") for _ in range(2)]
+    subscription = node.create_subscription(String, "t")
+    wait_until(lambda: all(one.subscription_count for one in publishers) and subscription.publisher_count == 2)
+    before_ns, infos = time.time_ns(), list[MessageInfo]()
+
+    def take() -> bool:
+        found = subscription.take_with_info()
+        infos.extend([] if found is None else [found[1]])
+        return found is not None
+
+    for publisher in (*publishers, publishers[0]):
+        publisher.publish(String())
+        wait_until(take)
+    assert [info.publisher_gid for info in infos] == [one.gid for one in (*publishers, publishers[0])]
+    for info in infos:
+        assert before_ns <= info.source_timestamp_ns <= info.received_timestamp_ns <= time.time_ns()
+    numbers = [info.publication_sequence_number for info in infos]
+    assert numbers == ([None] * 3 if world.kind == "dds" else [1, 1, 2])
+    assert subscription.take_with_info() is None
+
+
+@pytest.mark.every_transport
+async def test_the_number_is_told_to_who_awaits_as_well(world: World) -> None:
+    node = world.node("n")
+    publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
+    await publisher.wait_for_subscribers(timeout_s=10)
+    await subscription.wait_for_publishers(timeout_s=10)
+    for expected in (1, 2):
+        publisher.publish(String())
+        _, info = await subscription.receive_with_info(timeout_s=10)
+        assert info.publication_sequence_number == (None if world.kind == "dds" else expected)
+
+
+async def test_taking_and_awaiting_share_what_there_is(memory: World) -> None:
+    node = memory.node("n")
+    publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
+    receiving = asyncio.ensure_future(subscription.receive())
+    await asyncio.sleep(0)
+    for number in range(2):
+        publisher.publish(String(data=str(number)))
+    taken = subscription.take()
+    assert {taken.data if taken else "", (await receiving).data} == {"0", "1"}
+
+
+def test_what_has_a_callback_is_not_taken_from(memory: World) -> None:
+    node = memory.node("n")
+    timer, subscription = node.create_timer(1.0, print), node.create_subscription(String, "t", print)
+    server: Any = node.create_service(AddTwoInts, "add", print)
+    for one in (timer, subscription, server):
+        with pytest.raises(CallbackInUseError, match=r"has a (callback|handler)"):
+            one.take()
+        with pytest.raises(CallbackInUseError):
+            one.on_ready(print)
+    with pytest.raises(CallbackInUseError):
+        subscription.take_with_info()
+
+
+@pytest.mark.every_transport
+@pytest.mark.parametrize("ends", ["endpoint", "node", "context"])
+def test_closing_while_another_thread_takes_is_safe(world: World, ends: str, driver: Driver) -> None:
+    context = world.context(driver=driver)
+    node = world.node("n", context=context)
+    publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
+    server, timer = node.create_service(AddTwoInts, "add"), node.create_timer(0.0)
+    taken: list[Any] = []
+    outcomes: list[BaseException] = []
+
+    def take(one: Any) -> None:
+        try:
+            while True:
+                taken.append(one.take())
+        except BaseException as error:
+            outcomes.append(error)
+
+    threads = [threading.Thread(target=take, args=(one,)) for one in (subscription, subscription, server, timer)]
+    for thread in threads:
+        thread.start()
+    driver.wait(lambda: publisher.subscription_count, timeout_s=10)
+    publisher.publish(String())
+    driver.wait(lambda: String() in taken, timeout_s=10)
+    for one in {"endpoint": (subscription, server, timer), "node": (node,), "context": (context,)}[ends]:
+        one.close()
+    for thread in threads:
+        thread.join(10)
+    assert [type(outcome) for outcome in outcomes] == [ClosedError] * 4
+
+
+# ----------------------------------------------------------------------------------------------------------- services
+
+
+@pytest.mark.every_transport
+def test_requests_are_sent_taken_and_answered_without_asyncio(world: World, driver: Driver) -> None:
+    nodes = [world.node(name, context=world.context(driver=driver)) for name in ("server", "caller")]
+    server, client = nodes[0].create_service(AddTwoInts, "add"), nodes[1].create_client(AddTwoInts, "add")
+    assert server.take() is None
+    assert driver.wait(client.service_is_available, timeout_s=10)
+    before_ns = time.time_ns()
+    futures = [client.send_request(AddTwoInts.Request(a=number, b=1)) for number in range(2)]
+    requests = [driver.wait(server.take, timeout_s=10) for _ in futures]
+    infos = [request.info for request in requests if request is not None]
+    assert [info.sequence_number for info in infos] == [1, 2]
+    assert len({info.client_gid for info in infos}) == 1
+    for info in infos:
+        assert isinstance(info, RequestInfo)
+        assert before_ns <= info.source_timestamp_ns <= info.received_timestamp_ns <= time.time_ns()
+    assert client.pending_count == 2
+    threads: list[int] = []
+    futures[0].add_done_callback(lambda _: threads.append(threading.get_ident()))
+    for request in requests:
+        assert request is not None
+        request.respond(AddTwoInts.Response(sum=request.message.a + request.message.b))
+    assert requests[0] is not None
+    with pytest.raises(AlreadyRespondedError, match="/add"):
+        requests[0].respond(AddTwoInts.Response())
+    driver.wait(lambda: all(future.done() for future in futures), timeout_s=10)
+    assert [future.result().sum for future in futures] == [1, 2]
+    assert threads == [threading.get_ident()]
+    assert client.pending_count == 0
+
+
+@pytest.mark.every_transport
+async def test_a_request_is_sent_from_the_loop_and_from_another_thread(world: World) -> None:
+    server, caller = world.pair()
+    server.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a))
+    client = caller.create_client(AddTwoInts, "add")
+    await client.wait_for_service(timeout_s=10)
+    assert (await asyncio.wrap_future(client.send_request(AddTwoInts.Request(a=1)))).sum == 1
+    future = await asyncio.to_thread(client.send_request, AddTwoInts.Request(a=2))
+    assert (await asyncio.wrap_future(future)).sum == 2
+
+
+def test_a_script_without_loop_sends_a_request_and_gets_the_response_while_it_waits(memory: World) -> None:
+    node = memory.node("both")
+    node.create_service(AddTwoInts, "add", lambda request: AddTwoInts.Response(sum=request.a))
+    future = node.create_client(AddTwoInts, "add").send_request(AddTwoInts.Request(a=5))
+    node.create_client(AddTwoInts, "add").call_sync(AddTwoInts.Request(), timeout_s=10)
+    assert future.result(timeout=0).sum == 5
+
+
+@pytest.mark.every_transport
+def test_nobody_waits_for_a_server(world: World, driver: Driver) -> None:
+    node = world.node("n", context=world.context(driver=driver))
+    client = node.create_client(AddTwoInts, "add")
+    lost = client.send_request(AddTwoInts.Request(a=1))
+    given_up = client.send_request(AddTwoInts.Request(a=2))
+    assert client.pending_count == 2
+    assert given_up.cancel()
+    driver.wait(lambda: client.pending_count == 1, timeout_s=10)
+    server: Server = node.create_service(AddTwoInts, "add")
+    assert driver.wait(client.service_is_available, timeout_s=10)
+    last = client.send_request(AddTwoInts.Request(a=3))
+    arrived: list[int] = []
+    while not arrived or arrived[-1] != 3:
+        request = driver.wait(server.take, timeout_s=10)
+        assert request is not None
+        arrived.append(request.message.a)
+        request.respond(AddTwoInts.Response(sum=request.message.a))
+    driver.wait(last.done, timeout_s=10)
+    assert last.result().sum == 3
+    assert arrived == ([1, 3] if world.kind == "zenoh" else [3])  # there it waits for the first server
+    if world.kind == "zenoh":
+        assert lost.result().sum == 1
+    client.close()
+    assert world.kind == "zenoh" or isinstance(lost.exception(timeout=0), ClosedError)
+    with pytest.raises(ClosedError):
+        client.send_request(AddTwoInts.Request())
+
+
+@pytest.mark.every_transport
+def test_the_future_of_a_request_tells_what_went_wrong(world: World, driver: Driver) -> None:
+    nodes = [world.node(name, context=world.context(driver=driver)) for name in ("server", "caller")]
+    server: Server = nodes[0].create_service(AddTwoInts, "add")
+    client = nodes[1].create_client(AddTwoInts, "add")
+    assert driver.wait(client.service_is_available, timeout_s=10)
+    with pytest.raises(TypeError, match="expected a AddTwoInts_Request"):
+        client.send_request(String())  # type: ignore[arg-type]
+    with pytest.raises(EncodeError):
+        client.send_request(AddTwoInts.Request(a=2**70))
+    assert client.pending_count == 0
+    future = client.send_request(AddTwoInts.Request(a=1))
+    request = driver.wait(server.take, timeout_s=10)
+    assert request is not None
+    server.close()
+    with pytest.raises(ClosedError):
+        request.respond(AddTwoInts.Response())
+    driver.wait(future.done, timeout_s=10)
+    assert isinstance(future.exception(), ServerLostError)
+
+
+@pytest.mark.every_transport
+async def test_a_request_tells_its_number_to_who_iterates(world: World) -> None:
+    server, caller = world.pair()
+    service: Server = server.create_service(AddTwoInts, "add")
+    client = caller.create_client(AddTwoInts, "add")
+    await client.wait_for_service(timeout_s=10)
+    for number in (1, 2):
+        call = asyncio.ensure_future(client.call(AddTwoInts.Request(), timeout_s=10))
+        request = await anext(service)
+        assert request.info.sequence_number == number
+        request.respond(AddTwoInts.Response())
+        await call
+
+
+# ------------------------------------------------------------------------------------------------------------- timers
+
+
+async def test_a_tick_is_taken_when_it_is_due(memory: World) -> None:
+    timer = memory.node("n").create_timer(0.5)
+    assert timer.take() is None
+    await asyncio.sleep(0.5)
+    assert (tick := timer.take()) is not None
+    assert tick.nanoseconds == 500_000_000
+    assert timer.take() is None
+    await asyncio.sleep(1.6)
+    assert (tick := timer.take()) is not None
+    assert tick.nanoseconds == 1_600_000_000
+    assert (timer.call_count, timer.missed) == (2, 2)
+    timer.cancel()
+    await asyncio.sleep(1.0)
+    assert timer.take() is None
+    timer.close()
+    with pytest.raises(ClosedError):
+        timer.take()
+
+
+def test_a_timer_needs_no_loop_to_be_taken_from(memory: World) -> None:
+    timer = memory.node("n").create_timer(0.001)
+    wait_until(timer.take)
+    assert timer.call_count == 1
+
+
+def test_each_tick_is_taken_by_one_thread(memory: World) -> None:
+    timer = memory.node("n").create_timer(0.001)
+    ticks: list[int] = []
+    threads = [threading.Thread(target=lambda: wait_until(lambda: _note(timer, ticks))) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(20)
+    assert timer.call_count == len(ticks)
+    assert sum(ticks) <= (timer.call_count + timer.missed + 1) * 1_000_000 + 500_000
+
+
+def _note(timer: Any, ticks: list[int]) -> bool:
+    if (tick := timer.take()) is not None:
+        ticks.append(tick.nanoseconds)
+    return len(ticks) >= 20
+
+
+# ----------------------------------------------------------------------------------------------------------- on_ready
+
+
+@pytest.mark.every_transport
+def test_who_asks_is_told_when_something_can_be_taken(world: World, driver: Driver) -> None:
+    node = world.node("n", context=world.context(driver=driver))
+    publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
+    server, client = node.create_service(AddTwoInts, "add"), node.create_client(AddTwoInts, "add")
+    timer = node.create_timer(0.01)
+    ready: list[Any] = []
+
+    def note(one: Any) -> Any:
+        def tell() -> None:
+            ready.append(one)
+            driver.wake()
+
+        return one.on_ready(tell)
+
+    registrations = [note(one) for one in (subscription, server)]
+    driver.wait(lambda: publisher.subscription_count and client.service_is_available(), timeout_s=10)
+    publisher.publish(String(data="a"))
+    driver.wait(lambda: ready, timeout_s=10)
+    assert ready == [subscription]
+    assert subscription.take() == String(data="a")
+    ready.clear()
+    client.send_request(AddTwoInts.Request())
+    driver.wait(lambda: ready, timeout_s=10)
+    assert ready == [server]
+    assert server.take() is not None
+    ready.clear()
+    registrations.append(note(timer))
+    driver.wait(lambda: ready, timeout_s=10)
+    assert ready == [timer]  # it stays due, and tells that once
+    driver.wait(timeout_s=0.03)
+    assert ready == [timer]
+    assert timer.take() is not None
+    driver.wait(lambda: len(ready) == 2, timeout_s=10)
+    assert ready == [timer, timer]
+    for one in registrations:
+        one.close()
+    ready.clear()
+    assert timer.take() is not None
+    publisher.publish(String(data="b"))
+    client.send_request(AddTwoInts.Request())
+    driver.wait(server.take, timeout_s=10)
+    driver.wait(timer.take, timeout_s=10)
+    assert driver.wait(subscription.take, timeout_s=10) == String(data="b")
+    assert ready == []
+
+
+@pytest.mark.every_transport
+async def test_on_ready_is_told_on_an_asyncio_loop_as_well(world: World) -> None:
+    node = world.node("n")
+    publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
+    told = threading.Event()
+    subscription.on_ready(told.set)
+    await publisher.wait_for_subscribers(timeout_s=10)
+    await subscription.wait_for_publishers(timeout_s=10)
+    publisher.publish(String(data="a"))
+    await until(told.is_set)
+    assert await asyncio.to_thread(subscription.take) == String(data="a")
+
+
+async def test_what_is_there_already_is_told_at_once(memory: World) -> None:
+    node = memory.node("n")
+    publisher, subscription, told = node.create_publisher(String, "t"), node.create_subscription(String, "t"), []
+    with subscription.on_ready(lambda: told.append(1)):
+        assert told == []
+        publisher.publish(String())
+        await until(lambda: told)
+        subscription.on_ready(lambda: told.append(2))
+    assert told == [1, 2]
+    publisher.publish(String())
+    await until(lambda: len(told) == 3)
+    assert told == [1, 2, 2]
+
+
+async def test_an_on_ready_function_that_fails_is_reported_and_disturbs_nobody(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = memory.node("n")
+    publisher, subscription, told = node.create_publisher(String, "t"), node.create_subscription(String, "t"), []
+    subscription.on_ready(lambda: 1 / 0)
+    subscription.on_ready(lambda: told.append(1))
+    publisher.publish(String())
+    await until(lambda: told)
+    assert "the on_ready function of the subscription on /t" in caplog.text
+    for wrong in (None, 3):
+        with pytest.raises(TypeError, match="the on_ready function of the subscription on /t must be a function"):
+            subscription.on_ready(wrong)  # type: ignore[arg-type]
+    with pytest.raises(CallbackSignatureError):
+        subscription.on_ready(lambda message: None)  # type: ignore[misc,arg-type]
+    node.close()
+    with pytest.raises(ClosedError):
+        subscription.on_ready(print)

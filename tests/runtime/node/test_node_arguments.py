@@ -1,0 +1,92 @@
+"""Arguments of one node, beside those of the command line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from std_msgs.msg import String
+
+from rosidl_py_gen.runtime import LifecycleNode, Node, RosArgumentError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from worlds import World
+
+
+def test_its_own_rules_go_before_those_of_the_context(memory: World) -> None:
+    context = memory.context("--ros-args -r a:=global_a -r b:=global_b -r __ns:=/everybody -r __node:=renamed")
+    node = memory.node("n", context=context, cli_args=["--ros-args", "-r", "a:=own_a", "-r", "__node:=mine"])
+    assert node.fully_qualified_name == "/everybody/mine"
+    assert node.resolve_topic_name("a") == "/everybody/own_a"
+    assert node.resolve_topic_name("b") == "/everybody/global_b"
+    assert node.create_publisher(String, "a").topic == "/everybody/own_a"
+    assert memory.node("n", context=context).fully_qualified_name == "/everybody/renamed"
+
+
+def test_its_own_parameters_go_before_those_of_the_context_and_behind_those_of_the_constructor(
+    memory: World, tmp_path: Path
+) -> None:
+    file = tmp_path / "own.yaml"
+    file.write_text("n:\n  ros__parameters:\n    a: 10\n    b: 20\nother:\n  ros__parameters:\n    c: 30\n")
+    context = memory.context("--ros-args -p a:=1 -p b:=2 -p c:=3 -p d:=4")
+    arguments = ["--ros-args", "--params-file", str(file), "-p", "b:=21"]
+    node = memory.node("n", context=context, cli_args=arguments, overrides={"d": 40})
+    assert [node.declare_parameter(name, 0) for name in "abcd"] == [10, 21, 3, 40]
+    assert memory.node("n2", context=context).declare_parameter("a", 0) == 1
+
+
+def test_a_node_may_be_without_the_arguments_of_the_context(memory: World) -> None:
+    context = memory.context("--ros-args -r a:=global_a -r __node:=renamed -r __ns:=/ns -p a:=1")
+    node = memory.node("n", context=context, use_global_arguments=False, cli_args=("--ros-args", "-r", "b:=own"))
+    assert node.fully_qualified_name == "/n"
+    assert (node.resolve_topic_name("a"), node.resolve_topic_name("b")) == ("/a", "/own")
+    assert node.declare_parameter("a", 7) == 7
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--ros-args", "--log-level", "debug"], r"cli_args concern one node: .* Context\(args=\[\.\.\.\]\)"),
+        (["--ros-args", "--disable-rosout-logs"], "cli_args concern one node"),
+        (["--ros-args", "-e", "/enclave"], "cli_args concern one node"),
+        (["--ros-args", "--no-such-flag"], "unknown ROS arguments: '--no-such-flag'"),
+        (["--ros-args", "-r", "a"], "there is no ':='"),
+    ],
+)
+def test_wrong_ones_are_refused_and_nothing_is_left(memory: World, arguments: list[str], words: str) -> None:
+    context = memory.context()
+    with pytest.raises(RosArgumentError, match=words):
+        Node("n", context=context, cli_args=arguments)
+    with pytest.raises(TypeError, match="args must be a list of arguments"):
+        Node("n", context=context, cli_args="--ros-args")
+    assert memory.node("other", context=context).get_node_names() == ["/other"]
+
+
+def test_what_is_not_for_ros_has_no_effect_and_old_rules_are_warned_about(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    node = memory.node("n", cli_args=["program", "--fast", "a:=b"])
+    assert node.resolve_topic_name("a") == "/b"
+    assert "remap rule 'a:=b' outside of --ros-args is deprecated" in caplog.text
+
+
+def test_a_parameter_that_nobody_takes_is_named_for_its_own_node(
+    memory: World, caplog: pytest.LogCaptureFixture
+) -> None:
+    context = memory.context("--ros-args -p globl:=1")
+    node = memory.node("n", context=context, use_global_arguments=False, cli_args=["--ros-args", "-p", "owm:=2"])
+    other = memory.node("other", context=context)
+    node.declare_parameter("own", 0)
+    other.declare_parameter("global", 0)
+    node.close()
+    assert "-p owm:=2 gives the parameter owm = 2 to /n, which declares none of that name" in caplog.text
+    assert "globl" not in caplog.text
+    other.close()
+    assert "-p globl:=1 gives the parameter globl = 1 to /other" in caplog.text
+
+
+def test_a_lifecycle_node_has_them_too(memory: World) -> None:
+    with LifecycleNode("n", context=memory.context(), cli_args=["--ros-args", "-r", "__node:=m"]) as node:
+        assert node.name == "m"
