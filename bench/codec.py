@@ -4,8 +4,8 @@ Usage: ``python bench/codec.py [--seconds 0.15] [--markdown] [--generation] [--f
 
 Prints microseconds a message and the peers' times as multiples of ours. The peers are what is installed of rosbags,
 pycdr2 and mcap-ros2-support, or, with ``--flavour``, our classes of rclpy's flavour and our own with ``copy=True``,
-which has arrays that can be written to, as theirs; "copy" is ``bytes(payload)`` of the encoded message. Times of one machine say little;
-compare within a run.
+whose arrays can be written to as well; "copy" is ``bytes(payload)`` of the encoded message. Times of one machine say
+little; compare within a run.
 """
 
 from __future__ import annotations

@@ -114,7 +114,7 @@ def listed(value: Any) -> Any:
     """
     if isinstance(value, (list, tuple, str, bytes, bytearray, array, Mapping)) or not isinstance(value, Collection):
         return value
-    return value if isinstance(value, np.ndarray) and value.dtype.names else [*value]
+    return value if isinstance(value, np.ndarray) and value.dtype.names is not None else [*value]
 
 
 def to_array(value: Any, code: str) -> array[Any]:
