@@ -29,6 +29,9 @@ from rosidl_py_gen import messages as as_messages
 BY_TYPE = vectors_by_type()
 
 
+pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.ImportHookWarning")  # of classes other tests generate
+
+
 @pytest.fixture(scope="module", autouse=True)
 def flavour() -> Iterator[None]:
     with rclpy_flavour():

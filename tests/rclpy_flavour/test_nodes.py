@@ -24,6 +24,9 @@ FLAVOURS = pytest.mark.parametrize("here", ["native", "rclpy"])
 THERE = pytest.mark.parametrize("there", ["native", "rclpy"])
 
 
+pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.ImportHookWarning")  # of classes other tests generate
+
+
 @pytest.fixture(scope="module", autouse=True)
 def flavour() -> Iterator[None]:
     with rclpy_flavour():
