@@ -5,12 +5,14 @@ from __future__ import annotations
 import array
 from collections import deque
 from collections.abc import Iterator
+from random import Random
 from typing import Any
 
 import numpy as np
 import pytest
 from bundled import message, vectors, vectors_by_type
 from flavours import rclpy_class, rclpy_flavour
+from scale import examples
 
 from rosidl_py_gen import (
     DecodeError,
@@ -25,6 +27,14 @@ from rosidl_py_gen import (
     to_json,
 )
 from rosidl_py_gen import messages as as_messages
+from rosidl_py_gen.numpy import (
+    array_to_image,
+    array_to_occupancygrid,
+    array_to_pointcloud,
+    image_to_array,
+    occupancygrid_to_array,
+    pointcloud_to_array,
+)
 
 BY_TYPE = vectors_by_type()
 
@@ -66,6 +76,25 @@ def test_truncated_bytes_are_refused_at_the_place_where_ours_are(name: str) -> N
             with pytest.raises(DecodeError) as found:
                 decode(cls, vector.cdr[:cut])
             assert str(found.value) == str(wanted.value) and "cannot be decoded" not in str(found.value)
+
+
+def test_changed_bytes_mean_the_same_to_both() -> None:
+    random = Random(5)
+    for _ in range(examples(300)):
+        vector = random.choice(vectors())
+        data = bytearray(vector.cdr[: random.choice((len(vector.cdr), random.randrange(4, len(vector.cdr) + 1)))])
+        for _ in range(random.choice((1, 2, 4))):
+            at = random.randrange(4, len(data) + 1)
+            data[at : at + 1] = bytes([random.choice((0, 1, 127, 255))])
+        assert _told(rclpy_class(vector.type), data) == _told(message(vector.type), data)
+
+
+def _told(cls: Any, data: bytearray) -> Any:
+    try:
+        found = decode(cls, bytes(data))
+    except DecodeError as error:
+        return str(error)
+    return to_json(found), encode(found)
 
 
 def test_big_endian_bytes_are_read() -> None:
@@ -213,6 +242,18 @@ def test_a_message_of_the_other_flavour_may_be_inside() -> None:
             encode(wrong)
         with pytest.raises(EncodeError, match=r"LaserScan.header: expected std_msgs/msg/Header"):
             encode(scan(header=inner("std_msgs/msg/String")()))
+
+
+def test_conversions_of_numpy_take_and_give_them() -> None:
+    pixels = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+    image = array_to_image(pixels, "rgb8", cls=rclpy_class("sensor_msgs/msg/Image"))
+    assert type(image.data) is array.array
+    assert image_to_array(decode(type(image), encode(image))).tolist() == pixels.tolist()
+    points = np.arange(15, dtype=np.float32).reshape(5, 3)
+    cloud = array_to_pointcloud(points, cls=rclpy_class("sensor_msgs/msg/PointCloud2"))
+    assert pointcloud_to_array(decode(type(cloud), encode(cloud)))["y"].tolist() == points[:, 1].tolist()
+    grid = array_to_occupancygrid(np.ones((2, 3), np.int8), 0.5, cls=rclpy_class("nav_msgs/msg/OccupancyGrid"))
+    assert occupancygrid_to_array(decode(type(grid), encode(grid))).tolist() == [[1] * 3] * 2
 
 
 def test_structured_arrays_stand_for_messages_here_too() -> None:
