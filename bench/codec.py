@@ -1,10 +1,11 @@
 """Compare encode and decode with other Python CDR libraries, in one process, interleaved.
 
-Usage: ``python bench/codec.py [--seconds 0.15] [--markdown] [--generation]``
+Usage: ``python bench/codec.py [--seconds 0.15] [--markdown] [--generation] [--flavour]``
 
 Prints microseconds a message and the peers' times as multiples of ours. The peers are what is installed of rosbags,
-pycdr2 and mcap-ros2-support; "copy" is ``bytes(payload)`` of the encoded message. Times of one machine say little;
-compare within a run.
+pycdr2 and mcap-ros2-support, or, with ``--flavour``, our classes of rclpy's flavour and our own with ``copy=True``,
+whose arrays can be written to as well; "copy" is ``bytes(payload)`` of the encoded message. Times of one machine say
+little; compare within a run.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from peers import Peer, available_peers
 
+from rosidl_py_gen import install_import_hook, type_name
 from rosidl_py_gen.compiler.generate import generate
 from rosidl_py_gen.compiler.spec.find import search_path
 
@@ -181,6 +183,27 @@ def rows(peers: list[Peer], seconds: float) -> list[Row]:
     return table
 
 
+def flavours(folder: str) -> list[Peer]:
+    """Our classes of rclpy's flavour, and our own where they copy. Those in the folder are loaded by then."""
+
+    def pair(message: Any, payload: bytes) -> tuple[Callable[[], Any], Callable[[], Any]]:
+        if folder in sys.path:
+            sys.path.remove(folder)
+            for module in [name for name in sys.modules if name.split(".")[0].endswith(("_msgs", "_interfaces"))]:
+                del sys.modules[module]
+            install_import_hook(flavour="rclpy")
+        package, kind, name = type_name(message).split("/")
+        cls = getattr(importlib.import_module(f"{package}.{kind}"), name)
+        same = cls.decode(payload)
+        assert same.encode() == payload
+        return same.encode, partial(cls.decode, payload)
+
+    return [
+        Peer("rclpy flavour", pair),
+        Peer("copy=True", lambda message, payload: (message.encode, partial(type(message).decode, payload, copy=True))),
+    ]
+
+
 def geometric_mean(values: list[float]) -> float:
     return math.exp(sum(map(math.log, values)) / len(values))
 
@@ -236,6 +259,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=0.15, help="time spent on each cell")
     parser.add_argument("--markdown", action="store_true", help="print the table as Markdown")
     parser.add_argument("--generation", action="store_true", help="measure the compiler and imports instead")
+    parser.add_argument("--flavour", action="store_true", help="compare with rclpy's flavour instead")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -245,7 +269,7 @@ def main() -> None:
         generate(search_path(), PACKAGES, folder)
         sys.path.insert(0, name)
         start = time.perf_counter()
-        peers = available_peers()
+        peers = flavours(name) if arguments.flavour else available_peers()
         table = rows(peers, arguments.seconds)
         print(f"CPython {sys.version.split()[0]}, numpy {np.__version__}, {time.perf_counter() - start:.0f} s")
         show(table, [peer.name for peer in peers], arguments.markdown)

@@ -30,7 +30,8 @@ def importable(name: RosName, *roots: str) -> type | None:
         roots: import prefixes, tried in turn; nothing means what users generated, then `rosidl_py_gen.msgs`.
     """
     for root in roots or ("", "rosidl_py_gen.msgs."):
-        if not _is_ours(root + name.package):
+        # The import hook can put modules of its own into a package, and only those of this tool's files are meant here.
+        if not (_is_ours(root + name.package) and _is_ours(f"{root}{name.package}.{name.kind}")):
             continue
         try:
             package = import_module(f"{root}{name.package}.{name.kind}")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from rosidl_py_gen.cdr.arrays import UnfitValueError, shorten
-from rosidl_py_gen.cdr.message import Message, require_message
+from rosidl_py_gen.cdr.message import Message, is_of_type, require_message
 from rosidl_py_gen.cdr.record_layout import varying_field
 from rosidl_py_gen.cdr.records import RecordType, record_type
 from rosidl_py_gen.errors import EncodeError
@@ -95,7 +95,7 @@ def records(values: Sequence[Message] | Records, cls: type[Message] | None = Non
         cls = type(values[0])
     known = _record_type(cls)
     for index, value in enumerate(values):
-        if not isinstance(value, cls):
+        if not is_of_type(value, cls):
             raise EncodeError(f"{cls._TYPE.name}[{index}]", f"expected {cls._TYPE.name}, found {shorten(value)}")
     return known.from_messages(values)
 

@@ -35,13 +35,13 @@ def to_dict(message: Message) -> dict[str, Any]:
     """
     try:
         return _plain_message(message)
-    except (AttributeError, TypeError):
+    except (AttributeError, TypeError, UnfitValueError):
         validate(message)
         raise
 
 
 def _plain_message(message: Message) -> dict[str, Any]:
-    return {field.ros_name: _plain(getattr(message, field.py_name), field) for field in message._TYPE.fields}
+    return {field.ros_name: _plain(message._native(field), field) for field in message._TYPE.fields}
 
 
 def _plain(value: Any, field: Field) -> Any:
@@ -123,7 +123,7 @@ def _build(cls: type[M], values: Any, path: str) -> M:
         if field is None:
             hint = did_you_mean(str(key), fields)
             raise EncodeError(path, f'unknown field "{shorten(key)[1:-1] if isinstance(key, str) else key}"{hint}')
-        setattr(message, field.py_name, _value(value, field, f"{path}.{key}"))
+        message._assign(field, _value(value, field, f"{path}.{key}"))
     return message
 
 

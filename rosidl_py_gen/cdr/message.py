@@ -136,6 +136,14 @@ class Message:
     def _decode(cls, data: Readable, copy: bool = False, arrays: bool = False) -> Self:
         raise TypeError(f"{cls.__name__} is not a generated message class")
 
+    def _native(self, field: Field) -> Any:
+        """The value of a field, for code that walks messages: numbers, strings, messages, lists and arrays of these."""
+        return getattr(self, field.py_name)
+
+    def _assign(self, field: Field, value: Any) -> None:
+        """Set a field to what `_native` gives."""
+        setattr(self, field.py_name, value)
+
     def __eq__(self, other: object) -> bool:
         if self.__class__ is not other.__class__:
             return NotImplemented
@@ -233,6 +241,14 @@ def require_message(subject: object) -> None:
     cls = subject if isinstance(subject, type) else type(subject)
     if not issubclass(cls, Message) or not hasattr(cls, "_TYPE"):
         raise TypeNotFoundError(f"expected a generated message, found {subject!r:.100}")
+
+
+def is_of_type(value: object, cls: type[Message]) -> bool:
+    """Whether it is a message of a class, or of another class for the same type, such as one of rclpy's flavour."""
+    if isinstance(value, cls):
+        return True
+    info = type(value)._TYPE if isinstance(value, Message) else None
+    return info is not None and (info.name, info.hash) == (cls._TYPE.name, cls._TYPE.hash)
 
 
 class ServiceInfo:

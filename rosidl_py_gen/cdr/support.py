@@ -26,6 +26,7 @@ from rosidl_py_gen.cdr.arrays import (
 )
 from rosidl_py_gen.cdr.records import read_records as read_records
 from rosidl_py_gen.cdr.records import write_records as write_records
+from rosidl_py_gen.errors import EncodeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -48,8 +49,8 @@ if TYPE_CHECKING:
     Records = NDArray[np.void]  # what they take where the attribute is a list of messages of fixed size
     Append = Callable[[bytes], object]
     Readable = bytes | bytearray | memoryview | NDArray[Any]
-    T = TypeVar("T")
 
+T = TypeVar("T")
 # What the fast path may fail with: anything, as a caller's own objects may raise what they like from __index__.
 Fault = Exception
 
@@ -193,10 +194,22 @@ def _flat(data: object) -> memoryview:
         raise TypeError(f"expected contiguous bytes to decode, found {shorten(data)}") from error
 
 
-def expect(value: object, cls: type) -> None:
-    """Accept an instance of a subclass; anything else is a wrong value that the slow path will name."""
-    if not isinstance(value, cls):
+def expect(value: object, cls: type[T]) -> T:
+    """Accept an instance of a subclass, and convert one of another class for the same type.
+
+    Anything else is a wrong value that the slow path will name.
+    """
+    if isinstance(value, cls):
+        return value
+    wanted: Any = cls
+    info = getattr(type(value), "_TYPE", None)
+    if info is None or (info.name, info.hash) != (wanted._TYPE.name, wanted._TYPE.hash):
         raise UnfitValueError(f"expected {cls.__name__}, found {shorten(value)}")
+    other: Any = value
+    try:
+        return wanted._decode(other._encode())  # type: ignore[no-any-return]
+    except EncodeError as error:  # without the names of what is around it
+        raise UnfitValueError(error.reason) from error
 
 
 def expect_list(value: object) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.cdr.arrays import DTYPES, EMPTY, UnfitValueError, coerce, scalar_problem, shorten, view_of_bools
-from rosidl_py_gen.cdr.message import Field, Message, require_message
+from rosidl_py_gen.cdr.message import Field, Message, is_of_type, require_message
 from rosidl_py_gen.cdr.record_layout import varying_field
 from rosidl_py_gen.cdr.records import record_type
 from rosidl_py_gen.cdr.support import readable
@@ -44,9 +44,11 @@ def validate(message: Message) -> None:
 def _check_message(message: Message, path: str) -> None:
     for field in message._TYPE.fields:
         try:
-            value = getattr(message, field.py_name)
+            value = message._native(field)
         except AttributeError:
             raise EncodeError(f"{path}.{field.ros_name}", "the field is not set") from None
+        except UnfitValueError as problem:
+            raise EncodeError(f"{path}.{field.ros_name}{_index(problem.index)}", problem.reason) from None
         _check_field(value, field, f"{path}.{field.ros_name}")
 
 
@@ -86,7 +88,7 @@ def _index(index: int | None) -> str:
 def _check_element(value: Any, field: Field, path: str) -> None:
     kind = field.type
     if field.cls is not None:
-        if not isinstance(value, field.cls):
+        if not is_of_type(value, field.cls):
             raise EncodeError(path, f"expected {field.cls._TYPE.name}, found {shorten(value)}")
         _check_message(value, path)
     elif kind.is_string:
@@ -134,7 +136,7 @@ def _contiguous(message: M, strided: list[str]) -> M:
     """A copy that shares all but strided arrays; `strided` receives the names of their fields."""
     clone = object.__new__(type(message))
     for field in message._TYPE.fields:
-        value = getattr(message, field.py_name)
+        value = message._native(field)
         if field.cls is not None and isinstance(value, np.ndarray):
             pass
         elif isinstance(value, np.ndarray) and not value.flags.c_contiguous:
@@ -143,7 +145,7 @@ def _contiguous(message: M, strided: list[str]) -> M:
         elif field.cls is not None:
             scalar = field.type.arity is Arity.SCALAR
             value = _contiguous(value, strided) if scalar else [_contiguous(item, strided) for item in value]
-        setattr(clone, field.py_name, value)
+        clone._assign(field, value)
     return clone
 
 
@@ -224,7 +226,7 @@ class _Reader:
         if not cls._TYPE.fields:
             self.take(1, 1, path, "an empty message")
         for field in cls._TYPE.fields:
-            setattr(result, field.py_name, self.field(field, f"{path}.{field.ros_name}"))
+            result._assign(field, self.field(field, f"{path}.{field.ros_name}"))
         return result
 
     def field(self, field: Field, path: str) -> Any:

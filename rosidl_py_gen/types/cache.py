@@ -23,15 +23,21 @@ MAX_BYTES = 1 << 20
 _SUFFIX = ".cdr"
 
 
-def cache_folder() -> Path | None:
-    """Where the descriptions are; None when none are to be kept."""
+def cache_home() -> Path | None:
+    """The folder of all that is kept; None when nothing is to be kept."""
     chosen = os.environ.get(VARIABLE, "")
     if chosen:
         return None if chosen == "off" else Path(chosen)
     try:
-        return _platform_folder() / "rosidl-py-gen" / "types"
+        return _platform_folder() / "rosidl-py-gen"
     except RuntimeError:  # there is no home
         return None
+
+
+def cache_folder() -> Path | None:
+    """Where the descriptions are: the folder that was chosen, else one in ours; None when none are to be kept."""
+    home = cache_home()
+    return home if home is None or os.environ.get(VARIABLE) else home / "types"
 
 
 def _platform_folder() -> Path:
@@ -82,7 +88,7 @@ def keep_description(type_hash: str, data: bytes) -> None:
 
     with suppress(OSError, ValueError):
         folder.mkdir(parents=True, exist_ok=True)
-        _make_room(folder)
+        make_room(folder, _SUFFIX, MAX_FILES)
         handle, name = tempfile.mkstemp(dir=folder, prefix="new-")
         try:
             with os.fdopen(handle, "wb") as file:
@@ -93,8 +99,9 @@ def keep_description(type_hash: str, data: bytes) -> None:
             raise
 
 
-def _make_room(folder: Path) -> None:
+def make_room(folder: Path, suffix: str, most: int) -> None:
+    """Remove the oldest files of a kind, so that one more is not too many."""
     with os.scandir(folder) as entries:
-        aged = sorted((entry.stat().st_mtime_ns, entry.path) for entry in entries if entry.name.endswith(_SUFFIX))
-    for _, path in aged[: max(0, len(aged) - MAX_FILES + 1)]:
+        aged = sorted((entry.stat().st_mtime_ns, entry.path) for entry in entries if entry.name.endswith(suffix))
+    for _, path in aged[: max(0, len(aged) - most + 1)]:
         os.unlink(path)

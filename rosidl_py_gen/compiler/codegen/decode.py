@@ -32,7 +32,6 @@ from rosidl_py_gen.compiler.codegen.plan import (
     assert_never,
 )
 from rosidl_py_gen.compiler.codegen.statements import (
-    NUMPY_DTYPE,
     Align,
     Assign,
     CheckHeader,
@@ -55,9 +54,8 @@ from rosidl_py_gen.compiler.codegen.statements import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.naming import Imports
+    from rosidl_py_gen.compiler.codegen.flavour import Flavour
 
-_SUPPORT = "rosidl_py_gen.cdr.support"
 _HEADER_BYTES = 4
 
 
@@ -80,12 +78,12 @@ class DecoderView(NamedTuple):
     records: bool
 
 
-def decoder_view(plan: Plan, imports: Imports, structs: Structs, classes: dict[str, str]) -> DecoderView:
+def decoder_view(plan: Plan, flavour: Flavour, structs: Structs, classes: dict[str, str]) -> DecoderView:
     """The decoder of one message; for a heavy one the body of `_read`."""
     first = next(step for step in plan.steps if not isinstance(step, Enter))
     with_header = not plan.heavy and isinstance(first, Run)
     bulk = not plan.heavy and any(isinstance(step, Numbers) for step in plan.steps)
-    reader = _Reader(imports, structs, classes, header=with_header, bulk=bulk, records=plan.records)
+    reader = _Reader(flavour, structs, classes, header=with_header, bulk=bulk, records=plan.records)
     reader.objects[0] = "message"
     body = reader.scope(plan.steps, keep_pos=plan.heavy)
     return DecoderView(tuple(body), reader.uses_view or plan.heavy, with_header, bulk, plan.records)
@@ -93,7 +91,7 @@ def decoder_view(plan: Plan, imports: Imports, structs: Structs, classes: dict[s
 
 @dataclass(slots=True)
 class _Reader:
-    imports: Imports
+    flavour: Flavour
     structs: Structs
     classes: dict[str, str]
     header: bool = False  # the next run begins with the encapsulation header
@@ -106,10 +104,10 @@ class _Reader:
     names: Locals = field(default_factory=Locals)
 
     def support(self, name: str) -> str:
-        return self.imports.use(_SUPPORT, name, in_class=False)
+        return self.flavour.support(name)
 
     def attribute(self, ref: Ref) -> str:
-        return f"{self.objects[ref.owner]}.{ref.name}"
+        return f"{self.objects[ref.owner]}.{self.flavour.attribute(ref.name)}"
 
     def at(self, start: Start) -> str:
         """Where a step begins, as an expression."""
@@ -204,7 +202,7 @@ class _Reader:
                     name = self.counts[ref] = self.names.name(f"{ref.name}_count")
                     targets.append(name)
                 case Block(ref, code, count, offset):
-                    blocks.append(Assign(self.attribute(ref), self.view(code, str(count), plus(at, offset))))
+                    blocks.append(Assign(self.attribute(ref), self.view(code, str(count), plus(at, offset), True)))
                 case Dummy():
                     pass
                 case _:
@@ -223,11 +221,9 @@ class _Reader:
         if needed and at == "pos":
             out.append(Move("+=", str(run.size)))
 
-    def view(self, code: str, count: str, at: str) -> str:
+    def view(self, code: str, count: str, at: str, is_array: bool) -> str:
         self.uses_view = True
-        if code == "?":
-            return f"{self.support('view_of_bools')}(view, {count}, {at})"
-        return f"{self.support('frombuffer')}(view, {self.support(NUMPY_DTYPE[code])}, {count}, {at})"
+        return self.flavour.numbers(code, count, at, is_array=is_array)
 
     def count(self, ref: Ref, kind: FieldType, out: list[Statement]) -> str:
         """The number of elements; a bounded sequence's is checked here."""
@@ -252,7 +248,7 @@ class _Reader:
     def numbers(self, step: Numbers, needed: bool, out: list[Statement]) -> None:
         count = self.count(step.ref, step.type, out)
         at = self.padded(step, count, out)
-        out.append(Assign(self.attribute(step.ref), self.view(step.code, count, at)))
+        out.append(Assign(self.attribute(step.ref), self.view(step.code, count, at, step.type.arity is Arity.ARRAY)))
         if needed and not _ends_known(step):
             size = f"{step.item_size} * {count}" if step.item_size > 1 else count
             if count.isdigit():
@@ -341,7 +337,7 @@ class _Reader:
                 targets.append(local)
                 body.append(Assign(self.attribute(item.ref), local))
         for block in blocks:
-            view = self.view(block.code, str(block.length), plus("pos", block.offset))
+            view = self.view(block.code, str(block.length), plus("pos", block.offset), True)
             body.append(Assign(self.attribute(block.ref), view))
         if blocks:
             body.append(Move("+=", str(step.stride)))

@@ -32,7 +32,6 @@ from rosidl_py_gen.compiler.codegen.plan import (
     assert_never,
 )
 from rosidl_py_gen.compiler.codegen.statements import (
-    NUMPY_FIXED,
     Align,
     Assign,
     Either,
@@ -55,9 +54,8 @@ from rosidl_py_gen.compiler.codegen.statements import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rosidl_py_gen.compiler.codegen.naming import Imports
+    from rosidl_py_gen.compiler.codegen.flavour import Flavour
 
-_SUPPORT = "rosidl_py_gen.cdr.support"
 _HEADER_CODE = "Hxx"
 _HEADER_VALUE = "256"  # the bytes 00 01: plain CDR, little endian
 
@@ -74,10 +72,10 @@ class EncoderView(NamedTuple):
     result: str
 
 
-def encoder_view(plan: Plan, imports: Imports, structs: Structs, classes: dict[str, str]) -> EncoderView:
+def encoder_view(plan: Plan, flavour: Flavour, structs: Structs, classes: dict[str, str]) -> EncoderView:
     """The encoder of one message; for a heavy one the body of `_write`."""
     collect = plan.heavy or any(isinstance(step, (Loop, Call)) for step in plan.steps)
-    writer = _Writer(imports, structs, classes, collect, header=not plan.heavy)
+    writer = _Writer(flavour, structs, classes, collect, header=not plan.heavy)
     writer.objects[0] = "self"
     first = next(step for step in plan.steps if not isinstance(step, Enter))
     body: list[Statement] = []
@@ -112,7 +110,7 @@ Contents = dict[Ref, Text | Numbers | Strings | Loop]
 
 @dataclass(slots=True)
 class _Writer:
-    imports: Imports
+    flavour: Flavour
     structs: Structs
     classes: dict[str, str]
     collect: bool
@@ -125,10 +123,10 @@ class _Writer:
     names: Locals = field(default_factory=Locals)
 
     def support(self, name: str) -> str:
-        return self.imports.use(_SUPPORT, name, in_class=False)
+        return self.flavour.support(name)
 
     def attribute(self, ref: Ref) -> str:
-        return f"{self.objects[ref.owner]}.{ref.name}"
+        return f"{self.objects[ref.owner]}.{self.flavour.attribute(ref.name)}"
 
     def scope(self, steps: Sequence[Step], keep_pos: bool) -> list[Statement]:
         """The statements of some steps; `keep_pos`: `pos` must be right behind the last one."""
@@ -228,7 +226,7 @@ class _Writer:
                 case Scalar(ref, _, _):
                     arguments.append(self.attribute(ref))
                 case Block(ref, kind, count, _):
-                    arguments.append(f"{self.support(NUMPY_FIXED[kind])}({self.attribute(ref)}, {count})")
+                    arguments.append(f"{self.flavour.fixed(kind)}({self.attribute(ref)}, {count})")
                 case Count(ref, _):
                     arguments.append(self.prepare(contents[ref], out))
                 case Dummy():
@@ -260,15 +258,16 @@ class _Writer:
             out.append(Assign(name, f"{self.support('utf16' if wide else 'utf8')}({source})"))
             return f"len({name}) >> 2" if wide else f"len({name}) + 1"
         if isinstance(step, Numbers):
-            out.append(Assign(name, f"{self.support(NUMPY_FIXED[step.code].removeprefix('fixed_'))}({source})"))
+            function = self.flavour.sequence(step.code, is_array=kind.arity is Arity.ARRAY)
+            out.append(Assign(name, f"{function}({source})"))
         elif isinstance(step, Loop) and step.fixed:
             self.support("list_or_records")
-            out.append(LoadRecords(name, source))
+            out.append(LoadRecords(name, self.flavour.listed(source)))
         elif isinstance(step, Loop):
             self.support("expect_list")
-            out.append(LoadList(name, source))
+            out.append(LoadList(name, self.flavour.listed(source)))
         else:
-            out.append(Assign(name, source))
+            out.append(Assign(name, self.flavour.listed(source)))
         if kind.arity is Arity.BOUNDED:
             self.support("limit")
             out.append(Limit(f"len({name})", kind.capacity))

@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from rosidl_py_gen.base.fieldtype import PRIMITIVES
 from rosidl_py_gen.compiler.codegen.plan import Item, Start
 
 MAX_ALIGN = 8  # docs/internals/protocol.md 2.2
+CODES = {base: primitive.code for base, primitive in PRIMITIVES.items()}
+RCLPY_CODES = {**CODES, "byte": "c"}
+"""Struct codes by primitive, and those of rclpy's flavour, in which a byte is bytes of length 1."""
 
 
 def up(position: int, align: int) -> int:

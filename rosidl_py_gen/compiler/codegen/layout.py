@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.base.fieldtype import Arity, FieldType
 from rosidl_py_gen.base.names import py_name
-from rosidl_py_gen.compiler.codegen.growing import MAX_ALIGN, OpenRun, repeat, struct_code, up
+from rosidl_py_gen.compiler.codegen.growing import CODES, MAX_ALIGN, RCLPY_CODES, OpenRun, repeat, struct_code, up
 from rosidl_py_gen.compiler.codegen.plan import (
     Block,
     Call,
@@ -47,10 +47,10 @@ BLOCK_BYTES = 1024
 
 
 class Layouts:
-    """Plans by message name, each made once."""
+    """Plans by message name, each made once; `rclpy`: for classes in which `byte` is bytes of length 1."""
 
-    def __init__(self, lookup: Callable[[str], MessageDef | None]) -> None:
-        self._lookup = lookup
+    def __init__(self, lookup: Callable[[str], MessageDef | None], *, rclpy: bool = False) -> None:
+        self._lookup, self.rclpy, self.codes = lookup, rclpy, RCLPY_CODES if rclpy else CODES
         self._plans: dict[str, Plan] = {}
         self._sizes: dict[tuple[str, int], int | None] = {}
         self._weights: dict[str, int] = {}
@@ -259,7 +259,7 @@ class _Builder:
         if kind.arity is not Arity.SCALAR:
             self._many(ref, kind)
         elif kind.primitive is not None:
-            size, code = kind.primitive.size, kind.primitive.code
+            size, code = kind.primitive.size, self.layouts.codes[kind.base]
             self._items(Scalar(ref, code, self._reserve(size, size, code, 1)))
         elif kind.is_string:
             self._count(ref)
@@ -291,14 +291,14 @@ class _Builder:
         if primitive is not None and fixed and primitive.size * kind.capacity <= BLOCK_BYTES:
             size = primitive.size * kind.capacity
             offset = self._reserve(primitive.size, size, "s", size, "x")
-            self._items(Block(ref, primitive.code, kind.capacity, offset))
+            self._items(Block(ref, self.layouts.codes[kind.base], kind.capacity, offset))
             return
         if fixed:
             self.close()
         else:
             self._count(ref)
         if primitive is not None:
-            self._numbers(ref, kind, primitive.code, primitive.size)
+            self._numbers(ref, kind, self.layouts.codes[kind.base], primitive.size)
         elif kind.is_string:
             pad, align = self._before(4)
             self.steps.append(Strings(ref, kind, pad, align, self.now))

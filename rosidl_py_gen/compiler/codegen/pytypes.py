@@ -61,11 +61,32 @@ def field_view(item: FieldDef, imports: Imports, classes: dict[str, str], is_fix
     return FieldView(name, annotation, accepted, _default(item, imports, classes), _doc(item), ignore)
 
 
-def constant_view(item: ConstantDef, imports: Imports) -> ConstantView:
+def constant_view(item: ConstantDef, imports: Imports, rclpy: bool = False) -> ConstantView:
+    """`rclpy`: a byte is bytes of length 1."""
     primitive = item.type.primitive
-    python = imports.builtin(primitive.python if primitive else "str")
+    is_bytes = rclpy and item.type.base == "byte"
+    python = imports.builtin("bytes" if is_bytes else primitive.python if primitive else "str")
     annotation = f"{imports.use('typing', 'ClassVar')}[{python}]"
-    return ConstantView(py_name(item.name), annotation, py_literal(item.value), _doc(item))
+    value = _byte(item.value) if is_bytes else py_literal(item.value)
+    return ConstantView(py_name(item.name), annotation, value, _doc(item))
+
+
+def _byte(value: object) -> str:
+    assert isinstance(value, int)
+    return repr(bytes([value]))
+
+
+def rclpy_defaults(fields: tuple[FieldDef, ...]) -> str:
+    """What definitions say that fields begin with: items of a dictionary by ROS name, lists for arrays."""
+    items = []
+    for item in fields:
+        if item.default is not None:
+            spell = _byte if item.type.base == "byte" else py_literal
+            is_many = isinstance(item.default, tuple)
+            values = item.default if isinstance(item.default, tuple) else (item.default,)
+            spelled = ", ".join(spell(value) for value in values)
+            items.append(f'"{item.name}": {f"[{spelled}]" if is_many else spelled}')
+    return ", ".join(items)
 
 
 def _doc(item: FieldDef | ConstantDef) -> tuple[str, ...]:

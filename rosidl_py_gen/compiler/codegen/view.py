@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rosidl_py_gen.base.names import RosName, py_name, snake_case
 from rosidl_py_gen.compiler.codegen.decode import DecoderView, decoder_view
 from rosidl_py_gen.compiler.codegen.encode import EncoderView, encoder_view
+from rosidl_py_gen.compiler.codegen.flavour import Flavour, RclpyFlavour
 from rosidl_py_gen.compiler.codegen.literals import py_string, visible
 from rosidl_py_gen.compiler.codegen.naming import Imports, sort_key
 from rosidl_py_gen.compiler.codegen.pytypes import (
@@ -17,6 +18,7 @@ from rosidl_py_gen.compiler.codegen.pytypes import (
     constant_view,
     defaults_text,
     field_view,
+    rclpy_defaults,
 )
 from rosidl_py_gen.compiler.codegen.statements import Structs
 from rosidl_py_gen.compiler.spec.model import ActionDef, Interface, MessageDef, ServiceDef, messages_of
@@ -25,6 +27,11 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.codegen.layout import Layouts
 
 _CDR = "rosidl_py_gen.cdr"
+_RCLPY = "rosidl_py_gen.cdr.rclpy.message"
+_OF_ALL_ACTIONS = (
+    ("CancelGoalService", "action_msgs/srv/CancelGoal"),
+    ("GoalStatusMessage", "action_msgs/msg/GoalStatusArray"),
+)
 _WIDE = 1000
 """Fields of a message whose constructor is not the one of dataclasses, which takes time by the square of them."""
 
@@ -59,7 +66,7 @@ def module_name(interface: str) -> str:
 
 
 class MessageView(NamedTuple):
-    """One message class."""
+    """One message class; `slots` and `defaults` are those of rclpy's flavour."""
 
     cls: str
     ros_name: str
@@ -73,10 +80,12 @@ class MessageView(NamedTuple):
     heavy: bool
     wide: bool
     name: dict[str, str]
+    slots: tuple[str, ...] | None = None
+    defaults: str = ""
 
 
 class GroupView(NamedTuple):
-    """A service or action class: no instances, only its parts as attributes."""
+    """A service or action class: no instances, only its parts as attributes; `impl`: of `Impl`, in rclpy's flavour."""
 
     cls: str
     base: str
@@ -86,6 +95,7 @@ class GroupView(NamedTuple):
     doc: tuple[str, ...]
     parts: tuple[tuple[str, str], ...]
     name: dict[str, str]
+    impl: tuple[tuple[str, str], ...] | None = None
 
 
 class ModuleView(NamedTuple):
@@ -141,6 +151,8 @@ def module_view(interface: Interface, layouts: Layouts, target: Target) -> Modul
             classes[base] = imports.use(target.module(base), py_name(base.split("/")[2]))
     views = tuple(_message(message, layouts, target, imports, structs, classes) for message in messages)
     groups = tuple(_groups(interface, imports, target))
+    if layouts.rclpy:
+        groups = tuple(_rclpy_group(group, imports, target) for group in groups)
     functions = _struct_functions(structs, imports)
     return ModuleView(
         str(interface.name),
@@ -177,14 +189,18 @@ def _message(
 ) -> MessageView:
     full_name = str(message.name)
     plan = layouts.plan(full_name)
-    name = _class_scope_names(imports, plan.heavy)
-    fields = tuple(field_view(item, imports, classes, layouts.is_fixed) for item in message.fields)
-    constants = tuple(constant_view(item, imports) for item in message.constants)
+    name = _class_scope_names(imports, plan.heavy, layouts.rclpy)
+    fields: tuple[FieldView, ...] = ()
+    if not layouts.rclpy:
+        fields = tuple(field_view(item, imports, classes, layouts.is_fixed) for item in message.fields)
+    constants = tuple(constant_view(item, imports, layouts.rclpy) for item in message.constants)
     is_wide = len(fields) > _WIDE
     if is_wide:
         imports.use(SUPPORT, "fill", in_class=False)
-    encoder = encoder_view(plan, imports, structs, classes)
-    decoder = decoder_view(plan, imports, structs, classes)
+    flavour = (RclpyFlavour if layouts.rclpy else Flavour)(imports)
+    encoder = encoder_view(plan, flavour, structs, classes)
+    decoder = decoder_view(plan, flavour, structs, classes)
+    slots = tuple(flavour.attribute(py_name(item.name)) for item in message.fields)
     imports.use(SUPPORT, "viewable" if decoder.bulk else "readable", in_class=False)
     imports.use(SUPPORT, "new", in_class=False)
     return MessageView(
@@ -200,6 +216,8 @@ def _message(
         plan.heavy,
         is_wide,
         name,
+        slots if layouts.rclpy else None,
+        rclpy_defaults(message.fields) if layouts.rclpy else "",
     )
 
 
@@ -226,7 +244,7 @@ def _table_row(name: str, kind: str, cls: str | None) -> str:
     return f'("{name}", "{array}", {cls})' if array else f'("{name}", {cls})'
 
 
-def _class_scope_names(imports: Imports, heavy: bool) -> dict[str, str]:
+def _class_scope_names(imports: Imports, heavy: bool, rclpy: bool) -> dict[str, str]:
     """What the template itself mentions inside a class, as it is called there."""
     builtins = ("bool", "bytes", "classmethod") + (("int", "memoryview", "tuple") if heavy else ())
     names = {word: imports.builtin(word) for word in builtins}
@@ -234,10 +252,13 @@ def _class_scope_names(imports: Imports, heavy: bool) -> dict[str, str]:
         names["bytearray"] = imports.builtin("bytearray")
         names["Append"] = imports.use(SUPPORT, "Append", for_typing=True)
     names["Fault"] = imports.use(SUPPORT, "Fault", in_class=False)
-    names |= {word: imports.use(_CDR, word) for word in ("Message", "TypeInfo")}
+    names["TypeInfo"] = imports.use(_CDR, "TypeInfo")
+    if rclpy:
+        names["Message"], names["metaclass"] = imports.use(_RCLPY, "RclpyMessage"), imports.use(_RCLPY, "metaclass")
+    else:
+        names["Message"], names["dataclass"] = imports.use(_CDR, "Message"), imports.use("dataclasses", "dataclass")
     for word in ("recover_decode", "recover_encode"):
         imports.use(_CDR, word, in_class=False)
-    names["dataclass"] = imports.use("dataclasses", "dataclass")
     names["ClassVar"] = imports.use("typing", "ClassVar")
     names["TYPE_CHECKING"] = imports.use("typing", "TYPE_CHECKING")
     names["Self"] = imports.use(SUPPORT, "Self", for_typing=True)
@@ -300,6 +321,20 @@ def _action(action: ActionDef, imports: Imports, target: Target) -> GroupView:
     return _group(
         action.name, "Action", 3, parts, visible(action.goal.comment) or (f"{action.name}.",), imports, target
     )
+
+
+def _rclpy_group(group: GroupView, imports: Imports, target: Target) -> GroupView:
+    """The same group in rclpy's flavour."""
+    names = {**group.name, "metaclass": imports.use(_RCLPY, "metaclass")}
+    parts = dict(group.parts)
+    impl: list[tuple[str, str]] = []
+    if "Goal" in parts:
+        impl = [("SendGoalService", parts["SendGoal"]), ("GetResultService", parts["GetResult"])]
+        impl.append(("FeedbackMessage", parts["FeedbackMessage"]))
+        for part, full_name in _OF_ALL_ACTIONS:
+            impl.append((part, imports.use(target.module(full_name), full_name.split("/")[2])))
+    base = imports.use(_RCLPY, "RclpyAction" if impl else "RclpyService")
+    return group._replace(base=base, name=names, impl=tuple(impl))
 
 
 class KindView(NamedTuple):

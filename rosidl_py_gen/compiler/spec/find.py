@@ -142,6 +142,29 @@ def search_path(
     return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
 
 
+def workspace_around(file: Path) -> tuple[Path, Path] | None:
+    """The package that a file belongs to, and the workspace around that: the folder ``src`` above, else the package.
+
+    Args:
+        file: a script, or a folder.
+
+    Returns:
+        The folders; None when no folder from there upwards has a package.xml.
+    """
+    above = [file, *file.parents] if file.is_dir() else [*file.parents]
+    package = next((folder for folder in above if os.path.isfile(folder / "package.xml")), None)
+    if package is None:
+        return None
+    return package, next((folder for folder in package.parents if folder.name == "src"), package)
+
+
+def holds_packages(folder: Path) -> bool:
+    """Whether there is a package with interfaces in a folder; errors as of `search_path`."""
+    found: list[Package] = []
+    _descend(folder, str(folder), found, {}, set(), 0)
+    return bool(found)
+
+
 def _installed() -> Iterator[Package]:
     """Packages whose wheels say where they are; nothing of them is imported."""
     for one in sorted({(entry.name, entry.value) for entry in entry_points(group=ENTRY_POINTS)}):

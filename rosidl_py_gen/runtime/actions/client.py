@@ -36,7 +36,7 @@ from rosidl_py_gen.runtime.actions.client_goal import (
 from rosidl_py_gen.runtime.actions.results import ResultClient
 from rosidl_py_gen.runtime.actions.states import ZERO_ID, ActionError, CancelCode, GoalStatus, UnknownGoalError
 from rosidl_py_gen.runtime.actions.status import find_status
-from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of
+from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
 from rosidl_py_gen.runtime.endpoints.client import Client
 from rosidl_py_gen.runtime.endpoints.matching import Matching
 from rosidl_py_gen.runtime.endpoints.scope import Composite, shown
@@ -168,7 +168,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
         goal_id = uuid.uuid4().bytes if goal_id is None else require_goal_id(goal_id)
         if goal_id in self._goals:
             raise ActionArgumentError(f"goal_id {goal_id.hex()} belongs to a goal of this client that has not ended")
-        request.goal_id.uuid = goal_id
+        set_goal_id(request, goal_id)
         request.goal = self._type.goal.to_message(goal)
         progress = GoalProgress(goal_id, self._feedback_depth)
         self._goals[goal_id] = progress
@@ -225,7 +225,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
 
     def _ask_result(self, progress: GoalProgress) -> None:
         request = self._type.cls.GetResult.Request()
-        request.goal_id.uuid = progress.goal_id
+        set_goal_id(request, progress.goal_id)
 
         def on_error(error: BaseException) -> None:
             self._goals.pop(progress.goal_id, None)
@@ -285,7 +285,7 @@ class ActionClient(Composite, Generic[ActionT_co]):
 
     async def _ask_cancel(self, goal_id: bytes, stamp: Time | None, what: str, timeout_s: float | None) -> list[bytes]:
         request = CancelGoal_Request()
-        request.goal_info.goal_id.uuid = goal_id  # type: ignore[assignment]  # bytes are welcome in a uint8 array
+        set_goal_id(request.goal_info, goal_id)
         if stamp is not None:
             set_stamp(request.goal_info.stamp, stamp.nanoseconds)
         try:

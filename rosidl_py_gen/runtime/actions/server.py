@@ -21,7 +21,7 @@ from rosidl_py_gen.runtime.actions.decisions import CancelRequest, GoalRequest, 
 from rosidl_py_gen.runtime.actions.execution import FeedbackReadiness, HandlerRunner
 from rosidl_py_gen.runtime.actions.server_goal import ServerGoal, ServerGoals
 from rosidl_py_gen.runtime.actions.states import GoalDecision, GoalInfo, GoalStatus
-from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of
+from rosidl_py_gen.runtime.actions.types import ActionT_co, goal_id_of, set_goal_id
 from rosidl_py_gen.runtime.endpoints.scope import Composite, counted, shown
 from rosidl_py_gen.runtime.endpoints.server import ServiceServer
 from rosidl_py_gen.runtime.endpoints.types import raw_type
@@ -175,7 +175,7 @@ class ActionServer(Composite, Generic[ActionT_co]):
         response = CancelGoal_Response(return_code=int(code))
         for info in canceled:
             found = GoalInfoMessage()
-            found.goal_id.uuid = info.goal_id  # type: ignore[assignment]
+            set_goal_id(found, info.goal_id)
             set_stamp(found.stamp, info.stamp_ns)
             response.goals_canceling.append(found)
         return response

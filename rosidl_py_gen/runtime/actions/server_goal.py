@@ -21,7 +21,7 @@ from rosidl_py_gen.base.waiting import complete, current_loop
 from rosidl_py_gen.runtime.actions.goal_record import GoalRecord
 from rosidl_py_gen.runtime.actions.states import ENDS, GoalBook, GoalDecision, GoalEvent, GoalInfo, GoalStatus
 from rosidl_py_gen.runtime.actions.status import StatusTopic
-from rosidl_py_gen.runtime.actions.types import ActionT_co
+from rosidl_py_gen.runtime.actions.types import ActionT_co, set_goal_id
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
 from rosidl_py_gen.runtime.time.values import Duration, Time, limit_to_ns
 from rosidl_py_gen.runtime.transport.qos import DEFAULT
@@ -314,7 +314,7 @@ class ServerGoals:
         """From any thread."""
         self._status.flush_here()  # it became EXECUTING before
         message = self._type.cls.FeedbackMessage()
-        message.goal_id.uuid = goal_id
+        set_goal_id(message, goal_id)
         message.feedback = self._type.feedback.to_message(feedback)
         self.feedback.publish(message)
 

@@ -13,7 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar, overload
 
+import numpy as np
+
 from rosidl_py_gen.cdr import Action, Message
+from rosidl_py_gen.cdr.message import is_of_type
 from rosidl_py_gen.errors import EncodeError
 from rosidl_py_gen.msgs.action_msgs.msg import GoalStatusArray
 from rosidl_py_gen.msgs.action_msgs.srv import CancelGoal, CancelGoal_Request, CancelGoal_Response
@@ -120,9 +123,9 @@ def action_type(source: object, *, arrays: bool = False) -> ActionType:
 
 def _typed(cls: type[Message]) -> Part:
     def check(value: Any) -> Message:
-        if not isinstance(value, cls):
+        if not is_of_type(value, cls):
             raise TypeError(f"expected a {cls.__name__} ({cls._TYPE.name}), got {type(value).__name__}: {value!r:.100}")
-        return value
+        return value  # type: ignore[no-any-return]
 
     return Part(cls, check, lambda message: message)
 
@@ -155,6 +158,11 @@ class ActionNames:
             names.resolve_topic(f"{action}/_action/feedback"),
             names.resolve_topic(f"{action}/_action/status"),
         )
+
+
+def set_goal_id(message: Any, goal_id: bytes) -> None:
+    """Set such a field; an array suits messages of either flavour, bytes only ours."""
+    message.goal_id.uuid = np.frombuffer(goal_id, np.uint8)
 
 
 def goal_id_of(message: Any) -> bytes:

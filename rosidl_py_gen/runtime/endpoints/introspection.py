@@ -9,6 +9,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from rosidl_py_gen.base.stamps import set_stamp
 from rosidl_py_gen.errors import DecodeError
 from rosidl_py_gen.runtime.endpoints.publisher import Publisher
@@ -81,7 +83,7 @@ class ServiceEvents:
             return  # The node is going; a last response must not fail because of us.
         event = self._cls.Event()
         event.info.event_type = int(kind)
-        event.info.client_gid = client_gid
+        event.info.client_gid = np.frombuffer(client_gid, np.uint8)  # suits either flavour
         event.info.sequence_number = sequence
         set_stamp(event.info.stamp, self._clock.now_ns())
         try:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from rosidl_py_gen.base.fieldtype import Arity
 from rosidl_py_gen.cdr import Message, Service
+from rosidl_py_gen.cdr.message import is_of_type
 from rosidl_py_gen.cdr.typesupport import referenced_classes
 
 if TYPE_CHECKING:
@@ -137,6 +138,8 @@ def _typed(cls: type[MessageT]) -> MessageType[MessageT]:
     def encode(value: MessageT) -> bytes:
         if value.__class__ is cls or isinstance(value, cls):
             return encode_known(value)
+        if is_of_type(value, cls):
+            return value._encode()
         raise TypeError(f"expected a {cls.__name__} ({cls._TYPE.name}), got {type(value).__name__}: {value!r:.100}")
 
     return MessageType(cls._TYPE.name, cls._TYPE.hash, encode, cls._decode)

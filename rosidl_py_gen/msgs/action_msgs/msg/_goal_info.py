@@ -46,10 +46,10 @@ class GoalInfo(Message):
         try:
             goal_id = self.goal_id
             if type(goal_id) is not UUID:
-                expect(goal_id, UUID)
+                goal_id = expect(goal_id, UUID)
             stamp = self.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             return _pack_0(
                 256,
                 fixed_uint8s(goal_id.uuid, 16),

@@ -64,13 +64,13 @@ class GoalStatus(Message):
         try:
             goal_info = self.goal_info
             if type(goal_info) is not GoalInfo:
-                expect(goal_info, GoalInfo)
+                goal_info = expect(goal_info, GoalInfo)
             goal_id = goal_info.goal_id
             if type(goal_id) is not UUID:
-                expect(goal_id, UUID)
+                goal_id = expect(goal_id, UUID)
             stamp = goal_info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             return _pack_0(
                 256,
                 fixed_uint8s(goal_id.uuid, 16),

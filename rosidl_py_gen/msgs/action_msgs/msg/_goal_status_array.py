@@ -75,16 +75,16 @@ class GoalStatusArray(Message):
                 pos = 4
                 for status_list_item in status_list:
                     if type(status_list_item) is not GoalStatus:
-                        expect(status_list_item, GoalStatus)
+                        status_list_item = expect(status_list_item, GoalStatus)
                     goal_info = status_list_item.goal_info
                     if type(goal_info) is not GoalInfo:
-                        expect(goal_info, GoalInfo)
+                        goal_info = expect(goal_info, GoalInfo)
                     goal_id = goal_info.goal_id
                     if type(goal_id) is not UUID:
-                        expect(goal_id, UUID)
+                        goal_id = expect(goal_id, UUID)
                     stamp = goal_info.stamp
                     if type(stamp) is not Time:
-                        expect(stamp, Time)
+                        stamp = expect(stamp, Time)
                     append(_pack_1(fixed_uint8s(goal_id.uuid, 16)))
                     pos += 16
                     append(

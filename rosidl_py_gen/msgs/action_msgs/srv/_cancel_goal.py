@@ -81,13 +81,13 @@ class CancelGoal_Request(Message):
         try:
             goal_info = self.goal_info
             if type(goal_info) is not GoalInfo:
-                expect(goal_info, GoalInfo)
+                goal_info = expect(goal_info, GoalInfo)
             goal_id = goal_info.goal_id
             if type(goal_id) is not UUID:
-                expect(goal_id, UUID)
+                goal_id = expect(goal_id, UUID)
             stamp = goal_info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             return _pack_0(
                 256,
                 fixed_uint8s(goal_id.uuid, 16),
@@ -164,13 +164,13 @@ class CancelGoal_Response(Message):
             else:
                 for goals_canceling_item in goals_canceling:
                     if type(goals_canceling_item) is not GoalInfo:
-                        expect(goals_canceling_item, GoalInfo)
+                        goals_canceling_item = expect(goals_canceling_item, GoalInfo)
                     goal_id = goals_canceling_item.goal_id
                     if type(goal_id) is not UUID:
-                        expect(goal_id, UUID)
+                        goal_id = expect(goal_id, UUID)
                     stamp = goals_canceling_item.stamp
                     if type(stamp) is not Time:
-                        expect(stamp, Time)
+                        stamp = expect(stamp, Time)
                     append(
                         _pack_2(
                             fixed_uint8s(goal_id.uuid, 16),
@@ -254,10 +254,10 @@ class CancelGoal_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
@@ -279,16 +279,16 @@ class CancelGoal_Event(Message):
             else:
                 for request_item in request:
                     if type(request_item) is not CancelGoal_Request:
-                        expect(request_item, CancelGoal_Request)
+                        request_item = expect(request_item, CancelGoal_Request)
                     goal_info = request_item.goal_info
                     if type(goal_info) is not GoalInfo:
-                        expect(goal_info, GoalInfo)
+                        goal_info = expect(goal_info, GoalInfo)
                     goal_id = goal_info.goal_id
                     if type(goal_id) is not UUID:
-                        expect(goal_id, UUID)
+                        goal_id = expect(goal_id, UUID)
                     stamp_ = goal_info.stamp
                     if type(stamp_) is not Time:
-                        expect(stamp_, Time)
+                        stamp_ = expect(stamp_, Time)
                     append(
                         _pack_2(
                             fixed_uint8s(goal_id.uuid, 16),
@@ -304,7 +304,7 @@ class CancelGoal_Event(Message):
             append(_pack_4(len(response)))
             for response_item in response:
                 if type(response_item) is not CancelGoal_Response:
-                    expect(response_item, CancelGoal_Response)
+                    response_item = expect(response_item, CancelGoal_Response)
                 goals_canceling = response_item.goals_canceling
                 if type(goals_canceling) is not list:
                     goals_canceling = list_or_records(goals_canceling)
@@ -314,13 +314,16 @@ class CancelGoal_Event(Message):
                 else:
                     for goals_canceling_item in goals_canceling:
                         if type(goals_canceling_item) is not GoalInfo:
-                            expect(goals_canceling_item, GoalInfo)
+                            goals_canceling_item = expect(
+                                goals_canceling_item,
+                                GoalInfo,
+                            )
                         goal_id_ = goals_canceling_item.goal_id
                         if type(goal_id_) is not UUID:
-                            expect(goal_id_, UUID)
+                            goal_id_ = expect(goal_id_, UUID)
                         stamp_2 = goals_canceling_item.stamp
                         if type(stamp_2) is not Time:
-                            expect(stamp_2, Time)
+                            stamp_2 = expect(stamp_2, Time)
                         append(
                             _pack_2(
                                 fixed_uint8s(goal_id_.uuid, 16),

@@ -44,19 +44,19 @@ class TransitionDescription(Message):
         try:
             transition = self.transition
             if type(transition) is not Transition:
-                expect(transition, Transition)
+                transition = expect(transition, Transition)
             label = utf8(transition.label)
             pos = 8 + len(label)
             start_state = self.start_state
             if type(start_state) is not State:
-                expect(start_state, State)
+                start_state = expect(start_state, State)
             pos2 = pos + 2
             label_ = utf8(start_state.label)
             pos3 = (pos2 + 3 & -4) + 4
             pos4 = pos3 + len(label_)
             goal_state = self.goal_state
             if type(goal_state) is not State:
-                expect(goal_state, State)
+                goal_state = expect(goal_state, State)
             pos5 = pos4 + 2
             label_2 = utf8(goal_state.label)
             return b"".join(

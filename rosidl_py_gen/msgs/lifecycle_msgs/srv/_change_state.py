@@ -81,7 +81,7 @@ class ChangeState_Request(Message):
         try:
             transition = self.transition
             if type(transition) is not Transition:
-                expect(transition, Transition)
+                transition = expect(transition, Transition)
             label = utf8(transition.label)
             return b"".join((_pack_0(256, transition.id, len(label) + 1), label, b"\0"))
         except Fault as error:
@@ -179,10 +179,10 @@ class ChangeState_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -202,10 +202,10 @@ class ChangeState_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not ChangeState_Request:
-                    expect(request_item, ChangeState_Request)
+                    request_item = expect(request_item, ChangeState_Request)
                 transition = request_item.transition
                 if type(transition) is not Transition:
-                    expect(transition, Transition)
+                    transition = expect(transition, Transition)
                 append(_pack_3(transition.id))
                 pos += 1
                 label = utf8(transition.label)
@@ -226,7 +226,7 @@ class ChangeState_Event(Message):
             else:
                 for response_item in response:
                     if type(response_item) is not ChangeState_Response:
-                        expect(response_item, ChangeState_Response)
+                        response_item = expect(response_item, ChangeState_Response)
                     append(_pack_5(BOOL[response_item.success]))
             return b"".join(parts)
         except Fault as error:

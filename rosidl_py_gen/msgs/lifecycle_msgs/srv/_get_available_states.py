@@ -117,7 +117,7 @@ class GetAvailableStates_Response(Message):
             pos = 4
             for available_state in available_states:
                 if type(available_state) is not State:
-                    expect(available_state, State)
+                    available_state = expect(available_state, State)
                 append(_pack_2(available_state.id))
                 pos += 1
                 label = utf8(available_state.label)
@@ -200,10 +200,10 @@ class GetAvailableStates_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
@@ -226,7 +226,7 @@ class GetAvailableStates_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not GetAvailableStates_Request:
-                        expect(request_item, GetAvailableStates_Request)
+                        request_item = expect(request_item, GetAvailableStates_Request)
                     append(_pack_5())
                     pos += 1
             response = self.response
@@ -238,7 +238,7 @@ class GetAvailableStates_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetAvailableStates_Response:
-                    expect(response_item, GetAvailableStates_Response)
+                    response_item = expect(response_item, GetAvailableStates_Response)
                 available_states = response_item.available_states
                 if type(available_states) is not list:
                     expect_list(available_states)
@@ -246,7 +246,7 @@ class GetAvailableStates_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for available_state in available_states:
                     if type(available_state) is not State:
-                        expect(available_state, State)
+                        available_state = expect(available_state, State)
                     append(_pack_2(available_state.id))
                     pos += 1
                     label = utf8(available_state.label)

@@ -125,10 +125,13 @@ class GetAvailableTransitions_Response(Message):
             pos = 4
             for available_transition in available_transitions:
                 if type(available_transition) is not TransitionDescription:
-                    expect(available_transition, TransitionDescription)
+                    available_transition = expect(
+                        available_transition,
+                        TransitionDescription,
+                    )
                 transition = available_transition.transition
                 if type(transition) is not Transition:
-                    expect(transition, Transition)
+                    transition = expect(transition, Transition)
                 append(_pack_2(transition.id))
                 pos += 1
                 label = utf8(transition.label)
@@ -138,7 +141,7 @@ class GetAvailableTransitions_Response(Message):
                 pos += len(label)
                 start_state = available_transition.start_state
                 if type(start_state) is not State:
-                    expect(start_state, State)
+                    start_state = expect(start_state, State)
                 append(_pack_4(start_state.id))
                 pos += 2
                 label_ = utf8(start_state.label)
@@ -148,7 +151,7 @@ class GetAvailableTransitions_Response(Message):
                 pos += len(label_)
                 goal_state = available_transition.goal_state
                 if type(goal_state) is not State:
-                    expect(goal_state, State)
+                    goal_state = expect(goal_state, State)
                 append(_pack_4(goal_state.id))
                 pos += 2
                 label_2 = utf8(goal_state.label)
@@ -254,10 +257,10 @@ class GetAvailableTransitions_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
@@ -285,7 +288,10 @@ class GetAvailableTransitions_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not GetAvailableTransitions_Request:
-                        expect(request_item, GetAvailableTransitions_Request)
+                        request_item = expect(
+                            request_item,
+                            GetAvailableTransitions_Request,
+                        )
                     append(_pack_6())
                     pos += 1
             response = self.response
@@ -297,7 +303,10 @@ class GetAvailableTransitions_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetAvailableTransitions_Response:
-                    expect(response_item, GetAvailableTransitions_Response)
+                    response_item = expect(
+                        response_item,
+                        GetAvailableTransitions_Response,
+                    )
                 available_transitions = response_item.available_transitions
                 if type(available_transitions) is not list:
                     expect_list(available_transitions)
@@ -305,10 +314,13 @@ class GetAvailableTransitions_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for available_transition in available_transitions:
                     if type(available_transition) is not TransitionDescription:
-                        expect(available_transition, TransitionDescription)
+                        available_transition = expect(
+                            available_transition,
+                            TransitionDescription,
+                        )
                     transition = available_transition.transition
                     if type(transition) is not Transition:
-                        expect(transition, Transition)
+                        transition = expect(transition, Transition)
                     append(_pack_2(transition.id))
                     pos += 1
                     label = utf8(transition.label)
@@ -318,7 +330,7 @@ class GetAvailableTransitions_Event(Message):
                     pos += len(label)
                     start_state = available_transition.start_state
                     if type(start_state) is not State:
-                        expect(start_state, State)
+                        start_state = expect(start_state, State)
                     append(_pack_4(start_state.id))
                     pos += 2
                     label_ = utf8(start_state.label)
@@ -328,7 +340,7 @@ class GetAvailableTransitions_Event(Message):
                     pos += len(label_)
                     goal_state = available_transition.goal_state
                     if type(goal_state) is not State:
-                        expect(goal_state, State)
+                        goal_state = expect(goal_state, State)
                     append(_pack_4(goal_state.id))
                     pos += 2
                     label_2 = utf8(goal_state.label)

@@ -105,7 +105,7 @@ class GetState_Response(Message):
         try:
             current_state = self.current_state
             if type(current_state) is not State:
-                expect(current_state, State)
+                current_state = expect(current_state, State)
             label = utf8(current_state.label)
             return b"".join(
                 (_pack_1(256, current_state.id, len(label) + 1), label, b"\0"),
@@ -170,10 +170,10 @@ class GetState_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
@@ -196,7 +196,7 @@ class GetState_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not GetState_Request:
-                        expect(request_item, GetState_Request)
+                        request_item = expect(request_item, GetState_Request)
                     append(_pack_3())
                     pos += 1
             response = self.response
@@ -208,10 +208,10 @@ class GetState_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetState_Response:
-                    expect(response_item, GetState_Response)
+                    response_item = expect(response_item, GetState_Response)
                 current_state = response_item.current_state
                 if type(current_state) is not State:
-                    expect(current_state, State)
+                    current_state = expect(current_state, State)
                 append(_pack_5(current_state.id))
                 pos += 1
                 label = utf8(current_state.label)

@@ -68,7 +68,7 @@ class Log(Message):
         try:
             stamp = self.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             name = utf8(self.name)
             pos = 16 + len(name)
             msg = utf8(self.msg)

@@ -67,7 +67,7 @@ class Parameter(Message):
             pos = 4 + len(name)
             value = self.value
             if type(value) is not ParameterValue:
-                expect(value, ParameterValue)
+                value = expect(value, ParameterValue)
             pos2 = pos + 3
             string_value = utf8(value.string_value)
             pos3 = (pos2 + 7 & -8) + 20

@@ -143,7 +143,10 @@ class ParameterDescriptor(Message):
                     pos = (pos + 7 & -8) + 24 * len(floating_point_range)
                 for floating_point_range_item in floating_point_range:
                     if type(floating_point_range_item) is not FloatingPointRange:
-                        expect(floating_point_range_item, FloatingPointRange)
+                        floating_point_range_item = expect(
+                            floating_point_range_item,
+                            FloatingPointRange,
+                        )
                     append(
                         _pack_5(
                             floating_point_range_item.from_value,
@@ -164,7 +167,7 @@ class ParameterDescriptor(Message):
                 append(PAD8[pos & 7] if len(integer_range) else b"")
                 for integer_range_item in integer_range:
                     if type(integer_range_item) is not IntegerRange:
-                        expect(integer_range_item, IntegerRange)
+                        integer_range_item = expect(integer_range_item, IntegerRange)
                     append(
                         _pack_7(
                             integer_range_item.from_value,

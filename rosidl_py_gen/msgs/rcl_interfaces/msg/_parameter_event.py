@@ -85,7 +85,7 @@ class ParameterEvent(Message):
             append = parts.append
             stamp = self.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             node = utf8(self.node)
             append(_pack_0(256, stamp.sec, stamp.nanosec, len(node) + 1))
             append(node)
@@ -97,7 +97,7 @@ class ParameterEvent(Message):
             pos = (pos + 4 & -4) + 4
             for new_parameter in new_parameters:
                 if type(new_parameter) is not Parameter:
-                    expect(new_parameter, Parameter)
+                    new_parameter = expect(new_parameter, Parameter)
                 name = utf8(new_parameter.name)
                 append(_pack_2[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -105,7 +105,7 @@ class ParameterEvent(Message):
                 pos += len(name)
                 value = new_parameter.value
                 if type(value) is not ParameterValue:
-                    expect(value, ParameterValue)
+                    value = expect(value, ParameterValue)
                 append(_pack_3(value.type, BOOL[value.bool_value]))
                 pos += 3
                 string_value = utf8(value.string_value)
@@ -156,7 +156,7 @@ class ParameterEvent(Message):
             pos = (pos + 3 & -4) + 4
             for changed_parameter in changed_parameters:
                 if type(changed_parameter) is not Parameter:
-                    expect(changed_parameter, Parameter)
+                    changed_parameter = expect(changed_parameter, Parameter)
                 name_ = utf8(changed_parameter.name)
                 append(_pack_2[pos & 7](len(name_) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -164,7 +164,7 @@ class ParameterEvent(Message):
                 pos += len(name_)
                 value_ = changed_parameter.value
                 if type(value_) is not ParameterValue:
-                    expect(value_, ParameterValue)
+                    value_ = expect(value_, ParameterValue)
                 append(_pack_3(value_.type, BOOL[value_.bool_value]))
                 pos += 3
                 string_value_ = utf8(value_.string_value)
@@ -215,7 +215,7 @@ class ParameterEvent(Message):
             pos = (pos + 3 & -4) + 4
             for deleted_parameter in deleted_parameters:
                 if type(deleted_parameter) is not Parameter:
-                    expect(deleted_parameter, Parameter)
+                    deleted_parameter = expect(deleted_parameter, Parameter)
                 name_2 = utf8(deleted_parameter.name)
                 append(_pack_2[pos & 7](len(name_2) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -223,7 +223,7 @@ class ParameterEvent(Message):
                 pos += len(name_2)
                 value_2 = deleted_parameter.value
                 if type(value_2) is not ParameterValue:
-                    expect(value_2, ParameterValue)
+                    value_2 = expect(value_2, ParameterValue)
                 append(_pack_3(value_2.type, BOOL[value_2.bool_value]))
                 pos += 3
                 string_value_2 = utf8(value_2.string_value)

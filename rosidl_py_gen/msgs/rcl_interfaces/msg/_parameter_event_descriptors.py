@@ -84,7 +84,7 @@ class ParameterEventDescriptors(Message):
             pos = 4
             for new_parameter in new_parameters:
                 if type(new_parameter) is not ParameterDescriptor:
-                    expect(new_parameter, ParameterDescriptor)
+                    new_parameter = expect(new_parameter, ParameterDescriptor)
                 name = utf8(new_parameter.name)
                 append(_pack_1(len(name) + 1))
                 pos += 4
@@ -129,7 +129,10 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(floating_point_range)
                     for floating_point_range_item in floating_point_range:
                         if type(floating_point_range_item) is not FloatingPointRange:
-                            expect(floating_point_range_item, FloatingPointRange)
+                            floating_point_range_item = expect(
+                                floating_point_range_item,
+                                FloatingPointRange,
+                            )
                         append(
                             _pack_6(
                                 floating_point_range_item.from_value,
@@ -152,7 +155,10 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(integer_range)
                     for integer_range_item in integer_range:
                         if type(integer_range_item) is not IntegerRange:
-                            expect(integer_range_item, IntegerRange)
+                            integer_range_item = expect(
+                                integer_range_item,
+                                IntegerRange,
+                            )
                         append(
                             _pack_7(
                                 integer_range_item.from_value,
@@ -167,7 +173,7 @@ class ParameterEventDescriptors(Message):
             pos += 4
             for changed_parameter in changed_parameters:
                 if type(changed_parameter) is not ParameterDescriptor:
-                    expect(changed_parameter, ParameterDescriptor)
+                    changed_parameter = expect(changed_parameter, ParameterDescriptor)
                 name_ = utf8(changed_parameter.name)
                 append(_pack_1(len(name_) + 1))
                 pos += 4
@@ -212,7 +218,10 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(floating_point_range_)
                     for floating_point_range_item_ in floating_point_range_:
                         if type(floating_point_range_item_) is not FloatingPointRange:
-                            expect(floating_point_range_item_, FloatingPointRange)
+                            floating_point_range_item_ = expect(
+                                floating_point_range_item_,
+                                FloatingPointRange,
+                            )
                         append(
                             _pack_6(
                                 floating_point_range_item_.from_value,
@@ -235,7 +244,10 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(integer_range_)
                     for integer_range_item_ in integer_range_:
                         if type(integer_range_item_) is not IntegerRange:
-                            expect(integer_range_item_, IntegerRange)
+                            integer_range_item_ = expect(
+                                integer_range_item_,
+                                IntegerRange,
+                            )
                         append(
                             _pack_7(
                                 integer_range_item_.from_value,
@@ -250,7 +262,7 @@ class ParameterEventDescriptors(Message):
             pos += 4
             for deleted_parameter in deleted_parameters:
                 if type(deleted_parameter) is not ParameterDescriptor:
-                    expect(deleted_parameter, ParameterDescriptor)
+                    deleted_parameter = expect(deleted_parameter, ParameterDescriptor)
                 name_2 = utf8(deleted_parameter.name)
                 append(_pack_1(len(name_2) + 1))
                 pos += 4
@@ -297,7 +309,10 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(floating_point_range_2)
                     for floating_point_range_item_2 in floating_point_range_2:
                         if type(floating_point_range_item_2) is not FloatingPointRange:
-                            expect(floating_point_range_item_2, FloatingPointRange)
+                            floating_point_range_item_2 = expect(
+                                floating_point_range_item_2,
+                                FloatingPointRange,
+                            )
                         append(
                             _pack_6(
                                 floating_point_range_item_2.from_value,
@@ -320,7 +335,10 @@ class ParameterEventDescriptors(Message):
                         pos = (pos + 7 & -8) + 24 * len(integer_range_2)
                     for integer_range_item_2 in integer_range_2:
                         if type(integer_range_item_2) is not IntegerRange:
-                            expect(integer_range_item_2, IntegerRange)
+                            integer_range_item_2 = expect(
+                                integer_range_item_2,
+                                IntegerRange,
+                            )
                         append(
                             _pack_7(
                                 integer_range_item_2.from_value,

@@ -138,7 +138,7 @@ class DescribeParameters_Response(Message):
             pos = 4
             for descriptor in descriptors:
                 if type(descriptor) is not ParameterDescriptor:
-                    expect(descriptor, ParameterDescriptor)
+                    descriptor = expect(descriptor, ParameterDescriptor)
                 name = utf8(descriptor.name)
                 append(_pack_1(len(name) + 1))
                 pos += 4
@@ -183,7 +183,10 @@ class DescribeParameters_Response(Message):
                         pos = (pos + 7 & -8) + 24 * len(floating_point_range)
                     for floating_point_range_item in floating_point_range:
                         if type(floating_point_range_item) is not FloatingPointRange:
-                            expect(floating_point_range_item, FloatingPointRange)
+                            floating_point_range_item = expect(
+                                floating_point_range_item,
+                                FloatingPointRange,
+                            )
                         append(
                             _pack_6(
                                 floating_point_range_item.from_value,
@@ -206,7 +209,10 @@ class DescribeParameters_Response(Message):
                         pos = (pos + 7 & -8) + 24 * len(integer_range)
                     for integer_range_item in integer_range:
                         if type(integer_range_item) is not IntegerRange:
-                            expect(integer_range_item, IntegerRange)
+                            integer_range_item = expect(
+                                integer_range_item,
+                                IntegerRange,
+                            )
                         append(
                             _pack_7(
                                 integer_range_item.from_value,
@@ -358,10 +364,10 @@ class DescribeParameters_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -381,7 +387,7 @@ class DescribeParameters_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not DescribeParameters_Request:
-                    expect(request_item, DescribeParameters_Request)
+                    request_item = expect(request_item, DescribeParameters_Request)
                 names = request_item.names
                 append(_pack_3[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4
@@ -397,7 +403,7 @@ class DescribeParameters_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not DescribeParameters_Response:
-                    expect(response_item, DescribeParameters_Response)
+                    response_item = expect(response_item, DescribeParameters_Response)
                 descriptors = response_item.descriptors
                 if type(descriptors) is not list:
                     expect_list(descriptors)
@@ -405,7 +411,7 @@ class DescribeParameters_Event(Message):
                 pos += 4
                 for descriptor in descriptors:
                     if type(descriptor) is not ParameterDescriptor:
-                        expect(descriptor, ParameterDescriptor)
+                        descriptor = expect(descriptor, ParameterDescriptor)
                     name = utf8(descriptor.name)
                     append(_pack_1(len(name) + 1))
                     pos += 4
@@ -450,7 +456,10 @@ class DescribeParameters_Event(Message):
                             pos = (pos + 7 & -8) + 24 * len(floating_point_range)
                         for floating_point_range_item in floating_point_range:
                             if type(floating_point_range_item) is not FloatingPointRange:
-                                expect(floating_point_range_item, FloatingPointRange)
+                                floating_point_range_item = expect(
+                                    floating_point_range_item,
+                                    FloatingPointRange,
+                                )
                             append(
                                 _pack_6(
                                     floating_point_range_item.from_value,
@@ -473,7 +482,10 @@ class DescribeParameters_Event(Message):
                             pos = (pos + 7 & -8) + 24 * len(integer_range)
                         for integer_range_item in integer_range:
                             if type(integer_range_item) is not IntegerRange:
-                                expect(integer_range_item, IntegerRange)
+                                integer_range_item = expect(
+                                    integer_range_item,
+                                    IntegerRange,
+                                )
                             append(
                                 _pack_7(
                                     integer_range_item.from_value,

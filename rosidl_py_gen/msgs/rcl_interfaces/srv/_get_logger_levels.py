@@ -117,7 +117,7 @@ class GetLoggerLevels_Response(Message):
             pos = 4
             for level in levels:
                 if type(level) is not LoggerLevel:
-                    expect(level, LoggerLevel)
+                    level = expect(level, LoggerLevel)
                 name = utf8(level.name)
                 append(_pack_1(len(name) + 1))
                 pos += 4
@@ -188,10 +188,10 @@ class GetLoggerLevels_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -211,7 +211,7 @@ class GetLoggerLevels_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not GetLoggerLevels_Request:
-                    expect(request_item, GetLoggerLevels_Request)
+                    request_item = expect(request_item, GetLoggerLevels_Request)
                 names = request_item.names
                 append(_pack_4[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4
@@ -227,7 +227,7 @@ class GetLoggerLevels_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetLoggerLevels_Response:
-                    expect(response_item, GetLoggerLevels_Response)
+                    response_item = expect(response_item, GetLoggerLevels_Response)
                 levels = response_item.levels
                 if type(levels) is not list:
                     expect_list(levels)
@@ -235,7 +235,7 @@ class GetLoggerLevels_Event(Message):
                 pos += 4
                 for level in levels:
                     if type(level) is not LoggerLevel:
-                        expect(level, LoggerLevel)
+                        level = expect(level, LoggerLevel)
                     name = utf8(level.name)
                     append(_pack_1(len(name) + 1))
                     pos += 4

@@ -166,10 +166,10 @@ class GetParameterTypes_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -189,7 +189,7 @@ class GetParameterTypes_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not GetParameterTypes_Request:
-                    expect(request_item, GetParameterTypes_Request)
+                    request_item = expect(request_item, GetParameterTypes_Request)
                 names = request_item.names
                 append(_pack_2[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4
@@ -205,7 +205,7 @@ class GetParameterTypes_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetParameterTypes_Response:
-                    expect(response_item, GetParameterTypes_Response)
+                    response_item = expect(response_item, GetParameterTypes_Response)
                 types = uint8s(response_item.types)
                 append(_pack_2[pos & 7](len(types)))
                 pos = (pos + 3 & -4) + 4

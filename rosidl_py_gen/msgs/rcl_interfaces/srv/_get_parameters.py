@@ -132,7 +132,7 @@ class GetParameters_Response(Message):
             pos = 4
             for value in values:
                 if type(value) is not ParameterValue:
-                    expect(value, ParameterValue)
+                    value = expect(value, ParameterValue)
                 append(_pack_1(value.type, BOOL[value.bool_value]))
                 pos += 2
                 string_value = utf8(value.string_value)
@@ -291,10 +291,10 @@ class GetParameters_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -314,7 +314,7 @@ class GetParameters_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not GetParameters_Request:
-                    expect(request_item, GetParameters_Request)
+                    request_item = expect(request_item, GetParameters_Request)
                 names = request_item.names
                 append(_pack_4[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4
@@ -330,7 +330,7 @@ class GetParameters_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetParameters_Response:
-                    expect(response_item, GetParameters_Response)
+                    response_item = expect(response_item, GetParameters_Response)
                 values = response_item.values
                 if type(values) is not list:
                     expect_list(values)
@@ -338,7 +338,7 @@ class GetParameters_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for value in values:
                     if type(value) is not ParameterValue:
-                        expect(value, ParameterValue)
+                        value = expect(value, ParameterValue)
                     append(_pack_1(value.type, BOOL[value.bool_value]))
                     pos += 2
                     string_value = utf8(value.string_value)

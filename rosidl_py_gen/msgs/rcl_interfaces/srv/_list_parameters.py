@@ -126,7 +126,7 @@ class ListParameters_Response(Message):
         try:
             result = self.result
             if type(result) is not ListParametersResult:
-                expect(result, ListParametersResult)
+                result = expect(result, ListParametersResult)
             names = result.names
             names_packed = pack_strings(names)
             pos = 4 + len(names_packed)
@@ -192,10 +192,10 @@ class ListParameters_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -215,7 +215,7 @@ class ListParameters_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not ListParameters_Request:
-                    expect(request_item, ListParameters_Request)
+                    request_item = expect(request_item, ListParameters_Request)
                 prefixes = request_item.prefixes
                 append(_pack_4(len(prefixes)))
                 pos += 4
@@ -233,10 +233,10 @@ class ListParameters_Event(Message):
             pos += 4
             for response_item in response:
                 if type(response_item) is not ListParameters_Response:
-                    expect(response_item, ListParameters_Response)
+                    response_item = expect(response_item, ListParameters_Response)
                 result = response_item.result
                 if type(result) is not ListParametersResult:
-                    expect(result, ListParametersResult)
+                    result = expect(result, ListParametersResult)
                 names = result.names
                 append(_pack_2[pos & 7](len(names)))
                 pos = (pos + 3 & -4) + 4

@@ -83,7 +83,7 @@ class SetLoggerLevels_Request(Message):
             pos = 4
             for level in levels:
                 if type(level) is not LoggerLevel:
-                    expect(level, LoggerLevel)
+                    level = expect(level, LoggerLevel)
                 name = utf8(level.name)
                 append(_pack_1(len(name) + 1))
                 pos += 4
@@ -151,7 +151,7 @@ class SetLoggerLevels_Response(Message):
             pos = 4
             for result in results:
                 if type(result) is not SetLoggerLevelsResult:
-                    expect(result, SetLoggerLevelsResult)
+                    result = expect(result, SetLoggerLevelsResult)
                 append(_pack_3(BOOL[result.successful]))
                 pos += 1
                 reason = utf8(result.reason)
@@ -225,10 +225,10 @@ class SetLoggerLevels_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -248,7 +248,7 @@ class SetLoggerLevels_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not SetLoggerLevels_Request:
-                    expect(request_item, SetLoggerLevels_Request)
+                    request_item = expect(request_item, SetLoggerLevels_Request)
                 levels = request_item.levels
                 if type(levels) is not list:
                     expect_list(levels)
@@ -256,7 +256,7 @@ class SetLoggerLevels_Event(Message):
                 pos += 4
                 for level in levels:
                     if type(level) is not LoggerLevel:
-                        expect(level, LoggerLevel)
+                        level = expect(level, LoggerLevel)
                     name = utf8(level.name)
                     append(_pack_1(len(name) + 1))
                     pos += 4
@@ -273,7 +273,7 @@ class SetLoggerLevels_Event(Message):
             pos += 4
             for response_item in response:
                 if type(response_item) is not SetLoggerLevels_Response:
-                    expect(response_item, SetLoggerLevels_Response)
+                    response_item = expect(response_item, SetLoggerLevels_Response)
                 results = response_item.results
                 if type(results) is not list:
                     expect_list(results)
@@ -281,7 +281,7 @@ class SetLoggerLevels_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for result in results:
                     if type(result) is not SetLoggerLevelsResult:
-                        expect(result, SetLoggerLevelsResult)
+                        result = expect(result, SetLoggerLevelsResult)
                     append(_pack_3(BOOL[result.successful]))
                     pos += 1
                     reason = utf8(result.reason)

@@ -100,7 +100,7 @@ class SetParameters_Request(Message):
             pos = 4
             for parameter in parameters:
                 if type(parameter) is not Parameter:
-                    expect(parameter, Parameter)
+                    parameter = expect(parameter, Parameter)
                 name = utf8(parameter.name)
                 append(_pack_1[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -108,7 +108,7 @@ class SetParameters_Request(Message):
                 pos += len(name)
                 value = parameter.value
                 if type(value) is not ParameterValue:
-                    expect(value, ParameterValue)
+                    value = expect(value, ParameterValue)
                 append(_pack_2(value.type, BOOL[value.bool_value]))
                 pos += 3
                 string_value = utf8(value.string_value)
@@ -273,7 +273,7 @@ class SetParameters_Response(Message):
             pos = 4
             for result in results:
                 if type(result) is not SetParametersResult:
-                    expect(result, SetParametersResult)
+                    result = expect(result, SetParametersResult)
                 append(_pack_6(BOOL[result.successful]))
                 pos += 1
                 reason = utf8(result.reason)
@@ -347,10 +347,10 @@ class SetParameters_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -370,7 +370,7 @@ class SetParameters_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not SetParameters_Request:
-                    expect(request_item, SetParameters_Request)
+                    request_item = expect(request_item, SetParameters_Request)
                 parameters = request_item.parameters
                 if type(parameters) is not list:
                     expect_list(parameters)
@@ -378,7 +378,7 @@ class SetParameters_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for parameter in parameters:
                     if type(parameter) is not Parameter:
-                        expect(parameter, Parameter)
+                        parameter = expect(parameter, Parameter)
                     name = utf8(parameter.name)
                     append(_pack_1[pos & 7](len(name) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -386,7 +386,7 @@ class SetParameters_Event(Message):
                     pos += len(name)
                     value = parameter.value
                     if type(value) is not ParameterValue:
-                        expect(value, ParameterValue)
+                        value = expect(value, ParameterValue)
                     append(_pack_2(value.type, BOOL[value.bool_value]))
                     pos += 3
                     string_value = utf8(value.string_value)
@@ -439,7 +439,7 @@ class SetParameters_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not SetParameters_Response:
-                    expect(response_item, SetParameters_Response)
+                    response_item = expect(response_item, SetParameters_Response)
                 results = response_item.results
                 if type(results) is not list:
                     expect_list(results)
@@ -447,7 +447,7 @@ class SetParameters_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for result in results:
                     if type(result) is not SetParametersResult:
-                        expect(result, SetParametersResult)
+                        result = expect(result, SetParametersResult)
                     append(_pack_6(BOOL[result.successful]))
                     pos += 1
                     reason = utf8(result.reason)

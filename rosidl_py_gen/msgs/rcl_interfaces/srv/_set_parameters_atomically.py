@@ -100,7 +100,7 @@ class SetParametersAtomically_Request(Message):
             pos = 4
             for parameter in parameters:
                 if type(parameter) is not Parameter:
-                    expect(parameter, Parameter)
+                    parameter = expect(parameter, Parameter)
                 name = utf8(parameter.name)
                 append(_pack_1[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -108,7 +108,7 @@ class SetParametersAtomically_Request(Message):
                 pos += len(name)
                 value = parameter.value
                 if type(value) is not ParameterValue:
-                    expect(value, ParameterValue)
+                    value = expect(value, ParameterValue)
                 append(_pack_2(value.type, BOOL[value.bool_value]))
                 pos += 3
                 string_value = utf8(value.string_value)
@@ -266,7 +266,7 @@ class SetParametersAtomically_Response(Message):
         try:
             result = self.result
             if type(result) is not SetParametersResult:
-                expect(result, SetParametersResult)
+                result = expect(result, SetParametersResult)
             reason = utf8(result.reason)
             return b"".join(
                 (_pack_6(256, BOOL[result.successful], len(reason) + 1), reason, b"\0"),
@@ -322,10 +322,10 @@ class SetParametersAtomically_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -345,7 +345,7 @@ class SetParametersAtomically_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not SetParametersAtomically_Request:
-                    expect(request_item, SetParametersAtomically_Request)
+                    request_item = expect(request_item, SetParametersAtomically_Request)
                 parameters = request_item.parameters
                 if type(parameters) is not list:
                     expect_list(parameters)
@@ -353,7 +353,7 @@ class SetParametersAtomically_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for parameter in parameters:
                     if type(parameter) is not Parameter:
-                        expect(parameter, Parameter)
+                        parameter = expect(parameter, Parameter)
                     name = utf8(parameter.name)
                     append(_pack_1[pos & 7](len(name) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -361,7 +361,7 @@ class SetParametersAtomically_Event(Message):
                     pos += len(name)
                     value = parameter.value
                     if type(value) is not ParameterValue:
-                        expect(value, ParameterValue)
+                        value = expect(value, ParameterValue)
                     append(_pack_2(value.type, BOOL[value.bool_value]))
                     pos += 3
                     string_value = utf8(value.string_value)
@@ -414,10 +414,13 @@ class SetParametersAtomically_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not SetParametersAtomically_Response:
-                    expect(response_item, SetParametersAtomically_Response)
+                    response_item = expect(
+                        response_item,
+                        SetParametersAtomically_Response,
+                    )
                 result = response_item.result
                 if type(result) is not SetParametersResult:
-                    expect(result, SetParametersResult)
+                    result = expect(result, SetParametersResult)
                 append(_pack_8(BOOL[result.successful]))
                 pos += 1
                 reason = utf8(result.reason)

@@ -101,7 +101,7 @@ class NodeEntitiesInfo(Message):
             else:
                 for reader_gid_seq_item in reader_gid_seq:
                     if type(reader_gid_seq_item) is not Gid:
-                        expect(reader_gid_seq_item, Gid)
+                        reader_gid_seq_item = expect(reader_gid_seq_item, Gid)
                     append(_pack_2(fixed_uint8s(reader_gid_seq_item.data, 16)))
             writer_gid_seq = self.writer_gid_seq
             if type(writer_gid_seq) is not list:
@@ -112,7 +112,7 @@ class NodeEntitiesInfo(Message):
             else:
                 for writer_gid_seq_item in writer_gid_seq:
                     if type(writer_gid_seq_item) is not Gid:
-                        expect(writer_gid_seq_item, Gid)
+                        writer_gid_seq_item = expect(writer_gid_seq_item, Gid)
                     append(_pack_2(fixed_uint8s(writer_gid_seq_item.data, 16)))
             return b"".join(parts)
         except Fault as error:

@@ -64,7 +64,7 @@ class ParticipantEntitiesInfo(Message):
             append = parts.append
             gid = self.gid
             if type(gid) is not Gid:
-                expect(gid, Gid)
+                gid = expect(gid, Gid)
             node_entities_info_seq = self.node_entities_info_seq
             if type(node_entities_info_seq) is not list:
                 expect_list(node_entities_info_seq)
@@ -74,7 +74,10 @@ class ParticipantEntitiesInfo(Message):
             pos = 20
             for node_entities_info_seq_item in node_entities_info_seq:
                 if type(node_entities_info_seq_item) is not NodeEntitiesInfo:
-                    expect(node_entities_info_seq_item, NodeEntitiesInfo)
+                    node_entities_info_seq_item = expect(
+                        node_entities_info_seq_item,
+                        NodeEntitiesInfo,
+                    )
                 if len(node_entities_info_seq_item.node_namespace) > 256:
                     limit(len(node_entities_info_seq_item.node_namespace), 256)
                 node_namespace = utf8(node_entities_info_seq_item.node_namespace)
@@ -100,7 +103,7 @@ class ParticipantEntitiesInfo(Message):
                     pos += 16 * len(reader_gid_seq)
                     for reader_gid_seq_item in reader_gid_seq:
                         if type(reader_gid_seq_item) is not Gid:
-                            expect(reader_gid_seq_item, Gid)
+                            reader_gid_seq_item = expect(reader_gid_seq_item, Gid)
                         append(_pack_3(fixed_uint8s(reader_gid_seq_item.data, 16)))
                 writer_gid_seq = node_entities_info_seq_item.writer_gid_seq
                 if type(writer_gid_seq) is not list:
@@ -113,7 +116,7 @@ class ParticipantEntitiesInfo(Message):
                     pos += 16 * len(writer_gid_seq)
                     for writer_gid_seq_item in writer_gid_seq:
                         if type(writer_gid_seq_item) is not Gid:
-                            expect(writer_gid_seq_item, Gid)
+                            writer_gid_seq_item = expect(writer_gid_seq_item, Gid)
                         append(_pack_3(fixed_uint8s(writer_gid_seq_item.data, 16)))
             return b"".join(parts)
         except Fault as error:

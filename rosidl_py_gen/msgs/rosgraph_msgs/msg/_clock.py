@@ -37,7 +37,7 @@ class Clock(Message):
         try:
             clock = self.clock
             if type(clock) is not Time:
-                expect(clock, Time)
+                clock = expect(clock, Time)
             return _pack_0(256, clock.sec, clock.nanosec)
         except Fault as error:
             return recover_encode(self, error)

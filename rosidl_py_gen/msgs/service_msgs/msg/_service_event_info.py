@@ -81,7 +81,7 @@ class ServiceEventInfo(Message):
         try:
             stamp = self.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             return _pack_0(
                 256,
                 self.event_type,

@@ -47,7 +47,7 @@ class Field(Message):
             pos = 4 + len(name)
             type_ = self.type
             if type(type_) is not FieldType:
-                expect(type_, FieldType)
+                type_ = expect(type_, FieldType)
             pos2 = pos + 2
             if len(type_.nested_type_name) > 255:
                 limit(len(type_.nested_type_name), 255)

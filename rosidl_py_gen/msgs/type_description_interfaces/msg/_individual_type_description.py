@@ -68,7 +68,7 @@ class IndividualTypeDescription(Message):
             pos = (pos + 4 & -4) + 4
             for field_ in fields:
                 if type(field_) is not Field:
-                    expect(field_, Field)
+                    field_ = expect(field_, Field)
                 name = utf8(field_.name)
                 append(_pack_2[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -76,7 +76,7 @@ class IndividualTypeDescription(Message):
                 pos += len(name)
                 type_ = field_.type
                 if type(type_) is not FieldType:
-                    expect(type_, FieldType)
+                    type_ = expect(type_, FieldType)
                 append(_pack_3(type_.type_id))
                 pos += 2
                 if len(type_.nested_type_name) > 255:

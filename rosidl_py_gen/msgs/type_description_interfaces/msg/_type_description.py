@@ -67,7 +67,7 @@ class TypeDescription(Message):
             append = parts.append
             type_description = self.type_description
             if type(type_description) is not IndividualTypeDescription:
-                expect(type_description, IndividualTypeDescription)
+                type_description = expect(type_description, IndividualTypeDescription)
             if len(type_description.type_name) > 255:
                 limit(len(type_description.type_name), 255)
             type_name = utf8(type_description.type_name)
@@ -81,7 +81,7 @@ class TypeDescription(Message):
             pos = (pos + 4 & -4) + 4
             for field_ in fields:
                 if type(field_) is not Field:
-                    expect(field_, Field)
+                    field_ = expect(field_, Field)
                 name = utf8(field_.name)
                 append(_pack_2[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -89,7 +89,7 @@ class TypeDescription(Message):
                 pos += len(name)
                 type_ = field_.type
                 if type(type_) is not FieldType:
-                    expect(type_, FieldType)
+                    type_ = expect(type_, FieldType)
                 append(_pack_3(type_.type_id))
                 pos += 2
                 if len(type_.nested_type_name) > 255:
@@ -119,7 +119,10 @@ class TypeDescription(Message):
             pos = (pos + 3 & -4) + 4
             for referenced_type_description in referenced_type_descriptions:
                 if type(referenced_type_description) is not IndividualTypeDescription:
-                    expect(referenced_type_description, IndividualTypeDescription)
+                    referenced_type_description = expect(
+                        referenced_type_description,
+                        IndividualTypeDescription,
+                    )
                 if len(referenced_type_description.type_name) > 255:
                     limit(len(referenced_type_description.type_name), 255)
                 type_name_ = utf8(referenced_type_description.type_name)
@@ -134,7 +137,7 @@ class TypeDescription(Message):
                 pos = (pos + 4 & -4) + 4
                 for field_2 in fields_:
                     if type(field_2) is not Field:
-                        expect(field_2, Field)
+                        field_2 = expect(field_2, Field)
                     name_ = utf8(field_2.name)
                     append(_pack_2[pos & 7](len(name_) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -142,7 +145,7 @@ class TypeDescription(Message):
                     pos += len(name_)
                     type_2 = field_2.type
                     if type(type_2) is not FieldType:
-                        expect(type_2, FieldType)
+                        type_2 = expect(type_2, FieldType)
                     append(_pack_3(type_2.type_id))
                     pos += 2
                     if len(type_2.nested_type_name) > 255:

@@ -181,10 +181,10 @@ class GetTypeDescription_Response(Message):
             pos = 8 + len(failure_reason)
             type_description = self.type_description
             if type(type_description) is not TypeDescription:
-                expect(type_description, TypeDescription)
+                type_description = expect(type_description, TypeDescription)
             type_description_ = type_description.type_description
             if type(type_description_) is not IndividualTypeDescription:
-                expect(type_description_, IndividualTypeDescription)
+                type_description_ = expect(type_description_, IndividualTypeDescription)
             if len(type_description_.type_name) > 255:
                 limit(len(type_description_.type_name), 255)
             type_name = utf8(type_description_.type_name)
@@ -199,7 +199,7 @@ class GetTypeDescription_Response(Message):
             pos = (pos + 4 & -4) + 4
             for field_ in fields:
                 if type(field_) is not Field:
-                    expect(field_, Field)
+                    field_ = expect(field_, Field)
                 name = utf8(field_.name)
                 append(_pack_4[pos & 7](len(name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -207,7 +207,7 @@ class GetTypeDescription_Response(Message):
                 pos += len(name)
                 type_ = field_.type
                 if type(type_) is not FieldType:
-                    expect(type_, FieldType)
+                    type_ = expect(type_, FieldType)
                 append(_pack_5(type_.type_id))
                 pos += 2
                 if len(type_.nested_type_name) > 255:
@@ -237,7 +237,10 @@ class GetTypeDescription_Response(Message):
             pos = (pos + 3 & -4) + 4
             for referenced_type_description in referenced_type_descriptions:
                 if type(referenced_type_description) is not IndividualTypeDescription:
-                    expect(referenced_type_description, IndividualTypeDescription)
+                    referenced_type_description = expect(
+                        referenced_type_description,
+                        IndividualTypeDescription,
+                    )
                 if len(referenced_type_description.type_name) > 255:
                     limit(len(referenced_type_description.type_name), 255)
                 type_name_ = utf8(referenced_type_description.type_name)
@@ -252,7 +255,7 @@ class GetTypeDescription_Response(Message):
                 pos = (pos + 4 & -4) + 4
                 for field_2 in fields_:
                     if type(field_2) is not Field:
-                        expect(field_2, Field)
+                        field_2 = expect(field_2, Field)
                     name_ = utf8(field_2.name)
                     append(_pack_4[pos & 7](len(name_) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -260,7 +263,7 @@ class GetTypeDescription_Response(Message):
                     pos += len(name_)
                     type_2 = field_2.type
                     if type(type_2) is not FieldType:
-                        expect(type_2, FieldType)
+                        type_2 = expect(type_2, FieldType)
                     append(_pack_5(type_2.type_id))
                     pos += 2
                     if len(type_2.nested_type_name) > 255:
@@ -290,7 +293,7 @@ class GetTypeDescription_Response(Message):
             pos = (pos + 3 & -4) + 4
             for type_source in type_sources:
                 if type(type_source) is not TypeSource:
-                    expect(type_source, TypeSource)
+                    type_source = expect(type_source, TypeSource)
                 type_name_2 = utf8(type_source.type_name)
                 append(_pack_4[pos & 7](len(type_name_2) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -315,7 +318,7 @@ class GetTypeDescription_Response(Message):
             pos = (pos + 3 & -4) + 4
             for extra_information_item in extra_information:
                 if type(extra_information_item) is not KeyValue:
-                    expect(extra_information_item, KeyValue)
+                    extra_information_item = expect(extra_information_item, KeyValue)
                 key = utf8(extra_information_item.key)
                 append(_pack_4[pos & 7](len(key) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -541,10 +544,10 @@ class GetTypeDescription_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -564,7 +567,7 @@ class GetTypeDescription_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not GetTypeDescription_Request:
-                    expect(request_item, GetTypeDescription_Request)
+                    request_item = expect(request_item, GetTypeDescription_Request)
                 type_name = utf8(request_item.type_name)
                 append(_pack_4[pos & 7](len(type_name) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -586,7 +589,7 @@ class GetTypeDescription_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not GetTypeDescription_Response:
-                    expect(response_item, GetTypeDescription_Response)
+                    response_item = expect(response_item, GetTypeDescription_Response)
                 append(_pack_8(BOOL[response_item.successful]))
                 pos += 1
                 failure_reason = utf8(response_item.failure_reason)
@@ -596,10 +599,13 @@ class GetTypeDescription_Event(Message):
                 pos += len(failure_reason)
                 type_description = response_item.type_description
                 if type(type_description) is not TypeDescription:
-                    expect(type_description, TypeDescription)
+                    type_description = expect(type_description, TypeDescription)
                 type_description_ = type_description.type_description
                 if type(type_description_) is not IndividualTypeDescription:
-                    expect(type_description_, IndividualTypeDescription)
+                    type_description_ = expect(
+                        type_description_,
+                        IndividualTypeDescription,
+                    )
                 if len(type_description_.type_name) > 255:
                     limit(len(type_description_.type_name), 255)
                 type_name_ = utf8(type_description_.type_name)
@@ -614,7 +620,7 @@ class GetTypeDescription_Event(Message):
                 pos = (pos + 4 & -4) + 4
                 for field_ in fields:
                     if type(field_) is not Field:
-                        expect(field_, Field)
+                        field_ = expect(field_, Field)
                     name = utf8(field_.name)
                     append(_pack_4[pos & 7](len(name) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -622,7 +628,7 @@ class GetTypeDescription_Event(Message):
                     pos += len(name)
                     type_ = field_.type
                     if type(type_) is not FieldType:
-                        expect(type_, FieldType)
+                        type_ = expect(type_, FieldType)
                     append(_pack_5(type_.type_id))
                     pos += 2
                     if len(type_.nested_type_name) > 255:
@@ -654,7 +660,10 @@ class GetTypeDescription_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for referenced_type_description in referenced_type_descriptions:
                     if type(referenced_type_description) is not IndividualTypeDescription:
-                        expect(referenced_type_description, IndividualTypeDescription)
+                        referenced_type_description = expect(
+                            referenced_type_description,
+                            IndividualTypeDescription,
+                        )
                     if len(referenced_type_description.type_name) > 255:
                         limit(len(referenced_type_description.type_name), 255)
                     type_name_2 = utf8(referenced_type_description.type_name)
@@ -669,7 +678,7 @@ class GetTypeDescription_Event(Message):
                     pos = (pos + 4 & -4) + 4
                     for field_2 in fields_:
                         if type(field_2) is not Field:
-                            expect(field_2, Field)
+                            field_2 = expect(field_2, Field)
                         name_ = utf8(field_2.name)
                         append(_pack_4[pos & 7](len(name_) + 1))
                         pos = (pos + 3 & -4) + 4
@@ -677,7 +686,7 @@ class GetTypeDescription_Event(Message):
                         pos += len(name_)
                         type_2 = field_2.type
                         if type(type_2) is not FieldType:
-                            expect(type_2, FieldType)
+                            type_2 = expect(type_2, FieldType)
                         append(_pack_5(type_2.type_id))
                         pos += 2
                         if len(type_2.nested_type_name) > 255:
@@ -707,7 +716,7 @@ class GetTypeDescription_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for type_source in type_sources:
                     if type(type_source) is not TypeSource:
-                        expect(type_source, TypeSource)
+                        type_source = expect(type_source, TypeSource)
                     type_name_3 = utf8(type_source.type_name)
                     append(_pack_4[pos & 7](len(type_name_3) + 1))
                     pos = (pos + 3 & -4) + 4
@@ -732,7 +741,10 @@ class GetTypeDescription_Event(Message):
                 pos = (pos + 3 & -4) + 4
                 for extra_information_item in extra_information:
                     if type(extra_information_item) is not KeyValue:
-                        expect(extra_information_item, KeyValue)
+                        extra_information_item = expect(
+                            extra_information_item,
+                            KeyValue,
+                        )
                     key = utf8(extra_information_item.key)
                     append(_pack_4[pos & 7](len(key) + 1))
                     pos = (pos + 3 & -4) + 4

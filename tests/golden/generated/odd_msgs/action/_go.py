@@ -205,10 +205,10 @@ class Go_FeedbackMessage(Message):
         try:
             goal_id = self.goal_id
             if type(goal_id) is not UUID:
-                expect(goal_id, UUID)
+                goal_id = expect(goal_id, UUID)
             feedback = self.feedback
             if type(feedback) is not Go_Feedback:
-                expect(feedback, Go_Feedback)
+                feedback = expect(feedback, Go_Feedback)
             return _pack_2(256, fixed_uint8s(goal_id.uuid, 16), feedback.left)
         except Fault as error:
             return recover_encode(self, error)
@@ -251,10 +251,10 @@ class Go_SendGoal_Request(Message):
         try:
             goal_id = self.goal_id
             if type(goal_id) is not UUID:
-                expect(goal_id, UUID)
+                goal_id = expect(goal_id, UUID)
             goal = self.goal
             if type(goal) is not Go_Goal:
-                expect(goal, Go_Goal)
+                goal = expect(goal, Go_Goal)
             return _pack_2(256, fixed_uint8s(goal_id.uuid, 16), goal.x)
         except Fault as error:
             return recover_encode(self, error)
@@ -297,7 +297,7 @@ class Go_SendGoal_Response(Message):
         try:
             stamp = self.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             return _pack_3(256, BOOL[self.accepted], stamp.sec, stamp.nanosec)
         except Fault as error:
             return recover_encode(self, error)
@@ -355,10 +355,10 @@ class Go_SendGoal_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
@@ -381,13 +381,13 @@ class Go_SendGoal_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not Go_SendGoal_Request:
-                        expect(request_item, Go_SendGoal_Request)
+                        request_item = expect(request_item, Go_SendGoal_Request)
                     goal_id = request_item.goal_id
                     if type(goal_id) is not UUID:
-                        expect(goal_id, UUID)
+                        goal_id = expect(goal_id, UUID)
                     goal = request_item.goal
                     if type(goal) is not Go_Goal:
-                        expect(goal, Go_Goal)
+                        goal = expect(goal, Go_Goal)
                     append(_pack_5(fixed_uint8s(goal_id.uuid, 16)))
                     pos += 16
                     append(_pack_6[pos & 7](goal.x))
@@ -403,10 +403,10 @@ class Go_SendGoal_Event(Message):
             else:
                 for response_item in response:
                     if type(response_item) is not Go_SendGoal_Response:
-                        expect(response_item, Go_SendGoal_Response)
+                        response_item = expect(response_item, Go_SendGoal_Response)
                     stamp_ = response_item.stamp
                     if type(stamp_) is not Time:
-                        expect(stamp_, Time)
+                        stamp_ = expect(stamp_, Time)
                     append(
                         _pack_8(
                             BOOL[response_item.accepted],
@@ -509,7 +509,7 @@ class Go_GetResult_Request(Message):
         try:
             goal_id = self.goal_id
             if type(goal_id) is not UUID:
-                expect(goal_id, UUID)
+                goal_id = expect(goal_id, UUID)
             return _pack_9(256, fixed_uint8s(goal_id.uuid, 16))
         except Fault as error:
             return recover_encode(self, error)
@@ -551,7 +551,7 @@ class Go_GetResult_Response(Message):
         try:
             result = self.result
             if type(result) is not Go_Result:
-                expect(result, Go_Result)
+                result = expect(result, Go_Result)
             return _pack_10(256, self.status, BOOL[result.there])
         except Fault as error:
             return recover_encode(self, error)
@@ -609,10 +609,10 @@ class Go_GetResult_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
@@ -634,10 +634,10 @@ class Go_GetResult_Event(Message):
             else:
                 for request_item in request:
                     if type(request_item) is not Go_GetResult_Request:
-                        expect(request_item, Go_GetResult_Request)
+                        request_item = expect(request_item, Go_GetResult_Request)
                     goal_id = request_item.goal_id
                     if type(goal_id) is not UUID:
-                        expect(goal_id, UUID)
+                        goal_id = expect(goal_id, UUID)
                     append(_pack_5(fixed_uint8s(goal_id.uuid, 16)))
             response = self.response
             if type(response) is not list:
@@ -650,10 +650,10 @@ class Go_GetResult_Event(Message):
             else:
                 for response_item in response:
                     if type(response_item) is not Go_GetResult_Response:
-                        expect(response_item, Go_GetResult_Response)
+                        response_item = expect(response_item, Go_GetResult_Response)
                     result = response_item.result
                     if type(result) is not Go_Result:
-                        expect(result, Go_Result)
+                        result = expect(result, Go_Result)
                     append(_pack_11(response_item.status, BOOL[result.there]))
             return b"".join(parts)
         except Fault as error:

@@ -135,11 +135,11 @@ class Alignment(_Message):
                 pos += 8 * len(pair)
                 for pair_item in pair:
                     if type(pair_item) is not Message:
-                        expect(pair_item, Message)
+                        pair_item = expect(pair_item, Message)
                     append(_pack_4(pair_item.x, pair_item.flag))
             nothing = self.nothing
             if type(nothing) is not Empty:
-                expect(nothing, Empty)
+                nothing = expect(nothing, Empty)
             append(_pack_5(self.e))
             pos += 8
             large = float64s(self.large)

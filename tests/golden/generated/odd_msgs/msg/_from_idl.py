@@ -102,7 +102,7 @@ class FromIdl(_Message):
                 pos = 36
                 for other in others:
                     if type(other) is not Message:
-                        expect(other, Message)
+                        other = expect(other, Message)
                     append(_pack_1[pos & 7](other.x, other.flag))
                     pos = (pos + 3 & -4) + 5
             append(_pack_2(self.letter))

@@ -63,7 +63,7 @@ class Message(_rosidl_py_gen_cdr_Message):
             append = parts.append
             other = self.other
             if type(other) is not _Message:
-                expect(other, _Message)
+                other = expect(other, _Message)
             others = self.others
             if type(others) is not list:
                 others = list_or_records(others)
@@ -74,7 +74,7 @@ class Message(_rosidl_py_gen_cdr_Message):
                 pos = 16
                 for other_ in others:
                     if type(other_) is not _Message:
-                        expect(other_, _Message)
+                        other_ = expect(other_, _Message)
                     append(_pack_1[pos & 7](other_.x, other_.flag))
                     pos = (pos + 3 & -4) + 5
             return b"".join(parts)

@@ -59,7 +59,7 @@ class UsesHeavy(Message):
             append(_pack_0(256, self.before))
             one = self.one
             if type(one) is not Heavy:
-                expect(one, Heavy)
+                one = expect(one, Heavy)
             pos = 1
             pos = Heavy._write(one, append, pos)
             many = self.many
@@ -69,7 +69,7 @@ class UsesHeavy(Message):
             pos = (pos + 3 & -4) + 4
             for many_item in many:
                 if type(many_item) is not Heavy:
-                    expect(many_item, Heavy)
+                    many_item = expect(many_item, Heavy)
                 pos = Heavy._write(many_item, append, pos)
             append(_pack_2(self.after))
             return b"".join(parts)

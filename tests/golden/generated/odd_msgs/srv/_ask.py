@@ -124,7 +124,7 @@ class Ask_Response(Message):
         try:
             words = self.words
             if type(words) is not Keywords:
-                expect(words, Keywords)
+                words = expect(words, Keywords)
             class_ = utf8(words.class_)
             pos = 8 + len(class_)
             lambda_ = float64s(words.lambda_)
@@ -220,10 +220,10 @@ class Ask_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 expect_list(request)
@@ -243,7 +243,7 @@ class Ask_Event(Message):
             pos = 44
             for request_item in request:
                 if type(request_item) is not Ask_Request:
-                    expect(request_item, Ask_Request)
+                    request_item = expect(request_item, Ask_Request)
                 question = utf8(request_item.question)
                 append(_pack_7[pos & 7](len(question) + 1))
                 pos = (pos + 3 & -4) + 4
@@ -260,10 +260,10 @@ class Ask_Event(Message):
             pos = (pos + 3 & -4) + 4
             for response_item in response:
                 if type(response_item) is not Ask_Response:
-                    expect(response_item, Ask_Response)
+                    response_item = expect(response_item, Ask_Response)
                 words = response_item.words
                 if type(words) is not Keywords:
-                    expect(words, Keywords)
+                    words = expect(words, Keywords)
                 append(_pack_8(BOOL[response_item.known], words.from_))
                 pos += 2
                 class_ = utf8(words.class_)

@@ -149,10 +149,10 @@ class Nothing_Event(Message):
             append = parts.append
             info = self.info
             if type(info) is not ServiceEventInfo:
-                expect(info, ServiceEventInfo)
+                info = expect(info, ServiceEventInfo)
             stamp = info.stamp
             if type(stamp) is not Time:
-                expect(stamp, Time)
+                stamp = expect(stamp, Time)
             request = self.request
             if type(request) is not list:
                 request = list_or_records(request)
@@ -175,7 +175,7 @@ class Nothing_Event(Message):
                 pos = 44
                 for request_item in request:
                     if type(request_item) is not Nothing_Request:
-                        expect(request_item, Nothing_Request)
+                        request_item = expect(request_item, Nothing_Request)
                     append(_pack_2())
                     pos += 1
             response = self.response
@@ -189,7 +189,7 @@ class Nothing_Event(Message):
             else:
                 for response_item in response:
                     if type(response_item) is not Nothing_Response:
-                        expect(response_item, Nothing_Response)
+                        response_item = expect(response_item, Nothing_Response)
                     append(_pack_2())
             return b"".join(parts)
         except Fault as error:

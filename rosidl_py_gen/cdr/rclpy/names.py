@@ -1,0 +1,46 @@
+"""What the attributes of rclpy's messages are called, and how their types are spelled."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.base.fieldtype import Arity
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.base.fieldtype import FieldType
+
+_TAKEN = {"encode", "decode", "write", "read", "native", "assign", "check_fields", "fields_and_field_types"}
+"""Fields whose attribute with an underscore would hide a method of ours."""
+
+IDL_NAMES = {
+    "bool": "boolean",
+    "byte": "octet",
+    "char": "uint8",
+    "float32": "float",
+    "float64": "double",
+    "idl_char": "char",
+}
+"""What rosidl calls a primitive where that is another name than in a .msg file."""
+
+
+def slot(name: str) -> str:
+    """The attribute that holds a field, by the field's Python name."""
+    return f"_{name}_" if name in _TAKEN else f"_{name}"
+
+
+def idl_text(kind: FieldType) -> str:
+    """The type of a field as `get_fields_and_field_types` says it, such as ``sequence<std_msgs/Header, 3>``."""
+    if kind.is_message:
+        package, _, name = kind.base.split("/")
+        text = f"{package}/{name}"
+    else:
+        text = IDL_NAMES.get(kind.base, kind.base) + (f"<{kind.string_bound}>" if kind.string_bound else "")
+    match kind.arity:
+        case Arity.ARRAY:
+            return f"{text}[{kind.capacity}]"
+        case Arity.BOUNDED:
+            return f"sequence<{text}, {kind.capacity}>"
+        case Arity.UNBOUNDED:
+            return f"sequence<{text}>"
+        case _:
+            return text

@@ -1,0 +1,231 @@
+"""``from x_msgs.msg import X`` without generating: one finder that makes message packages of definitions.
+
+Nothing installs it but `install_import_hook`. Decides which packages are ours to give: never one whose message modules
+can be imported already, unless that was asked for, and then with a warning that says so.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import warnings
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Literal
+
+from rosidl_py_gen.base.names import KINDS, RosName
+from rosidl_py_gen.base.ownership import owns
+from rosidl_py_gen.base.registration import Registration
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rosidl_py_gen.types.by_name import Folders
+    from rosidl_py_gen.types.interface_modules import Interfaces
+
+_PARSER = ("rosidl_parser", "rosidl_parser.definition")
+"""What the `SLOT_TYPES` of rclpy's messages come from; ours stands in where it is not there."""
+
+
+class ImportHookWarning(UserWarning):
+    """Two packages of one name are there, and one of them is not used; the text says which."""
+
+
+_lock = threading.Lock()
+_installed: _Finder | None = None
+
+
+def install_import_hook(
+    *,
+    flavour: Literal["native", "rclpy"] = "native",
+    path: Folders = (),
+    around: str | os.PathLike[str] | None = None,
+    shadow: bool = False,
+) -> Registration:
+    """Make ``import x_msgs.msg`` work for every package whose definitions are found, in this process, from now on.
+
+    Definitions are looked for in `path`, in the workspace around `around`, in AMENT_PREFIX_PATH, in installed wheels,
+    and among the bundled ones. Modules are compiled in memory when they are first imported; those of rclpy's flavour
+    are kept in the user's cache.
+
+    Args:
+        flavour: ``native`` gives the classes of `get_message`; ``rclpy`` gives classes that behave as those of a ROS
+            installation: `array.array` for sequences of numbers, bytes for `byte`, rclpy's `repr` and checks.
+        path: package folders, folders of packages or workspaces' `src`.
+        around: a script or folder; upwards from it a folder with a package.xml is looked for, and the workspace that
+            is in. A package that has Python modules, too, can then be imported with them.
+        shadow: take our classes also for packages whose message modules can be imported already, such as those of a
+            sourced ROS installation. Otherwise such packages stay what they are. Either way a warning says so.
+
+    Returns:
+        `close`, or the end of a ``with`` block, takes the hook away, and the modules it made out of `sys.modules`.
+
+    Raises:
+        DefinitionError: a folder of `path` holds no package, or two of one name.
+        RuntimeError: a hook with other settings is installed; the same settings again give that hook.
+        ValueError: an unknown flavour.
+    """
+    global _installed
+    if flavour not in ("native", "rclpy"):
+        raise ValueError(f'expected the flavour "native" or "rclpy", found {flavour!r:.100}')
+    entries = [path] if isinstance(path, (str, os.PathLike)) else path
+    settings = (flavour, tuple(str(entry) for entry in entries), None if around is None else str(around), shadow)
+    with _lock:
+        if _installed is None:
+            _installed = _Finder(*settings)
+            sys.meta_path.insert(0, _installed)
+        elif _installed.settings != settings:
+            raise RuntimeError("an import hook with other settings is installed; close that one first")
+        finder = _installed
+    return Registration(lambda: _remove(finder))
+
+
+def _remove(finder: _Finder) -> None:
+    global _installed
+    with _lock:
+        if finder is not _installed:
+            return
+        _installed = None
+        sys.meta_path.remove(finder)
+    for name, module in list(sys.modules.items()):
+        if getattr(getattr(module, "__spec__", None), "loader", None) is finder:
+            del sys.modules[name]
+            parent, _, child = name.rpartition(".")
+            if parent in sys.modules and getattr(sys.modules[parent], child, None) is module:
+                delattr(sys.modules[parent], child)
+
+
+class _Finder(MetaPathFinder, Loader):
+    """A finder and loader of `sys.meta_path`."""
+
+    def __init__(self, flavour: str, path: Sequence[str], around: str | None, shadow: bool) -> None:
+        from rosidl_py_gen.compiler.spec.find import holds_packages, search_path, workspace_around
+        from rosidl_py_gen.types.interface_modules import Interfaces
+
+        self.settings = (flavour, tuple(path), around, shadow)
+        self._is_rclpy, self._shadow = flavour == "rclpy", shadow
+        folders = [*path]
+        self._sources = [Path(entry).resolve() for entry in path]
+        place = None if around is None else workspace_around(Path(around).resolve())
+        if place is not None:
+            self._sources.append(place[1])
+            if holds_packages(place[1]):
+                folders.append(str(place[1]))
+        self._interfaces: Interfaces = Interfaces(search_path(folders), folders)
+        self._others_of: dict[str, str] = {}
+        self._looking = threading.local()
+
+    # --- finding ------------------------------------------------------------------------------------------------------
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """What `import` asks; None leaves the module to the other finders."""
+        package, _, rest = fullname.partition(".")
+        if fullname in _PARSER and self._is_rclpy:
+            return None if self._others(fullname, path) else self._parser(fullname)
+        if package not in self._interfaces.search.packages:
+            return None
+        kind, _, module = rest.partition(".")
+        if not rest:
+            return self._package(package)
+        if kind not in KINDS or kind not in self._interfaces.kinds(package):
+            return None
+        if not module:
+            return None if self._is_others(package, kind, path) else ModuleSpec(fullname, self, is_package=True)
+        parent = sys.modules.get(f"{package}.{kind}")
+        is_ours = parent is not None and getattr(parent.__spec__, "loader", None) is self
+        return ModuleSpec(fullname, self) if is_ours and module in self._interfaces.modules(package, kind) else None
+
+    def _package(self, package: str) -> ModuleSpec | None:
+        """A package: that of others, which then gets our folders; that in the workspace; or one of ours."""
+        other = self._others(package, None)
+        if other is not None and other.loader is not None and other.origin:
+            return None
+        folder = self._interfaces.search.packages[package].folder
+        inside = folder / package / "__init__.py"
+        if inside.is_file() and any(folder.resolve().is_relative_to(source) for source in self._sources):
+            return spec_from_file_location(package, inside, submodule_search_locations=[str(inside.parent)])
+        return ModuleSpec(package, self, is_package=True)
+
+    def _is_others(self, package: str, kind: str, path: Sequence[str] | None) -> bool:
+        """Whether message modules of others are there, and stay."""
+        name = f"{package}.{kind}"
+        if path is None:
+            found = self._others(package, None)
+            path = found.submodule_search_locations if found is not None else None
+        other = self._others(name, path) if path is not None else None
+        if other is None or other.loader is None or not other.origin:
+            return False
+        if owns(Path(other.origin)) and not self._is_rclpy:
+            return True  # generated by this tool, in the same flavour
+        if package not in self._others_of:
+            self._others_of[package] = other.origin
+            used, unused = other.origin, f"the definitions in {self._interfaces.search.packages[package].folder}"
+            if self._shadow:
+                used, unused = unused, used
+            warnings.warn(ImportHookWarning(f"{name}: taken is {used}, not {unused}"), stacklevel=2)
+        return not self._shadow
+
+    def _others(self, fullname: str, path: Sequence[str] | None) -> ModuleSpec | None:
+        """What the other finders say."""
+        if getattr(self._looking, "name", "") == fullname:
+            return None
+        self._looking.name = fullname
+        try:
+            for finder in sys.meta_path:
+                find = getattr(finder, "find_spec", None)
+                found: ModuleSpec | None = find(fullname, path) if find is not None and finder is not self else None
+                if found is not None:
+                    return found
+        finally:
+            self._looking.name = ""
+        return None
+
+    def _parser(self, fullname: str) -> ModuleSpec | None:
+        from rosidl_py_gen.cdr import rclpy
+
+        if fullname == _PARSER[0]:
+            return ModuleSpec(fullname, self, is_package=True)
+        return spec_from_file_location(fullname, Path(rclpy.__path__[0], "slot_types.py"))
+
+    # --- loading ------------------------------------------------------------------------------------------------------
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        """None: a plain module."""
+        return None
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Fill a module of ours; raises `DefinitionError` and, where classes of others are in the way, ImportError."""
+        package, _, rest = module.__name__.partition(".")
+        kind, _, name = rest.partition(".")
+        if not kind:
+            module.__doc__ = f"The ROS interface package {package}."
+        elif name:
+            self._fill(module, self._interfaces.modules(package, kind)[name])
+        elif package in self._interfaces.search.packages:
+            self._offer(module, package, kind)
+
+    def _fill(self, module: ModuleType, names: list[RosName]) -> None:
+        if len(names) > 1:
+            raise ImportError(f"{' and '.join(map(str, names))} would both be the module {module.__name__}")
+        code = self._interfaces.code(names[0]) if self._is_rclpy else None
+        for package in sorted({part.partition("/")[0] for part in code[0]} if code else ()):
+            for kind in sorted(self._interfaces.kinds(package)):
+                if self._is_others(package, kind, None):
+                    origin = self._others_of[package]
+                    text = f"{names[0]} needs {package}, and {origin} has other classes: shadow=True takes ours"
+                    raise ImportError(text, name=module.__name__)
+        self._interfaces.fill(module, names[0], code)
+
+    def _offer(self, module: ModuleType, package: str, kind: str) -> None:
+        """Classes are made when they are first used, as in generated packages."""
+        from rosidl_py_gen.cdr.lazy import lazy_exports
+
+        classes = self._interfaces.classes(package, kind)
+        module.__dict__["__getattr__"], module.__dict__["__dir__"] = lazy_exports(module.__name__, classes)
+        module.__dict__["__all__"] = sorted(classes)

@@ -1,0 +1,52 @@
+"""Classes of rclpy's flavour beside our own, for tests that have both."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rosidl_py_gen import install_import_hook
+from rosidl_py_gen.base.names import KINDS, py_name
+from rosidl_py_gen.types.import_hook import ImportHookWarning
+
+INTERFACES = Path(__file__).resolve().parent / "interfaces"
+
+
+@contextmanager
+def hooked(**settings: Any) -> Iterator[None]:
+    """The import hook, without what was imported before; afterwards all is as it was."""
+    before = {name: module for name, module in sys.modules.items() if _is_of_messages(name)}
+    for name in before:
+        del sys.modules[name]
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ImportHookWarning)
+            with install_import_hook(**settings):
+                yield
+    finally:
+        for name in [name for name in sys.modules if _is_of_messages(name)]:
+            del sys.modules[name]
+        sys.modules.update(before)
+
+
+def _is_of_messages(name: str) -> bool:
+    top, _, rest = name.partition(".")
+    return f"{top}.msg" in sys.modules or top.endswith(("_msgs", "_interfaces", "_srvs")) or rest in KINDS
+
+
+def rclpy_class(name: str) -> Any:
+    """The class of ``std_msgs/msg/String`` in rclpy's flavour; the hook has to be there when it is asked for first."""
+    package, kind, word = name.split("/")
+    return getattr(import_module(f"{package}.{kind}"), py_name(word))
+
+
+@contextmanager
+def rclpy_flavour() -> Iterator[None]:
+    """What `rclpy_class` needs."""
+    with hooked(flavour="rclpy", path=str(INTERFACES), shadow=True):
+        yield

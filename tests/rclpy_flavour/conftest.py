@@ -1,0 +1,7 @@
+"""What the tests with nodes need."""
+
+from __future__ import annotations
+
+from worlds import memory, only_loopback, pytest_pyfunc_call
+
+__all__ = ["memory", "only_loopback", "pytest_pyfunc_call"]

@@ -1,0 +1,82 @@
+"""The same statements, run with the messages of a real ROS installation and with ours of rclpy's flavour."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from environments import environment
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "interop_rclpy"))
+
+from rclpy_peer import REQUIREMENTS
+from statements import PROGRAMS
+
+ASKED = Path(__file__).with_name("asked.py")
+PACKAGES = [
+    *("action_msgs", "builtin_interfaces", "geometry_msgs", "lifecycle_msgs", "nav_msgs", "rcl_interfaces"),
+    *("rosgraph_msgs", "sensor_msgs", "service_msgs", "std_msgs", "std_srvs", "test_msgs"),
+    *("type_description_interfaces", "unique_identifier_msgs"),
+]
+
+
+@pytest.fixture(scope="module")
+def real() -> Path:
+    made = os.environ.get("ROSIDL_PEER_JAZZY")
+    return Path(made, "bin", "python") if made else environment("rclpy-jazzy", REQUIREMENTS["jazzy"])
+
+
+def ask(python: Path | str, what: str, given: object, *arguments: str, checked: bool = False) -> Any:
+    settings = {**os.environ, "ROS_PYTHON_CHECK_FIELDS": "1" if checked else ""}
+    for name in ("AMENT_PREFIX_PATH", "PYTHONPATH"):
+        settings.pop(name, None)
+    command = [str(python), str(ASKED), what, *arguments]
+    done = subprocess.run(command, input=json.dumps(given), capture_output=True, text=True, env=settings, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+@lru_cache(maxsize=4)
+def outcomes(python: Path, checked: bool) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+    """By row, under the real messages and under ours, which are made of the same definitions."""
+    every = [one for programs in PROGRAMS.values() for one in programs]
+    share = str(python.parent.parent / "share")
+    both = []
+    for answers in (
+        iter(ask(python, "statements", every, checked=checked)),
+        iter(ask(sys.executable, "statements", every, share, checked=checked)),
+    ):
+        both.append({row: [next(answers) for _ in programs] for row, programs in PROGRAMS.items()})
+    return both[0], both[1]
+
+
+@pytest.mark.parametrize("checked", [False, True], ids=["unchecked", "checked"])
+@pytest.mark.parametrize("row", PROGRAMS)
+def test_statements_do_what_they_do_under_rclpy(row: str, checked: bool, real: Path) -> None:
+    wanted, found = outcomes(real, checked)
+    pairs = zip(PROGRAMS[row], wanted[row], found[row], strict=True)
+    different = [(program.split("copy\n")[1], one, other) for program, one, other in pairs if one != other]
+    assert different == []
+
+
+def test_statements_tell_right_from_wrong(real: Path) -> None:
+    """Else two that fail alike would look the same."""
+    wanted, _ = outcomes(real, False)
+    errors = [text for row in wanted.values() for text in row if "Error" in text.split(" ")[0]]
+    assert 20 < len(errors) < sum(map(len, wanted.values())) / 3
+    checked = [text for text in outcomes(real, True)[0]["wrong values"] if text.startswith("AssertionError: The '")]
+    assert len(checked) > 35
+
+
+def test_every_type_of_an_installation_looks_alike(real: Path) -> None:
+    wanted = ask(real, "types", PACKAGES)
+    found = ask(sys.executable, "types", PACKAGES, str(real.parent.parent / "share"))
+    assert len(wanted) > 250
+    assert {name: (one, found.get(name)) for name, one in wanted.items() if one != found.get(name)} == {}

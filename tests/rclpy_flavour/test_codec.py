@@ -1,0 +1,265 @@
+"""The codec of rclpy's flavour: the recorded bytes, errors that name the field, messages of both flavours in one."""
+
+from __future__ import annotations
+
+import array
+from collections import deque
+from collections.abc import Iterator
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from bundled import message, vectors, vectors_by_type
+from flavours import rclpy_class, rclpy_flavour
+from scale import examples
+
+from rosidl_py_gen import (
+    DecodeError,
+    EncodeError,
+    decode,
+    encode,
+    from_dict,
+    from_json,
+    get_message,
+    records,
+    to_dict,
+    to_json,
+)
+from rosidl_py_gen import messages as as_messages
+from rosidl_py_gen.numpy import (
+    array_to_image,
+    array_to_occupancygrid,
+    array_to_pointcloud,
+    image_to_array,
+    occupancygrid_to_array,
+    pointcloud_to_array,
+)
+
+BY_TYPE = vectors_by_type()
+
+
+pytestmark = pytest.mark.filterwarnings("ignore::rosidl_py_gen.ImportHookWarning")  # of classes other tests generate
+
+
+@pytest.fixture(scope="module", autouse=True)
+def flavour() -> Iterator[None]:
+    with rclpy_flavour():
+        yield
+
+
+def test_all_recorded_vectors_are_here() -> None:
+    assert len(vectors()) == 1109
+
+
+@pytest.mark.parametrize("name", sorted(BY_TYPE))
+def test_recorded_bytes_are_read_and_written(name: str) -> None:
+    cls, own = rclpy_class(name), message(name)
+    for vector in BY_TYPE[name]:
+        for data in (vector.cdr, bytearray(vector.cdr), memoryview(vector.cdr), vector.cdr + b"\0\0\0"):
+            found = decode(cls, data)
+            assert type(found) is cls and encode(found) == vector.cdr
+            assert to_json(found) == to_json(decode(own, vector.cdr))
+        assert encode(from_dict(cls, to_dict(found))) == encode(from_json(cls, to_json(found))) == vector.cdr
+        again = decode(cls, vector.cdr, arrays=True)
+        assert encode(again) == vector.cdr
+
+
+@pytest.mark.parametrize("name", sorted(BY_TYPE))
+def test_truncated_bytes_are_refused_at_the_place_where_ours_are(name: str) -> None:
+    cls, own = rclpy_class(name), message(name)
+    for vector in BY_TYPE[name]:
+        size = len(vector.cdr)
+        for cut in sorted({0, 3, 4, *range(max(0, size - 9), size), *range(0, size, max(1, size // 24))}):
+            with pytest.raises(DecodeError) as wanted:
+                decode(own, vector.cdr[:cut])
+            with pytest.raises(DecodeError) as found:
+                decode(cls, vector.cdr[:cut])
+            assert str(found.value) == str(wanted.value) and "cannot be decoded" not in str(found.value)
+
+
+def test_changed_bytes_mean_the_same_to_both() -> None:
+    random = Random(5)
+    for _ in range(examples(300)):
+        vector = random.choice(vectors())
+        data = bytearray(vector.cdr[: random.choice((len(vector.cdr), random.randrange(4, len(vector.cdr) + 1)))])
+        for _ in range(random.choice((1, 2, 4))):
+            at = random.randrange(4, len(data) + 1)
+            data[at : at + 1] = bytes([random.choice((0, 1, 127, 255))])
+        assert _told(rclpy_class(vector.type), data) == _told(message(vector.type), data)
+
+
+def _told(cls: Any, data: bytearray) -> Any:
+    try:
+        found = decode(cls, bytes(data))
+    except DecodeError as error:
+        return str(error)
+    return to_json(found), encode(found)
+
+
+def test_big_endian_bytes_are_read() -> None:
+    cls = rclpy_class("sensor_msgs/msg/LaserScan")
+    data = bytearray(cls(ranges=[1.5, 2]).encode())
+    big = b"\0\0\0\0" + _swapped(data)
+    assert decode(cls, big).ranges == array.array("f", [1.5, 2])
+
+
+def _swapped(data: bytearray) -> bytes:
+    """A LaserScan without frame_id has nothing but values of four bytes behind its string."""
+    body = data[4:]
+    head, text, rest = body[:12], body[12:16], body[16:]
+    swapped = b"".join(bytes(part[i : i + 4][::-1]) for part in (head, rest) for i in range(0, len(part), 4))
+    return swapped[:12] + bytes(text) + swapped[12:]
+
+
+# --- values -----------------------------------------------------------------------------------------------------------
+
+
+def test_received_values_can_be_written_to() -> None:
+    cls = rclpy_class("test_msgs/msg/Arrays")
+    found = decode(cls, cls().encode())
+    found.float64_values[1] = 5
+    found.bool_values[0] = True
+    found.byte_values[2] = b"\xff"
+    assert to_dict(decode(cls, found.encode()))["float64_values"] == [0, 5, 0]
+    assert decode(cls, found.encode()).byte_values == [b"\0", b"\0", b"\xff"]
+    assert [type(found.bool_values), type(found.byte_values)] == [list, list]
+    scan = rclpy_class("sensor_msgs/msg/LaserScan")
+    data = bytearray(scan(ranges=range(20000)).encode())
+    found = decode(scan, memoryview(data))
+    data[:] = bytes(len(data))
+    found.ranges.append(7)
+    assert found.ranges[-2:] == array.array("f", [19999, 7])
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "path"),
+    [
+        ("std_msgs/msg/String", {"data": 5}, ".data: expected str, found 5"),
+        ("std_msgs/msg/Byte", {"data": 5}, ".data: expected bytes of length 1, found 5"),
+        ("std_msgs/msg/Byte", {"data": b"ab"}, ".data: expected bytes of length 1, found b'ab'"),
+        ("std_msgs/msg/Int8", {"data": 128}, ".data: expected int8 in -128..127, found 128"),
+        ("std_msgs/msg/Bool", {"data": "x"}, ".data: expected bool, found 'x'"),
+        ("std_msgs/msg/Header", {"stamp": 5}, ".stamp: expected builtin_interfaces/msg/Time, found 5"),
+        ("test_msgs/msg/Arrays", {"float64_values": [1, 2]}, ".float64_values: expected exactly 3 elements, found 2"),
+        (
+            "test_msgs/msg/Arrays",
+            {"byte_values": [b"a", 2, b"c"]},
+            ".byte_values[1]: expected bytes of length 1, found 2",
+        ),
+        ("test_msgs/msg/UnboundedSequences", {"byte_values": 5}, ".byte_values: expected a list of bytes of length 1"),
+        ("test_msgs/msg/UnboundedSequences", {"string_values": ["a", 1]}, ".string_values[1]: expected str, found 1"),
+        ("test_msgs/msg/UnboundedSequences", {"string_values": "abc"}, ".string_values: expected a list of string"),
+        ("test_msgs/msg/BoundedSequences", {"int8_values": [1] * 4}, ".int8_values: expected at most 3 elements"),
+        (
+            "test_msgs/msg/UnboundedSequences",
+            {"basic_types_values": [1]},
+            ".basic_types_values[0]: expected test_msgs/msg",
+        ),
+    ],
+)
+def test_a_wrong_value_is_named_when_it_is_encoded(name: str, values: dict[str, Any], path: str) -> None:
+    wrong = rclpy_class(name)(**values)
+    with pytest.raises(EncodeError) as caught:
+        encode(wrong)
+    assert str(caught.value).startswith(name + path)
+
+
+def test_collections_are_written_as_lists() -> None:
+    cls, basic = rclpy_class("test_msgs/msg/UnboundedSequences"), rclpy_class("test_msgs/msg/BasicTypes")
+    names, parts = {"b": 1, "a": 2}, deque([basic(int8_value=1), basic(int8_value=2)])
+    made = cls(string_values=names.keys(), basic_types_values=parts, byte_values=deque([b"x"]))
+    found = decode(cls, made.encode())
+    assert found.string_values == ["b", "a"] and [one.int8_value for one in found.basic_types_values] == [1, 2]
+    assert found.byte_values == [b"x"]
+    assert decode(cls, cls(string_values=np.array(["q", "r"])).encode()).string_values == ["q", "r"]
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    cls = rclpy_class("test_msgs/msg/BasicTypes")
+    made = cls(float32_value=np.float64(1.5), int8_value=np.int64(5), bool_value=np.True_)
+    found = decode(cls, made.encode())
+    assert (found.float32_value, found.int8_value, found.bool_value) == (1.5, 5, True)
+
+
+def test_the_generated_functions_stay_when_fields_have_their_names() -> None:
+    from compiler_worlds import Files, write
+
+    # Underscored, these are the names of what generated classes have.
+    text = "\n".join(
+        f"int32 {name}" for name in ("encode", "decode", "write", "read", "native", "assign", "check_fields")
+    )
+    heavy = "\n".join(f"int32 field_{number}" for number in range(60))
+    files: Files = {
+        "odd_words_msgs/msg/Words.msg": text,
+        "odd_words_msgs/msg/Heavy.msg": f"{heavy}\n{text}\nWords words",
+    }
+    import tempfile
+    from pathlib import Path
+
+    from flavours import hooked
+
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder), files)
+        from rosidl_py_gen.types import import_hook
+
+        outer = import_hook._installed
+        assert outer is not None
+        import_hook._remove(outer)
+        try:
+            with hooked(flavour="rclpy", path=folder, shadow=True):
+                cls = rclpy_class("odd_words_msgs/msg/Heavy")
+                made = cls(encode=1, decode=2, write=3, read=4, native=5, assign=6)
+                made.words.encode = 9
+                found = decode(cls, encode(made))
+                assert (found.encode, found.read, found.assign, found.words.encode) == (1, 4, 6, 9)
+                assert found == made and to_dict(found)["write"] == 3
+        finally:
+            import sys
+
+            import_hook._installed = outer
+            sys.meta_path.insert(0, outer)
+
+
+# --- both flavours ----------------------------------------------------------------------------------------------------
+
+
+def test_a_message_of_the_other_flavour_may_be_inside() -> None:
+    for outer, inner in ((rclpy_class, get_message), (get_message, rclpy_class)):
+        scan, header = outer("sensor_msgs/msg/LaserScan"), inner("std_msgs/msg/Header")
+        made = scan(header=header(frame_id="map"))
+        assert encode(made) == encode(scan(header=outer("std_msgs/msg/Header")(frame_id="map")))
+        assert to_dict(made)["header"]["frame_id"] == "map"
+        poses, pose = outer("geometry_msgs/msg/PoseArray"), inner("geometry_msgs/msg/Pose")
+        made = poses(poses=[pose()])
+        made.poses[0].position.x = 4.0
+        assert decode(poses, encode(made)).poses[0].position.x == 4.0
+        names, name = outer("sensor_msgs/msg/PointCloud2"), inner("sensor_msgs/msg/PointField")
+        assert decode(names, encode(names(fields=[name(name="x")]))).fields[0].name == "x"
+        wrong = scan(header=header())
+        wrong.header.frame_id = 5
+        with pytest.raises(EncodeError, match=r"^sensor_msgs/msg/LaserScan.header.frame_id: expected str, found 5"):
+            encode(wrong)
+        with pytest.raises(EncodeError, match=r"LaserScan.header: expected std_msgs/msg/Header"):
+            encode(scan(header=inner("std_msgs/msg/String")()))
+
+
+def test_conversions_of_numpy_take_and_give_them() -> None:
+    pixels = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+    image = array_to_image(pixels, "rgb8", cls=rclpy_class("sensor_msgs/msg/Image"))
+    assert type(image.data) is array.array
+    assert image_to_array(decode(type(image), encode(image))).tolist() == pixels.tolist()
+    points = np.arange(15, dtype=np.float32).reshape(5, 3)
+    cloud = array_to_pointcloud(points, cls=rclpy_class("sensor_msgs/msg/PointCloud2"))
+    assert pointcloud_to_array(decode(type(cloud), encode(cloud)))["y"].tolist() == points[:, 1].tolist()
+    grid = array_to_occupancygrid(np.ones((2, 3), np.int8), 0.5, cls=rclpy_class("nav_msgs/msg/OccupancyGrid"))
+    assert occupancygrid_to_array(decode(type(grid), encode(grid))).tolist() == [[1] * 3] * 2
+
+
+def test_structured_arrays_stand_for_messages_here_too() -> None:
+    point, polygon = rclpy_class("geometry_msgs/msg/Point32"), rclpy_class("geometry_msgs/msg/Polygon")
+    points = records([point(x=1.5), get_message("geometry_msgs/msg/Point32")(x=2.5)])
+    assert points["x"].tolist() == [1.5, 2.5]
+    found = decode(polygon, encode(polygon(points=points)))
+    assert [one.x for one in found.points] == [1.5, 2.5] and type(found.points[0]) is point
+    assert as_messages(point, points) == found.points
