@@ -32,6 +32,8 @@ _EXTRA_OF = {
     "pyarrow": "tables",
     "duckdb": "tables",
     "fsspec": "tables",
+    "upath": "tables",
+    "distributed": "cluster",
     "PIL": "images",
 }
 """Modules that only extras bring."""
