@@ -1,4 +1,4 @@
-"""The files of a bag, opened: each with what reads its kind; and where a bag may be cut into parts of about one size."""
+"""The files of a bag, opened, each with what reads it; and where a bag may be cut into parts of about one size."""
 
 from __future__ import annotations
 

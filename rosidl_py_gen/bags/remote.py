@@ -1,4 +1,4 @@
-"""Bags that have a URL, as ``s3://bucket/drive.mcap``: places that universal_pathlib shows as paths, and reads with fsspec.
+"""Bags that have a URL, as ``s3://bucket/drive.mcap``: universal_pathlib shows them as paths, fsspec reads them.
 
 Decides how much is read at once: what is asked for and a little behind it, so that the records of a file that follow
 each other take few requests, and of what a reader leaves out little is read. What cannot be read by ranges, databases

@@ -76,6 +76,18 @@ def extra_missing(error: ImportError) -> ExtraMissingError | None:
     return ExtraMissingError(text, name=name)
 
 
+def require(*modules: str) -> None:
+    """Raise `ExtraMissingError` for the first of these modules that is not there.
+
+    What needs several extras asks so for the one that brings the others, before it imports anything.
+    """
+    from importlib.util import find_spec
+
+    for name in modules:
+        if find_spec(name) is None:
+            raise extra_missing(ModuleNotFoundError(name=name)) or ModuleNotFoundError(name=name)
+
+
 def install_command(extra: str) -> str:
     """The command that installs an extra the way that this package was: from a folder, a wheel, a URL or an index.
 

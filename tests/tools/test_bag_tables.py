@@ -13,7 +13,7 @@ import pytest
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter
-from rosidl_py_gen.tools.bag.table import names_of
+from rosidl_py_gen.tables.sources import names_of
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 Image: Any = get_message("sensor_msgs/msg/Image")
