@@ -43,7 +43,7 @@ def running(scheduler: str | None, workers: int | None) -> Iterator[Run]:
         n_workers=workers,
         threads_per_worker=1,
         host="127.0.0.1",
-        dashboard_address=None,
+        dashboard_address="127.0.0.1:0",
         silence_logs=logging.ERROR,
     )
     with local, distributed.Client(local) as client:
@@ -60,7 +60,7 @@ def _connected(scheduler: str) -> Any:
 def _on(client: Any) -> Run:
     def run(function: Function, tasks: list[Task]) -> Iterator[tuple[Task, Outcome]]:
         futures = {client.submit(function, task, pure=False): task for task in tasks}
-        done = distributed.as_completed(futures, with_results=True, raise_errors=False)
+        done = distributed.as_completed(futures, loop=client.loop, with_results=True, raise_errors=False)
         for future, answer in done:
             if not isinstance(answer, Outcome):  # what was raised, with where
                 error = answer[1] if isinstance(answer, tuple) else answer
