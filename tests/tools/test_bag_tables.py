@@ -13,7 +13,7 @@ import pytest
 from many_bags import bag_of, rows
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagWriter
+from rosidl_py_gen.bags import BagWriter, writer
 from rosidl_py_gen.tables import many
 from rosidl_py_gen.tables.sources import names_of
 
@@ -23,14 +23,14 @@ String: Any = get_message("std_msgs/msg/String")
 
 
 def drive(path: Path, broken: bool = False) -> str:
-    with BagWriter(path) as writer:
+    with BagWriter(path) as made:
         for number in range(50):
             message = Imu()
             message.linear_acceleration.x, message.header.frame_id = number / 2, f"f{number}"
-            writer.write("/imu", message, number * 10**9)
-        writer.write("/image", Image(), 1)
-        writer.add_topic("/s", String)
-        writer.write("/s", String(data="x").encode()[: 9 if broken else 10], 10**9)
+            made.write("/imu", message, number * 10**9)
+        made.write("/image", Image(), 1)
+        made.add_topic("/s", String)
+        made.write("/s", String(data="x").encode()[: 9 if broken else 10], 10**9)
     return str(path)
 
 
@@ -113,16 +113,17 @@ def test_bags_of_the_same_name_are_told_apart_by_their_folders() -> None:
 def test_processes_of_this_machine_do_it_without_a_scheduler(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_here: Any
 ) -> None:
-    monkeypatch.setattr(many, "RANGE_BYTES", 50_000)
-    large = bag_of(tmp_path / "large.mcap", *range(60_000), compression="")
+    monkeypatch.setattr(many, "RANGE_BYTES", 20_000)
+    monkeypatch.setattr(writer, "_CHUNK", 1 << 13)
+    large = bag_of(tmp_path / "large.mcap", *range(3_000), compression="")
     good, out = bag_of(tmp_path / "b.mcap", 1), tmp_path / "out"
     (tmp_path / "junk.mcap").write_bytes(b"junk" * 30)
     code, printed, err = run_here(
         *("bag", "table", str(large), str(tmp_path / "junk.mcap"), str(good), "-o", str(out), "--workers", "2")
     )
-    assert code == 1 and printed == f"60001 messages of 1 topics in {out}\n"
+    assert code == 1 and printed == f"3001 messages of 1 topics in {out}\n"
     assert err == f"error: {tmp_path}/junk.mcap: damaged: it does not begin as MCAP files do\n"
-    assert rows(out) == [("b", 1)] + [("large", number) for number in range(60_000)]
+    assert rows(out) == [("b", 1)] + [("large", number) for number in range(3_000)]
     assert len(list(out.rglob("bag=large/*.parquet"))) > 1
     code, printed, err = run_here("bag", "table", str(large), str(good), "-o", str(out))
     assert (code, printed, err) == (0, f"0 messages of 0 topics in {out}; 2 bags were there\n", "")
