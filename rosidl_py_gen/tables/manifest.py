@@ -85,11 +85,13 @@ class Manifest:
     def has(self, entry: Entry) -> bool:
         """Whether there is one of this task, be it done or not: the files it names are its own."""
         with reached(self._out):
+            self._system.invalidate_cache()  # another process may have written it since
             return bool(self._system.exists(f"{self._root}/{entry.path}"))
 
     def begin(self, entry: Entry) -> None:
         """Its files are about to get their names; others that had files of these names have them no more."""
         with reached(self._out):
+            self._system.invalidate_cache()
             mine = {one.path for one in entry.files}
             folder = f"{self._root}/{_folder(entry.name)}"
             paths = [path[len(self._root) + 1 :] for path in self._system.find(folder)]

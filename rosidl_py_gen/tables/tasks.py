@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -46,10 +46,8 @@ class Wish:
     @property
     def short(self) -> str:
         """A name for it."""
-        topics = None if self.topics is None else sorted(self.topics)
-        return digest(
-            [topics, self.include_large, self.start_offset_s, self.duration_s, self.on_error, self.range_bytes]
-        )
+        told = asdict(self)
+        return digest({**told, "topics": self.topics and sorted(self.topics)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +89,7 @@ def cuts_of(task: Task) -> Outcome:
 
 
 def _answered(function: Callable[[Task], Outcome], task: Task) -> Outcome:
-    with warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as caught:  # of all threads, where a worker has several
         warnings.simplefilter("always", BagWarning)
         try:
             made = function(task)

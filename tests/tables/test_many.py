@@ -204,6 +204,8 @@ def test_other_wishes_are_other_tasks(tmp_path: Path) -> None:
     write_datasets([bag], out, topics=["/n"], duration_s=1e-8, overwrite=True)
     assert rows(out) == [("a", 1)]
     assert said(write_datasets([bag], out, topics=["/n"], overwrite=True)) == (["a"], [], [])
+    again = write_datasets([bag], out, topics=["/n"], search_path=[str(tmp_path)])
+    assert "exists already" in again.failed[str(bag)], "other definitions may make something else of it"
     report = write_datasets([bag], tmp_path / "new", topics=["/nn"])
     assert 'has no topic /nn; did you mean "/n"?' in report.failed[str(bag)]
     assert "nothing is left of it" in write_datasets([bag], out, start_offset_s=9).failed[str(bag)]
