@@ -1,6 +1,6 @@
 """Many bags to Parquet by 1, 2, ... processes of Dask: python bench/many_bags.py [--bags 20] [--workers 1 2].
 
-Bags of one robot each, 200 s of Imu, odometry, transforms, joints and scans; three rounds of each number of workers, in
+Bags of one robot each, 60 s of Imu, odometry, transforms, joints and scans; three rounds of each number of workers, in
 turn, the shortest counts. Starting the processes is told by itself: a scheduler that is there has done it already.
 """
 
@@ -21,7 +21,7 @@ from distributed import Client, LocalCluster
 from rosidl_py_gen.bags import BagWriter
 from rosidl_py_gen.tables import write_datasets
 
-SECONDS = 200
+SECONDS = 60
 TYPES = [name for name in bags.ROBOT_HZ if not name.endswith("PointCloud2")]
 
 
