@@ -1,7 +1,7 @@
 """Dask, for `many`: nobody else imports it.
 
 Tasks go to the workers of a scheduler, or to processes of this machine. A worker that is killed is replaced, and what
-it was about is done by another; a task that kills three is given up, and its answer says so.
+it was about is done by another; a task that kills four is given up, and its answer says so.
 """
 
 from __future__ import annotations
