@@ -130,3 +130,28 @@ def test_no_hint_is_written_by_hand() -> None:
         if path.name != "resources.py" and "rosidl-py-gen[" in path.read_text(encoding="utf-8")
     ]
     assert by_hand == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "extra"),
+    [
+        (("bag", "table", "x", "--out", "y"), "tables"),
+        (("bag", "sql", "x", "y"), "tables"),
+        (("bag", "table", "x", "--out", "y", "--scheduler", "tcp://127.0.0.1:1"), "cluster"),
+        (("bag", "table", "x", "--out", "y", "--workers", "2"), "cluster"),
+    ],
+)
+def test_of_several_extras_the_one_is_asked_for_that_brings_the_others(arguments: tuple[str, ...], extra: str) -> None:
+    """In a process that finds none of what extras bring."""
+    code = f"""
+import importlib.util, sys
+real = importlib.util.find_spec
+gone = {{"pyarrow", "duckdb", "fsspec", "upath", "mcap", "zstandard", "lz4", "distributed"}}
+importlib.util.find_spec = lambda name, *more: None if name in gone else real(name, *more)
+for name in gone:
+    sys.modules[name] = None
+from rosidl_py_gen.tools import main
+main({list(arguments)!r})
+"""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert found.returncode == 1 and f"[{extra}]" in found.stderr and found.stderr.count("\n") == 1, found.stderr

@@ -128,7 +128,18 @@ TOOLS: dict[str, tuple[str, ...]] = {
 }
 # Names with an underscore that other modules may use: what generated classes have for the code that calls them,
 # what is public in every named tuple, and what bags have for tables.
-SHARED = {"_source", "_replace", "_TYPE", "_decode", "_encode", "_encode_into", "_native", "_assign", "_FIELDS"}
+SHARED = {
+    "_source",
+    "_cuts",
+    "_replace",
+    "_TYPE",
+    "_decode",
+    "_encode",
+    "_encode_into",
+    "_native",
+    "_assign",
+    "_FIELDS",
+}
 # The same for modules of the runtime only: what nodes and contexts are made of, which users do not see.
 SHARED_IN_RUNTIME = {
     "_scope",
@@ -163,6 +174,8 @@ SEAMS = {
     "pyarrow": ("tables.arrow",),
     "duckdb": ("tables.query",),
     "fsspec": ("tables.places",),
+    "upath": ("bags.remote",),
+    "distributed": ("tables.cluster",),
     "PIL": ("tools.tf.png", "numpy.compressed"),
     "pytest": ("runtime.pytest_plugin",),
 }

@@ -17,6 +17,7 @@ from rosidl_py_gen.bags.chunks import MAX_WINDOW, Zstd
 from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.bags.mcap_file import McapFile
 from rosidl_py_gen.bags.metadata import FILE, read_metadata
+from rosidl_py_gen.bags.remote import copied
 from rosidl_py_gen.bags.sqlite_file import SqliteFile
 from rosidl_py_gen.bags.storage import MAX_TIME, damage_told
 
@@ -98,8 +99,10 @@ def unpacked(path: Path, kept: ExitStack, max_bytes: int) -> Path:
     Raises:
         BagError: it is no file of bags; and as `unpack_file`.
     """
-    if path.suffix == SUFFIX:
-        path = unpack_file(path, Path(kept.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-"))), max_bytes)
+    if path.suffix == SUFFIX or (path.suffix == ".db3" and not isinstance(path, Path)):
+        folder = Path(kept.enter_context(TemporaryDirectory(prefix="rosidl-py-gen-bag-")))
+        path = copied(path, folder)
+        path = unpack_file(path, folder, max_bytes) if path.suffix == SUFFIX else path
     if path.suffix not in _SUFFIXES:
         raise BagError(f"{path}: {'neither .mcap nor .db3 nor a folder' if path.exists() else 'there is no such file'}")
     return path
@@ -194,6 +197,9 @@ class CompressedMessages:
             is_packed = bytes(first.data[begin : begin + len(_MAGIC)]) == _MAGIC
             return None if is_packed else chain(iter([first]), found or ())
         return found
+
+    def parts(self) -> list[tuple[int, int]]:
+        return self._storage.parts()
 
     def close(self) -> None:
         self._storage.close()

@@ -10,6 +10,7 @@ from bisect import bisect_left
 from dataclasses import replace
 from functools import cached_property
 from heapq import heapify, heappop, heappush
+from io import SEEK_END
 from itertools import pairwise
 from operator import attrgetter
 from threading import Lock
@@ -21,6 +22,7 @@ from mcap.writer import MCAP0_MAGIC
 from rosidl_py_gen.bags.chunks import LEAST_MESSAGE, WHOLE, Unpacker, head_of, is_large, pieces
 from rosidl_py_gen.bags.common import BagError, BagTopic
 from rosidl_py_gen.bags.mcap_index import Index, Part, read_index, walk
+from rosidl_py_gen.bags.remote import opened
 from rosidl_py_gen.bags.storage import LOG_TIME, MAX_UNPACKED_BYTES, Block, Channel, damage_told
 
 if TYPE_CHECKING:
@@ -48,11 +50,12 @@ class McapFile:
         self._max_bytes = max_unpacked_bytes
         self._unpacker = Unpacker(path, max_unpacked_bytes, validate_crcs)
         self._reading = Lock()  # of `_stream`, which several iterations may read from
-        self._stream = path.open("rb")
+        self._stream = opened(path)
         self._ordered: dict[int, bool] = {}  # of large chunks, by where they are
         try:
             with damage_told(path):
-                self._size = path.stat().st_size
+                self._size = self._stream.seek(0, SEEK_END)
+                self._stream.seek(0)
                 if not MCAP0_MAGIC.startswith(self._stream.read(len(MCAP0_MAGIC))):  # shorter: nothing was written yet
                     raise BagError(f"{path}: damaged: it does not begin as MCAP files do")
                 self._own = read_index(self._stream, self._size)
@@ -127,6 +130,12 @@ class McapFile:
             with damage_told(self._path):
                 return self._index.span if self._parts else None
         return self._index.span
+
+    def parts(self) -> list[tuple[int, int]]:
+        if self._own is None:
+            return []
+        with damage_told(self._path):
+            return [(one.first, one.end - one.offset) for one in self._parts]
 
     # ------------------------------------------------------------------------------------------------------ messages
 

@@ -21,6 +21,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from rosidl_py_gen.bags.chunks import IS_MESSAGE, MESSAGE, RECORD, Unpacker, head_of, is_large, pieces
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.remote import UnreachableError
 from rosidl_py_gen.bags.storage import MAX_TIME
 
 if TYPE_CHECKING:
@@ -117,6 +118,8 @@ def read_index(stream: IO[bytes], size: int) -> Index | None:
         stream.seek(0)
         found = SeekingReader(stream, record_size_limit=size).get_summary()
         return None if found is None or not _is_complete(found) else _index_of(found, start)
+    except UnreachableError:
+        raise
     except Exception:  # whatever wrong bytes lead to: the file is walked through then
         return None
 

@@ -9,11 +9,9 @@ from __future__ import annotations
 import warnings
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from rosidl_py_gen.bags.common import BagError, BagMessage, BagTopic, BagWarning, LeftOut, RawMessage
-from rosidl_py_gen.bags.compressed import CompressedMessages, files_of, unpacked
 from rosidl_py_gen.bags.decoder import decoder_of
 from rosidl_py_gen.bags.definitions import (
     NO_FIELDS,
@@ -23,10 +21,11 @@ from rosidl_py_gen.bags.definitions import (
     is_empty,
     measuring,
 )
-from rosidl_py_gen.bags.mcap_file import McapFile, by_name, joined
+from rosidl_py_gen.bags.files import cuts, open_files
+from rosidl_py_gen.bags.mcap_file import by_name, joined
 from rosidl_py_gen.bags.pacing import paced
-from rosidl_py_gen.bags.sqlite_file import SqliteFile
-from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES, Channel, Raw, Source, Storage, in_blocks, merged
+from rosidl_py_gen.bags.remote import place_of
+from rosidl_py_gen.bags.storage import MAX_UNPACKED_BYTES, Channel, Raw, Source, in_blocks, merged
 from rosidl_py_gen.bags.table import frame, table
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.errors import DecodeError, RosidlError
@@ -52,7 +51,8 @@ class BagReader:
 
     Args:
         path: an ``.mcap`` or ``.db3`` file, or a rosbag2 folder; also with rosbag2's own zstd compression, of files
-            (``.mcap.zstd``, ``.db3.zstd``; they are unpacked into a temporary folder) or of messages.
+            (``.mcap.zstd``, ``.db3.zstd``; they are unpacked into a temporary folder) or of messages. Or the URL of
+            one, as ``s3://bucket/drive.mcap``, with the extra ``tables``: MCAP files are then read by ranges.
         validate_crcs: compare the checksum of each chunk of an MCAP file, which for images and clouds takes longer than
             everything else. False is for files you trust; damage is then found only where it breaks the format.
         max_unpacked_bytes: what a compressed chunk or message may become at most. A few bytes can say that they become
@@ -74,20 +74,13 @@ class BagReader:
         search_path: Folders = (),
         typestore: Typestore | None = None,
     ) -> None:
-        self.path = Path(path)
-        self._files: list[Storage] = []
-        self._unpacked = ExitStack()
+        self.path = place_of(path)
+        self._kept = ExitStack()
         self.left_out: dict[str, LeftOut] = {}
         """Topics whose messages `messages` could not decode and left out so far, with their number and the reason."""
         try:
-            self.files, has_packed_messages, hashes = files_of(self.path)
+            self.files, self._files, hashes = open_files(self.path, self._kept, validate_crcs, max_unpacked_bytes)
             """The files it consists of."""
-            for file in self.files:
-                found = unpacked(file, self._unpacked, max_unpacked_bytes)
-                is_database = found.suffix == ".db3"
-                storage = SqliteFile(found) if is_database else McapFile(found, validate_crcs, max_unpacked_bytes)
-                packed = CompressedMessages(storage, file, max_unpacked_bytes) if has_packed_messages else None
-                self._files.append(packed or storage)
             self._definitions = Definitions(self.path, search_path, typestore, hashes)
             self.channels: list[BagTopic] = joined(topic for file in self._files for topic in file.channels())
             """What was recorded: a topic that has messages of two definitions is there twice."""
@@ -371,6 +364,9 @@ class BagReader:
         found = in_blocks(self._files, names, start_ns or 0, _END if end_ns is None else end_ns)
         return Source(found, lambda some: self._decoded(some, False, may_leave_out, on_error == "skip"))
 
+    def _cuts(self, size: int) -> list[int]:
+        return cuts(self._files, size)
+
     def table(
         self,
         topic: str | BagTopic,
@@ -387,9 +383,7 @@ class BagReader:
 
     def close(self) -> None:
         """Close the files; may be called twice."""
-        for file in self._files:
-            file.close()
-        self._unpacked.close()
+        self._kept.close()
 
     def __enter__(self) -> Self:
         return self

@@ -36,6 +36,9 @@ class SqliteFile:
     is_whole = True
     unread_bytes = 0
 
+    def parts(self) -> list[tuple[int, int]]:
+        return []
+
     def __init__(self, path: Path) -> None:
         self._path = path
         if not path.is_file():

@@ -95,6 +95,9 @@ class Storage(Protocol):
     def blocks(self, topics: Collection[str] | None, start: int, end: int) -> Iterator[Block] | None:
         """The same in blocks; None where the messages of a topic would not be in order then."""
 
+    def parts(self) -> list[tuple[int, int]]:
+        """First log time and stored bytes of what is read together; none where finding a time takes reading all."""
+
     def close(self) -> None:
         """May be called twice."""
 

@@ -32,6 +32,8 @@ _EXTRA_OF = {
     "pyarrow": "tables",
     "duckdb": "tables",
     "fsspec": "tables",
+    "upath": "tables",
+    "distributed": "cluster",
     "PIL": "images",
 }
 """Modules that only extras bring."""
@@ -72,6 +74,18 @@ def extra_missing(error: ImportError) -> ExtraMissingError | None:
         return None
     text = f"this needs {name}, which is not installed: {install_command(_EXTRA_OF[name])}"
     return ExtraMissingError(text, name=name)
+
+
+def require(*modules: str) -> None:
+    """Raise `ExtraMissingError` for the first of these modules that is not there.
+
+    What needs several extras asks so for the one that brings the others, before it imports anything.
+    """
+    from importlib.util import find_spec
+
+    for name in modules:
+        if find_spec(name) is None:
+            raise extra_missing(ModuleNotFoundError(name=name)) or ModuleNotFoundError(name=name)
 
 
 def install_command(extra: str) -> str:

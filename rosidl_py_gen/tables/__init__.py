@@ -3,6 +3,9 @@
 Needs the extra ``tables``; without it the import raises `ExtraMissingError`, an `ImportError` that has the command.
 """
 
+from rosidl_py_gen.tables import arrow as _arrow  # noqa: F401  first, as the extra of pyarrow brings all the others
 from rosidl_py_gen.tables.dataset import DatasetFile as DatasetFile
 from rosidl_py_gen.tables.dataset import DatasetReport as DatasetReport
 from rosidl_py_gen.tables.dataset import write_dataset as write_dataset
+from rosidl_py_gen.tables.many import DatasetsReport as DatasetsReport
+from rosidl_py_gen.tables.many import write_datasets as write_datasets

@@ -19,7 +19,7 @@ from rosidl_py_gen.cdr.typesupport import referenced_classes
 from rosidl_py_gen.errors import RosidlError
 from rosidl_py_gen.tables.arrow import pa, parquet
 from rosidl_py_gen.tables.columns import free_name, nodes_of
-from rosidl_py_gen.tables.places import joined, written
+from rosidl_py_gen.tables.places import Output, joined
 from rosidl_py_gen.tables.reading import Columns, Waiting
 
 if TYPE_CHECKING:
@@ -101,18 +101,11 @@ def write_dataset(
     Raises:
         BagError: a file exists already; and as `BagReader.batches`. OSError: it cannot be written.
     """
-    made = _Dataset(bag, str(out), name or bag_name(bag.path.name), overwrite, compression, row_group_bytes)
-    channels = _chosen(bag, topics, include_large, made.left_out)
-    source = bag._source([*dict.fromkeys(one.name for one in channels)], start_ns, end_ns, on_error, topics is None)
-    for channel in channels:
-        made.add(channel, Columns(bag, channel, None, source.decoded))
+    made = Draft(bag, str(out), name or bag_name(bag.path.name), overwrite, compression, row_group_bytes)
     with made:
-        done = 0
-        for message in source.found if made.by_key else ():
-            done += made.take(message)
-            if progress is not None:
-                progress(done)
-    return DatasetReport(made.files, {**made.left_out, **{key: one.reason for key, one in bag.left_out.items()}})
+        made.fill(topics, include_large, start_ns, end_ns, on_error, progress)
+        made.publish()
+    return made.report
 
 
 def _chosen(
@@ -164,29 +157,68 @@ class _File:
         self.schema = _renamed(columns.schema)
 
 
-class _Dataset:
+class Draft:
+    """The files of a bag, or of a part of it, which nobody sees before `publish`. Use it with ``with``.
+
+    Args:
+        suffix: of the names of files, for one of several parts of a bag.
+
+    Attributes:
+        report: what was done, after `fill`.
+    """
+
     def __init__(
-        self, bag: BagReader, out: str, name: str, overwrite: bool, compression: str, row_group_bytes: int
+        self,
+        bag: BagReader,
+        out: str,
+        name: str,
+        overwrite: bool = False,
+        compression: str = "zstd",
+        row_group_bytes: int = ROW_GROUP_BYTES,
+        suffix: str = "",
     ) -> None:
-        self._bag, self._out, self._name, self._overwrite = bag, out, name, overwrite
-        self._compression, self._most = compression, row_group_bytes
+        self._bag, self._out, self._name, self._suffix = bag, out, name, suffix
+        self._overwrite, self._compression, self._most = overwrite, compression, row_group_bytes
+        self._output = Output(out)
         self._open = ExitStack()
         self._waiting = 0
-        self.by_key: dict[tuple[str, ...], _File] = {}
-        self.files: list[DatasetFile] = []
-        self.left_out: dict[str, str] = {}
+        self._by_key: dict[tuple[str, ...], _File] = {}
+        self.report = DatasetReport([], {})
 
-    def add(self, channel: BagTopic, columns: Columns) -> None:
+    def fill(
+        self,
+        topics: Collection[str] | None,
+        include_large: bool,
+        start_ns: int | None,
+        end_ns: int | None,
+        on_error: str,
+        progress: Callable[[int], None] | None = None,
+    ) -> None:
+        """Read the bag; arguments and errors as `write_dataset`."""
+        bag, left_out = self._bag, self.report.left_out
+        channels = _chosen(bag, topics, include_large, left_out)
+        source = bag._source([*dict.fromkeys(one.name for one in channels)], start_ns, end_ns, on_error, topics is None)
+        for channel in channels:
+            self._add(channel, Columns(bag, channel, None, source.decoded))
+        done = 0
+        for message in source.found if self._by_key else ():
+            done += self._take(message)
+            if progress is not None:
+                progress(done)
+        self._end()
+        left_out.update({key: one.reason for key, one in bag.left_out.items()})
+
+    def _add(self, channel: BagTopic, columns: Columns) -> None:
         """Make a file known for the messages of a channel."""
-        kind = f"{channel.type_name.rpartition('/')[2]}-{columns.cls._TYPE.hash.removeprefix('RIHS01_')[:8]}.parquet"
+        kind = f"{channel.type_name.rpartition('/')[2]}-{columns.cls._TYPE.hash.removeprefix('RIHS01_')[:8]}"
         folders = f"{TOPIC}={quote(channel.name, safe='')}", f"{BAG}={quote(self._name, safe='')}"
-        path = joined(self._out, *folders, quote(kind, safe=""))
-        same = next((one for one in self.by_key.values() if one.path == path), None)
-        self.by_key[channel.key] = same or _File(path, channel, columns, min(_BATCH_BYTES, self._most))
+        path = joined(self._out, *folders, f"{quote(kind, safe='')}{self._suffix}.parquet")
+        same = next((one for one in self._by_key.values() if one.path == path), None)
+        self._by_key[channel.key] = same or _File(path, channel, columns, min(_BATCH_BYTES, self._most))
 
-    def take(self, message: Any) -> int:
+    def _take(self, message: Any) -> int:
         """Take a message or a block; returns of how many messages it is."""
-        file = self.by_key.get(message[0].info.key)
+        file = self._by_key.get(message[0].info.key)
         if file is None:
             return 0
         for columns, messages in file.waiting.take(message, {message[0].info.key: file.columns}):
@@ -201,12 +233,12 @@ class _Dataset:
             if file.size >= self._most:
                 self._write(file)
             while self._waiting > _MOST_WAITING:
-                self._write(max(self.by_key.values(), key=lambda one: one.size))
+                self._write(max(self._by_key.values(), key=lambda one: one.size))
 
     def _write(self, file: _File) -> None:
         """What waits as a row group."""
         if file.writer is None:
-            stream = self._open.enter_context(written(file.path, self._overwrite))
+            stream = self._open.enter_context(self._output.written(file.path, self._overwrite))
             file.writer = self._open.enter_context(self._writer(stream, file))
         table = pa.Table.from_batches(file.batches, file.schema)
         try:
@@ -225,23 +257,32 @@ class _Dataset:
             use_dictionary=_texts(file.schema),  # numbers seldom repeat, and looking whether they do takes long
         )
 
-    def __enter__(self) -> _Dataset:
-        return self
-
-    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-        if kind is not None:
-            self._open.__exit__(kind, error, trace)
-            return
+    def _end(self) -> None:
+        """Write what waits, and close the files."""
         with self._open:
-            for file in self.by_key.values():
+            for file in self._by_key.values():
                 for columns, messages in file.waiting.rest():
                     self._keep(file, columns.batches(messages))
                 if file.batches:
                     self._write(file)
-        for file in dict.fromkeys(self.by_key.values()):
+        for file in dict.fromkeys(self._by_key.values()):
             if file.rows:
                 channel = file.channel
-                self.files.append(DatasetFile(channel.name, channel.type_name, file.path, file.rows))
+                self.report.files.append(DatasetFile(channel.name, channel.type_name, file.path, file.rows))
+
+    def publish(self) -> None:
+        """Give the files their names."""
+        self._output.publish()
+
+    def __enter__(self) -> Draft:
+        self._output.__enter__()
+        return self
+
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        try:
+            self._open.__exit__(kind, error, trace)
+        finally:
+            self._output.__exit__(kind, error, trace)
 
 
 def _renamed(schema: Any) -> Any:

@@ -1,7 +1,7 @@
-"""Where files are written: local folders, and with fsspec whatever has a URL, such as ``s3://`` and ``memory://``.
+"""Where datasets are written: local folders, and with fsspec whatever has a URL, such as ``s3://`` and ``memory://``.
 
-Decides that nobody finds half a file: a local one gets its name when it is whole; a remote one that was not finished is
-removed.
+Decides that nobody finds half a file: those of one run of `Output` get their names when all are whole, and none does
+when something fails. Of a process that was killed, local files with ``.partial`` behind their names are left over.
 """
 
 from __future__ import annotations
@@ -9,70 +9,106 @@ from __future__ import annotations
 import os
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.remote import is_url, reached
 from rosidl_py_gen.base.resources import extra_missing
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-_PARTIAL = ".partial"
+PARTIAL = ".partial"
+_BLOCK = 1 << 23
+"""Bytes of a remote file that are sent together."""
 
 
-def _fsspec() -> Any:
+def file_system(place: str, *, fresh: bool = False) -> tuple[Any, str]:
+    """What fsspec has for a place, and its path there.
+
+    Args:
+        fresh: one that nobody else has.
+
+    Raises:
+        BagError: nobody knows such URLs, or the place did not answer. ExtraMissingError: there is no fsspec.
+    """
     try:
         import fsspec  # type: ignore[import-untyped]
     except ModuleNotFoundError as missing:
         raise extra_missing(missing) or missing from None
-    return fsspec
+    try:
+        with reached(place):
+            system, path = fsspec.core.url_to_fs(place, skip_instance_cache=fresh)
+    except ImportError as error:  # no package for this protocol
+        raise BagError(f"{place}: {error}") from None
+    return system, path
 
 
 def joined(place: str, *parts: str) -> str:
     """A place below another."""
-    return "/".join((place.rstrip("/") or "/", *parts)) if "://" in place else os.path.join(place, *parts)
+    return "/".join((place.rstrip("/") or "/", *parts)) if is_url(place) else os.path.join(place, *parts)
 
 
-@contextmanager
-def written(place: str, overwrite: bool) -> Iterator[Any]:
-    """A binary file to write to; its folders are made.
-
-    Raises:
-        BagError: there is a file already, or no such file system. OSError: it cannot be written.
-    """
-    if "://" not in place:
-        with _local(place, overwrite) as stream:
-            yield stream
-        return
-    try:
-        system, path = _fsspec().core.url_to_fs(place)
-        if not overwrite and system.exists(path):
-            raise BagError(f"{place} exists already")
-        system.makedirs(path.rpartition("/")[0], exist_ok=True)
-        stream = system.open(path, "wb")
-    except (ImportError, ValueError) as error:  # no package for this protocol, no such protocol
-        if isinstance(error, BagError):
-            raise
-        raise BagError(f"{place}: {error}") from None
-    try:
-        with stream:
-            yield stream
-    except BaseException:
-        with suppress(Exception):  # what went wrong first is what counts
-            system.rm(path)
-        raise
+def url_of(place: str, path: str) -> str:
+    """What fsspec calls a path, where it has found it at a place, as it is called everywhere."""
+    if not is_url(place) or is_url(path):
+        return path
+    protocol = place.partition("://")[0]
+    return f"{protocol}://{path if protocol == 'file' else path.lstrip('/')}"
 
 
-@contextmanager
-def _local(place: str, overwrite: bool) -> Iterator[Any]:
-    if not overwrite and os.path.exists(place):
-        raise BagError(f"{place} exists already")
-    os.makedirs(os.path.dirname(place) or ".", exist_ok=True)
-    partial = place + _PARTIAL
-    try:
-        with open(partial, "wb") as stream:
-            yield stream
-        os.replace(partial, place)
-    except BaseException:
-        with suppress(OSError):
-            os.remove(partial)
-        raise
+class Output:
+    """Files that appear together, when this ends without an error. Use it with ``with``."""
+
+    def __init__(self, out: str) -> None:
+        self._system: Any = file_system(out, fresh=True)[0] if is_url(out) else None
+        self._transaction: Any = None
+        self._partial: dict[str, str] = {}
+        self._token = uuid4().hex[:12]
+
+    @contextmanager
+    def written(self, place: str, overwrite: bool) -> Iterator[Any]:
+        """A binary file to write to; its folders are made.
+
+        Raises:
+            BagError: there is a file already. OSError: it cannot be written.
+        """
+        if self._system is None:
+            if not overwrite and os.path.exists(place):
+                raise BagError(f"{place} exists already")
+            os.makedirs(os.path.dirname(place) or ".", exist_ok=True)
+            self._partial[place] = f"{place}.{self._token}{PARTIAL}"
+            with open(self._partial[place], "xb") as stream:
+                yield stream
+            return
+        with reached(place):
+            path = file_system(place)[1]
+            if not overwrite and self._system.exists(path):
+                raise BagError(f"{place} exists already")
+            self._system.makedirs(path.rpartition("/")[0], exist_ok=True)
+            with self._system.open(path, "wb", block_size=_BLOCK) as stream:
+                yield stream
+
+    def publish(self) -> None:
+        """Give the files their names."""
+        for place, partial in list(self._partial.items()):
+            os.replace(partial, place)
+            del self._partial[place]
+        if self._transaction is not None:
+            with reached("the file system"):
+                transaction, self._transaction = self._transaction, None
+                transaction.complete()
+
+    def __enter__(self) -> Output:
+        if self._system is not None:
+            self._transaction = self._system.transaction
+            self._transaction.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for partial in self._partial.values():
+            with suppress(OSError):
+                os.remove(partial)
+        if self._transaction is not None:
+            with suppress(Exception):  # what went wrong first is what counts
+                self._transaction.complete(commit=False)

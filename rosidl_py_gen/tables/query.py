@@ -9,15 +9,16 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
 from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.bags.remote import is_url, reached
 from rosidl_py_gen.base.names import did_you_mean
 from rosidl_py_gen.base.resources import extra_missing
 from rosidl_py_gen.tables.dataset import TOPIC, write_dataset
+from rosidl_py_gen.tables.places import file_system, url_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -37,9 +38,13 @@ _RESULT = "result of the query"
 _ROWS = 1000
 
 
-def is_dataset(path: Path) -> bool:
-    """Whether a folder is one that `write_dataset` has written."""
-    return path.is_dir() and any(path.glob(f"{TOPIC}=*"))
+def is_dataset(place: str) -> bool:
+    """Whether a folder, or a URL, is one that `write_dataset` has written."""
+    system, path = file_system(place)
+    with reached(place):
+        return bool(system.isdir(path)) and any(
+            one.rstrip("/").rpartition("/")[2].startswith(f"{TOPIC}=") for one in system.ls(path, detail=False)
+        )
 
 
 def named(query: str, topics: Sequence[str]) -> list[str]:
@@ -69,7 +74,7 @@ class Database:
         self,
         query: str,
         bags: Mapping[str, BagReader],
-        datasets: Iterable[Path] = (),
+        datasets: Iterable[str] = (),
         *,
         on_error: str = "raise",
         progress: Callable[[int], None] | None = None,
@@ -79,15 +84,13 @@ class Database:
         Raises:
             BagError, DecodeError: as `write_dataset`.
         """
-        folders = [(unquote(one.name.partition("=")[2]), one) for path in datasets for one in _folders(path)]
-        topics = dict.fromkeys(
-            [*(topic for bag in bags.values() for topic in bag.topics), *(one for one, _ in folders)]
-        )
+        files = [one for place in datasets for one in self._of_dataset(place)]
+        topics = dict.fromkeys([*(topic for bag in bags.values() for topic in bag.topics), *(one for one, _ in files)])
         self._known += topics
         wanted = named(query, list(topics))
-        for topic, folder in folders:
+        for topic, file in files:
             if topic in wanted:
-                self._files.setdefault(topic, []).extend(map(str, sorted(folder.glob("**/*.parquet"))))
+                self._files.setdefault(topic, []).append(file)
         left_out: dict[str, str] = {}
         done = 0
         for name, bag in bags.items():
@@ -106,6 +109,19 @@ class Database:
             for one in report.files:
                 self._files.setdefault(one.topic, []).append(one.path)
         return left_out
+
+    def _of_dataset(self, place: str) -> list[tuple[str, str]]:
+        """Topics and files."""
+        system, root = file_system(place)
+        begin, found = len(root.rstrip("/")) + 1, []
+        with reached(place):
+            for path in sorted(system.find(root)):
+                key, _, topic = path[begin:].partition("/")[0].partition("=")
+                if key == TOPIC and path.endswith(".parquet"):
+                    found.append((unquote(topic), url_of(place, path)))
+        if is_url(place):
+            self._base.register_filesystem(system)
+        return found
 
     def run(self, query: str) -> Result:
         """The result of a query.
@@ -191,10 +207,6 @@ def _asked(call: Callable[[], Any], topics: Sequence[str] = ()) -> Any:
 
 def _shifted(progress: Callable[[int], None], done: int, count: int) -> None:
     progress(done + count)
-
-
-def _folders(path: Path) -> list[Path]:
-    return sorted(path.glob(f"{TOPIC}=*"))
 
 
 def _text(value: str) -> str:

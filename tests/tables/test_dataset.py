@@ -189,7 +189,7 @@ def test_random_definitions_are_the_same_in_parquet_and_duckdb(case: tuple[World
 def asked(query: str, *bags: Path, datasets: tuple[Path, ...] = ()) -> list[list[str]]:
     with Database() as base:
         readers = {path.stem: BagReader(path) for path in bags}
-        base.add(query, readers, datasets)
+        base.add(query, readers, map(str, datasets))
         found = list(base.run(query).rows())
         for one in readers.values():
             one.close()

@@ -10,10 +10,12 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from many_bags import bag_of, rows
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.bags import BagWriter
-from rosidl_py_gen.tools.bag.table import names_of
+from rosidl_py_gen.bags import BagWriter, writer
+from rosidl_py_gen.tables import many
+from rosidl_py_gen.tables.sources import names_of
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 Image: Any = get_message("sensor_msgs/msg/Image")
@@ -21,14 +23,14 @@ String: Any = get_message("std_msgs/msg/String")
 
 
 def drive(path: Path, broken: bool = False) -> str:
-    with BagWriter(path) as writer:
+    with BagWriter(path) as made:
         for number in range(50):
             message = Imu()
             message.linear_acceleration.x, message.header.frame_id = number / 2, f"f{number}"
-            writer.write("/imu", message, number * 10**9)
-        writer.write("/image", Image(), 1)
-        writer.add_topic("/s", String)
-        writer.write("/s", String(data="x").encode()[: 9 if broken else 10], 10**9)
+            made.write("/imu", message, number * 10**9)
+        made.write("/image", Image(), 1)
+        made.add_topic("/s", String)
+        made.write("/s", String(data="x").encode()[: 9 if broken else 10], 10**9)
     return str(path)
 
 
@@ -40,7 +42,9 @@ def test_bags_become_a_dataset_that_can_be_asked(run_here: Any, tmp_path: Path) 
     query = 'select bag, count(*), max(linear_acceleration.x) from "/imu" group by bag order by bag'
     assert run_here("bag", "sql", query, str(out)) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
     assert run_here("bag", "sql", query, first, second) == (0, "a\t50\t24.5\nb\t50\t24.5\n", "")
-    code, _, err = run_here("bag", "table", first, "--out", str(out))
+    code, said, err = run_here("bag", "table", first, "--out", str(out))
+    assert (code, said, err) == (0, f"0 messages of 0 topics in {out}; 1 bags were there\n", "")
+    code, _, err = run_here("bag", "table", first, "--out", str(out), "--include-large")
     assert code == 1 and err.endswith("parquet exists already\n")
     assert run_here("bag", "table", first, "--out", str(out), "--overwrite", "--include-large")[0] == 0
 
@@ -104,3 +108,24 @@ def test_a_bar_shows_on_a_terminal_how_far_it_is(tmp_path: Path, monkeypatch: py
 def test_bags_of_the_same_name_are_told_apart_by_their_folders() -> None:
     assert names_of(["a/x.mcap", "b/x.mcap", "y", "a/x.mcap"]) == {"a/x": "a/x.mcap", "b/x": "b/x.mcap", "y": "y"}
     assert names_of(["/x.db3.zstd"]) == {"x": "/x.db3.zstd"}
+
+
+def test_processes_of_this_machine_do_it_without_a_scheduler(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run_here: Any
+) -> None:
+    monkeypatch.setattr(many, "RANGE_BYTES", 20_000)
+    monkeypatch.setattr(writer, "_CHUNK", 1 << 13)
+    large = bag_of(tmp_path / "large.mcap", *range(3_000), compression="")
+    good, out = bag_of(tmp_path / "b.mcap", 1), tmp_path / "out"
+    (tmp_path / "junk.mcap").write_bytes(b"junk" * 30)
+    code, printed, err = run_here(
+        *("bag", "table", str(large), str(tmp_path / "junk.mcap"), str(good), "-o", str(out), "--workers", "2")
+    )
+    assert code == 1 and printed == f"3001 messages of 1 topics in {out}\n"
+    assert err == f"error: {tmp_path}/junk.mcap: damaged: it does not begin as MCAP files do\n"
+    assert rows(out) == [("b", 1)] + [("large", number) for number in range(3_000)]
+    assert len(list(out.rglob("bag=large/*.parquet"))) > 1
+    code, printed, err = run_here("bag", "table", str(large), str(good), "-o", str(out))
+    assert (code, printed, err) == (0, f"0 messages of 0 topics in {out}; 2 bags were there\n", "")
+    code, _, err = run_here("bag", "table", str(good), "-o", str(out), "--scheduler", "tcp://x:1", "--workers", "2")
+    assert code == 2 and "a scheduler has its own workers" in err

@@ -62,15 +62,15 @@ def size_text(count: float) -> str:
 
 
 @contextmanager
-def progress_bar(total: int) -> Iterator[Callable[[int], None]]:
-    """A bar at the bottom of the terminal that says how many messages of `total` are done; nothing elsewhere."""
+def progress_bar(total: int, what: str = "messages") -> Iterator[Callable[[float], None]]:
+    """A bar at the bottom of the terminal: how many of `total` are done; nothing elsewhere."""
     if not printing.is_terminal() or not total:
         yield lambda done: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    columns = BarColumn(), MofNCompleteColumn(), "messages", TimeRemainingColumn()
+    columns = BarColumn(), MofNCompleteColumn(), what, TimeRemainingColumn()
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=total)
         yield lambda done: bar.update(task, completed=done)

@@ -6,17 +6,18 @@ import atexit
 import gc
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.bags import BagReader
+from rosidl_py_gen.bags import BagError, BagReader
+from rosidl_py_gen.bags.remote import is_url
 from rosidl_py_gen.tables.query import Database, is_dataset, named
+from rosidl_py_gen.tables.sources import find, names_of
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.bag.part import progress_bar
-from rosidl_py_gen.tools.bag.table import names_of
 
 if TYPE_CHECKING:
     from rosidl_py_gen.tables.query import Result
@@ -36,8 +37,8 @@ def run(
         raise ToolError(f"{output} exists already")
     with ExitStack() as stack:
         base = stack.enter_context(Database())
-        datasets = [path for path in bags if is_dataset(Path(path))]
-        names = names_of([path for path in bags if path not in datasets])
+        datasets = [path for path in bags if is_dataset(path)]
+        names = names_of(_each(path for path in bags if path not in datasets))
         readers = {name: stack.enter_context(BagReader(path, search_path=paths)) for name, path in names.items()}
         topics = {topic for reader in readers.values() for topic in reader.topics}
         counts = [
@@ -48,11 +49,23 @@ def run(
         ]
         with progress_bar(sum(one or 0 for one in counts)) as show:
             on_error = "skip" if skips else "raise"
-            left_out = base.add(query, readers, map(Path, datasets), on_error=on_error, progress=show)
+            left_out = base.add(query, readers, datasets, on_error=on_error, progress=show)
         for topic, reason in left_out.items():
             printing.note(f"left out {topic}: {reason}")
         _give(base.run(query), form, output)
     return 0
+
+
+def _each(bags: Iterable[str]) -> Iterator[str]:
+    """With URLs that have ``*`` as those of the bags."""
+    for bag in bags:
+        if not is_url(bag):
+            yield bag
+            continue
+        found, failed = find([bag])
+        for reason in failed.values():
+            raise BagError(reason)
+        yield from (one.place for one in found)
 
 
 def _form(output: str | None) -> str:

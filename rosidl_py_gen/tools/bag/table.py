@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import ExitStack
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
-from rosidl_py_gen.bags import BagReader
-from rosidl_py_gen.tables.dataset import DatasetReport, bag_name, write_dataset
-from rosidl_py_gen.tools import printing
-from rosidl_py_gen.tools.bag.part import part_of, progress_bar
+from rosidl_py_gen.tables import write_datasets
+from rosidl_py_gen.tools import printing, report
+from rosidl_py_gen.tools.bag.part import progress_bar
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from rosidl_py_gen.tables import DatasetsReport
 
 
 def run(
@@ -25,45 +25,48 @@ def run(
     include_large: bool,
     skips: bool,
     overwrite: bool,
+    scheduler: str | None,
+    workers: int | None,
     as_json: bool,
     paths: Sequence[str],
 ) -> int:
     """Returns the exit code."""
-    names = names_of(bags)
+    with _bar() as show:
+        found = write_datasets(
+            bags,
+            out,
+            topics=topics or None,
+            include_large=include_large,
+            start_offset_s=offset_s,
+            duration_s=duration_s,
+            on_error="skip" if skips else "raise",
+            overwrite=overwrite,
+            scheduler=scheduler,
+            workers=workers,
+            search_path=paths,
+            progress=show,
+        )
+    _tell(found, out, as_json)
+    return 1 if found.failed else 0
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[float, int], None]]:
+    """A bar for as many tasks as there turn out to be."""
     with ExitStack() as stack:
-        readers = {name: stack.enter_context(BagReader(path, search_path=paths)) for name, path in names.items()}
-        total = sum(one.count or 0 for reader in readers.values() for one in reader.topics.values())
-        done, reports = 0, {}
-        with progress_bar(total) as show:
-            for name, reader in readers.items():
-                part = part_of(reader, [one for one in topics if one in reader.topics], offset_s, duration_s)
-                if topics and not any(one in reader.topics for one in topics):
-                    part_of(reader, topics, offset_s, duration_s)  # which says so
-                reports[name] = write_dataset(
-                    reader,
-                    out,
-                    name=name,
-                    topics=part.topics if topics else None,
-                    include_large=include_large,
-                    start_ns=part.start_ns,
-                    end_ns=part.end_ns,
-                    on_error="skip" if skips else "raise",
-                    overwrite=overwrite,
-                    progress=_shifted(show, done),
-                )
-                done += sum(one.count or 0 for one in reader.topics.values())
-                show(done)
-    _tell(reports, out, as_json)
-    return 0
+        shown: list[Callable[[float], None]] = []
+
+        def show(done: float, count: int) -> None:
+            if not shown:
+                shown.append(stack.enter_context(progress_bar(count, "tasks")))
+            shown[0](done)
+
+        yield show
 
 
-def _shifted(show: Callable[[int], None], done: int) -> Callable[[int], None]:
-    return lambda count: show(done + count)
-
-
-def _tell(reports: dict[str, DatasetReport], out: str, as_json: bool) -> None:
-    files = [(name, one) for name, report in reports.items() for one in report.files]
-    left_out = [(name, *one) for name, report in reports.items() for one in report.left_out.items()]
+def _tell(found: DatasetsReport, out: str, as_json: bool) -> None:
+    files = [(name, one) for name, some in found.files.items() for one in some]
+    left_out = [(name, *one) for name, some in found.left_out.items() for one in some.items()]
     for name, topic, reason in left_out:
         printing.note(f"{name}: left out {topic}: {reason}")
     if as_json:
@@ -72,21 +75,12 @@ def _tell(reports: dict[str, DatasetReport], out: str, as_json: bool) -> None:
             for name, one in files
         ]
         missing = [{"bag": name, "topic": topic, "reason": reason} for name, topic, reason in left_out]
-        printing.document({"path": out, "files": shown, "left_out": missing})
-        return
-    count, topics = sum(one.messages for _, one in files), len({one.topic for _, one in files})
-    printing.line(f"{count} messages of {topics} topics in {out}")
-
-
-def names_of(bags: Sequence[str]) -> dict[str, str]:
-    """A name for each bag that no other has: that of its file, with folders before it where that is not enough."""
-    paths = list(dict.fromkeys(bags))
-    parts = [[bag_name(part) for part in Path(path).absolute().parts[1:]] or ["bag"] for path in paths]
-    names = {}
-    for path, own in zip(paths, parts, strict=True):
-        length = 1
-        while length < len(own) and sum(own[-length:] == other[-length:] for other in parts) > 1:
-            length += 1
-        name = "/".join(own[-length:])
-        names[name if name not in names else path] = path
-    return names
+        failed = [{"bag": bag, "error": error} for bag, error in found.failed.items()]
+        told = {"path": out, "files": shown, "left_out": missing, "failed": failed, "unchanged": found.unchanged}
+        printing.document(told)
+    elif files or not found.failed:
+        count, topics = sum(one.messages for _, one in files), len({one.topic for _, one in files})
+        there = f"; {len(found.unchanged)} bags were there" if found.unchanged else ""
+        printing.line(f"{count} messages of {topics} topics in {out}{there}")
+    for error in found.failed.values():
+        report(error)

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import click
 
+from rosidl_py_gen.base.resources import require
 from rosidl_py_gen.tools import options, run_command
 from rosidl_py_gen.tools.commands.bag_play import play
 from rosidl_py_gen.tools.commands.bag_record import record
@@ -132,17 +133,26 @@ _skips = click.option(
 @_part_options
 @_skips
 @click.option("--overwrite", is_flag=True, help="Replace files that are there already.")
+@click.option("--scheduler", metavar="URL", help="Of a Dask cluster, as tcp://10.0.0.1:8786, whose workers do it.")
+@click.option("--workers", type=click.IntRange(1), metavar="N", help="Processes of this machine; 1 is this one.")
 @options.paths
 @options.as_json
 def table(**arguments: Any) -> None:
     """Write bags as a Parquet dataset, for polars, pandas, DuckDB and Spark. Needs the extra tables.
 
-    There is a file for each topic and bag, PLACE/topic=.../bag=.../*.parquet.
+    There is a file for each topic and bag, PLACE/topic=.../bag=.../*.parquet; large bags have several. A bag that
+    fails stops no other. Another run does what is missing or has changed. Bags may be URLs that fsspec knows, with *.
+    With the extra cluster, several processes of Dask do it where there is enough to do.
 
     \b
     rosidl-py bag table my_bag --out dataset
     rosidl-py bag table drives/*.mcap --out dataset --topics /imu --topics /odom
+    rosidl-py bag table 's3://fleet/2026-*/*.mcap' --out s3://tables/fleet --scheduler tcp://10.0.0.1:8786
     """
+    if arguments["scheduler"] and arguments["workers"]:
+        raise click.UsageError("a scheduler has its own workers: give --scheduler or --workers")
+    is_parallel = arguments["scheduler"] or (arguments["workers"] or 1) > 1
+    require(*(["distributed"] if is_parallel else []), "pyarrow")
     run_command("bag.table", **arguments)
 
 
@@ -168,6 +178,7 @@ def sql(**arguments: Any) -> None:
     rosidl-py bag sql 'select log_time, linear_acceleration.x from "/imu" limit 5' my_bag
     rosidl-py bag sql 'select max(twist.twist.linear.x) from odom' dataset --format csv
     """
+    require("pyarrow")
     run_command("bag.sql", **arguments)
 
 

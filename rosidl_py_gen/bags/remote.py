@@ -1,0 +1,118 @@
+"""Bags that have a URL, as ``s3://bucket/drive.mcap``: universal_pathlib shows them as paths, fsspec reads them.
+
+Decides how much is read at once: what is asked for and a little behind it, so that the records of a file that follow
+each other take few requests, and of what a reader leaves out little is read. What cannot be read by ranges, databases
+and files that are compressed as a whole, is copied into a temporary folder first.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, cast
+
+from rosidl_py_gen.bags.common import BagError
+from rosidl_py_gen.base.resources import extra_missing
+from rosidl_py_gen.errors import RosidlError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_BEHIND = 1 << 20
+"""Bytes that are read more than asked for."""
+
+
+class UnreachableError(BagError):
+    """The place where a bag is did not answer, which says nothing of its bytes."""
+
+
+def is_url(place: str) -> bool:
+    """Whether a place is one for fsspec."""
+    return "://" in place
+
+
+def place_of(path: str | os.PathLike[str]) -> Path:
+    """The path of a bag: of this machine, or what looks like it.
+
+    Raises:
+        BagError: nobody knows such URLs. ExtraMissingError: there is no universal_pathlib.
+    """
+    if isinstance(path, os.PathLike) or not is_url(path):
+        return Path(path)
+    try:
+        from upath import UPath
+    except ModuleNotFoundError as missing:
+        raise extra_missing(missing) or missing from None
+    try:
+        found = UPath(path)
+        _ = found.fs
+    except (ImportError, ValueError) as error:  # no package for this protocol, no such protocol
+        raise BagError(f"{path}: {error}") from None
+    return cast("Path", found)
+
+
+@contextmanager
+def reached(place: object) -> Iterator[None]:
+    """Turn what file systems raise, each package its own, into `UnreachableError`; those of files are left alone."""
+    try:
+        yield
+    except (RosidlError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        raise UnreachableError(f"{place}: {type(error).__name__}: {str(error)[:300]}") from None
+
+
+def opened(path: Path) -> IO[bytes]:
+    """A file to read from, here and there."""
+    return path.open("rb") if isinstance(path, Path) else cast("IO[bytes]", _Ranges(path))
+
+
+class _Ranges:
+    """A file that is read by ranges."""
+
+    def __init__(self, path: Any) -> None:
+        self._path = path
+        with reached(path):
+            self._stream = path.open("rb", block_size=_BEHIND, cache_type="readahead")
+
+    def read(self, size: int = -1) -> bytes:
+        """As of a file. Raises `UnreachableError`."""
+        try:
+            return bytes(self._stream.read(size))
+        except MemoryError:
+            raise
+        except Exception as error:
+            raise UnreachableError(f"{self._path}: {type(error).__name__}: {str(error)[:300]}") from None
+
+    def seek(self, at: int, whence: int = 0) -> int:
+        """As of a file."""
+        return int(self._stream.seek(at, whence))
+
+    def tell(self) -> int:
+        """As of a file."""
+        return int(self._stream.tell())
+
+    def close(self) -> None:
+        """As of a file."""
+        self._stream.close()
+
+
+def copied(path: Path, folder: Path) -> Path:
+    """The same file in a folder of this machine, with what SQLite keeps beside it; a local one is left where it is.
+
+    Raises:
+        BagError: it does not fit there. OSError: it cannot be read.
+    """
+    if isinstance(path, Path):
+        return path
+    with reached(path):
+        size, room = path.stat().st_size, shutil.disk_usage(folder).free // 2
+        if size > room:
+            raise BagError(f"{path}: it has {size} bytes, more than {room}, half of what is free in {folder}")
+        for end in ("", "-wal", "-journal"):
+            beside = path.with_name(path.name + end)
+            if not end or beside.exists():
+                beside.fs.get_file(beside.path, str(folder / beside.name))
+    return folder / path.name

@@ -1,0 +1,206 @@
+"""Many bags as one dataset: what is to be done, done here or by the processes of Dask.
+
+Decides what is left as it is, as the manifest says; which bags are large enough for several tasks; and whether there is
+enough to do for several processes. A bag that fails stops nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from contextlib import nullcontext
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from rosidl_py_gen.bags.common import BagWarning
+from rosidl_py_gen.bags.remote import is_url
+from rosidl_py_gen.tables.dataset import DatasetFile
+from rosidl_py_gen.tables.manifest import Entry, Manifest
+from rosidl_py_gen.tables.sources import Found, find, names_of
+from rosidl_py_gen.tables.tasks import Outcome, Task, Wish, attempt, cuts_of, parts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Iterator
+    from contextlib import AbstractContextManager
+
+    from rosidl_py_gen.tables.tasks import Function, Run
+
+RANGE_BYTES = 1 << 28
+"""Stored bytes of a bag that are one task."""
+POOL_BYTES = 1 << 26
+"""So many bytes are worth starting processes for."""
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetsReport:
+    """What `write_datasets` has done.
+
+    Attributes:
+        files: those written, by name of the bag.
+        left_out: topics that were not written, or not wholly, with the reason, by name of the bag.
+        failed: why a bag could not be written, by its path or URL. Of a large one, parts may be there.
+        unchanged: names of bags that the dataset had already.
+    """
+
+    files: dict[str, list[DatasetFile]] = field(default_factory=dict)
+    left_out: dict[str, dict[str, str]] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    unchanged: list[str] = field(default_factory=list)
+
+
+def write_datasets(
+    bags: Iterable[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    *,
+    topics: Collection[str] | None = None,
+    include_large: bool = False,
+    start_offset_s: float = 0.0,
+    duration_s: float | None = None,
+    on_error: str = "raise",
+    overwrite: bool = False,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    search_path: Iterable[str] = (),
+    progress: Callable[[float, int], None] | None = None,
+) -> DatasetsReport:
+    """Write many bags as one Parquet dataset, each as `write_dataset` does; large ones as several files for each topic.
+
+    What the dataset has already is left as it is: another run does what is missing, and what has changed.
+
+    Args:
+        bags: paths, and URLs of fsspec, which may have ``*``.
+        out: a folder, or a URL; of all processes.
+        topics: those to write; a bag has to have one of them.
+        start_offset_s: seconds that are left out at the beginning of each bag.
+        duration_s: only so long.
+        on_error: ``"skip"`` leaves damaged messages out.
+        overwrite: do all of it once more, and replace files that are there.
+        scheduler: of a Dask cluster, as ``tcp://10.0.0.1:8786``, whose workers have this package. Needs the extra
+            ``cluster``, and so does `workers`.
+        workers: so many processes; 1 is this one. None: one for each core, when the extra ``cluster`` is there and
+            there is enough to do; else 1.
+        search_path: folders with the packages of the recordings, as of `BagReader`.
+        progress: called with the number of tasks done, and of all.
+
+    Raises:
+        ValueError: both `scheduler` and `workers`. BagError: the place is none, or no scheduler answers. OSError: the
+            place cannot be read or written. What is wrong with a bag is in the report.
+    """
+    if scheduler is not None and workers is not None:
+        raise ValueError("a scheduler has its own workers: expected one of scheduler and workers")
+    wish = Wish(
+        None if topics is None else tuple(topics),
+        include_large,
+        start_offset_s,
+        duration_s,
+        on_error,
+        tuple(map(str, search_path)),
+        RANGE_BYTES,
+    )
+    place = str(out) if is_url(str(out)) else os.path.abspath(out)
+    job = _Job(place, wish, overwrite, progress or (lambda done, all_: None))
+    found, missing = find(map(str, bags))
+    job.report.failed.update(missing)
+    due = job.due(found)
+    with _runner(scheduler, workers, [one.size for one, _ in due]) as run:
+        job.do(job.tasks(due, run), run)
+    job.tidy()
+    return job.report
+
+
+class _Job:
+    def __init__(self, out: str, wish: Wish, overwrite: bool, progress: Callable[[float, int], None]) -> None:
+        self._out, self._wish, self._overwrite, self._progress = out, wish, overwrite, progress
+        self._manifest = Manifest(out)
+        self._name_of: dict[str, str] = {}
+        self._existing: set[str] = set()
+        self.report = DatasetsReport()
+
+    def due(self, found: list[Found]) -> list[tuple[Found, list[Entry]]]:
+        """Bags that the dataset does not have, with the entries of parts that it has."""
+        entries, self._existing = self._manifest.read()
+        names = names_of((one.place for one in found), {one.place: one.name for one in entries})
+        self._name_of = {place: name for name, place in names.items()}
+        mine: dict[str, list[Entry]] = {}
+        for entry in entries:
+            if entry.wish == self._wish.short:
+                mine.setdefault(entry.place, []).append(entry)
+        due = []
+        for one in found:
+            known = mine.get(one.place, [])
+            self._manifest.remove([entry for entry in known if entry.version != one.version], self._existing)
+            done = [entry for entry in known if entry.version == one.version and self._is_there(entry)]
+            if not self._overwrite and done and {entry.number for entry in done} == set(range(done[0].of)):
+                self.report.unchanged.append(self._name_of[one.place])
+                continue
+            due.append((one, [] if self._overwrite else done))
+        return due
+
+    def _is_there(self, entry: Entry) -> bool:
+        return entry.is_done and all(one.path in self._existing for one in entry.files)
+
+    def tasks(self, due: list[tuple[Found, list[Entry]]], run: Run) -> list[Task]:
+        """What has to be done; large bags are looked into for that."""
+        made: list[Task] = []
+        large: dict[str, tuple[Task, set[int]]] = {}
+        for one, done in due:
+            entry = Entry(one.place, self._name_of[one.place], one.version, self._wish.short, 0, 1)
+            task = Task(entry, self._out, self._wish, self._overwrite)
+            if one.size > self._wish.range_bytes:
+                large[one.place] = task, {part.number for part in done}
+            else:
+                made.append(task)
+        for task, outcome in run(cuts_of, [task for task, _ in large.values()]):
+            self._tell(task, outcome)
+            if not outcome.error:
+                parts = parts_of(task, outcome.cuts)
+                made += [one for one in parts if one.entry.number not in large[task.entry.place][1]]
+        return made
+
+    def do(self, tasks: list[Task], run: Run) -> None:
+        """Do the tasks, and keep what came of them."""
+        count, self._done = len(tasks), 0
+        self._progress(0, count)
+        here = partial(attempt, within=lambda part: self._progress(self._done + part, count))
+        for task, outcome in run(here if run is one_by_one else attempt, tasks):
+            self._done += 1
+            self._tell(task, outcome)
+            self._progress(self._done, count)
+
+    def _tell(self, task: Task, outcome: Outcome) -> None:
+        entry, report = task.entry, self.report
+        if outcome.error:
+            told = outcome.error if entry.place in outcome.error else f"{entry.place}: {outcome.error}"
+            report.failed.setdefault(entry.place, told)
+        if outcome.files:
+            report.files.setdefault(entry.name, []).extend(outcome.files)
+        if outcome.left_out:
+            report.left_out.setdefault(entry.name, {}).update(outcome.left_out)
+        for text in outcome.warnings:
+            warnings.warn(text, BagWarning, stacklevel=4)
+
+    def tidy(self) -> None:
+        """Put files in order, and remove what is left of processes that were killed."""
+        for files in self.report.files.values():
+            files.sort(key=lambda one: one.path)
+        if not is_url(self._out):
+            self._manifest.remove_partial(self._name_of.values())
+
+
+def _runner(scheduler: str | None, workers: int | None, sizes: list[int]) -> AbstractContextManager[Run]:
+    """What runs tasks: this process, or those of Dask."""
+    if scheduler is None and workers is None:
+        parts = sum(max(1, -(-size // RANGE_BYTES)) for size in sizes)
+        workers = min(os.cpu_count() or 1, parts) if sum(sizes) >= POOL_BYTES and find_spec("distributed") else 1
+    if not sizes or (scheduler is None and workers == 1):
+        return nullcontext(one_by_one)
+    from rosidl_py_gen.tables.cluster import running
+
+    return running(scheduler, workers)
+
+
+def one_by_one(function: Function, tasks: list[Task]) -> Iterator[tuple[Task, Outcome]]:
+    for task in tasks:
+        yield task, function(task)

@@ -1,0 +1,207 @@
+"""Many bags on Dask, with workers that are killed, and on an S3 that counts what is asked of it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.request import Request, urlopen
+
+import distributed
+import numpy as np
+import pytest
+import s3fs
+from many_bags import bag_of, rows, said
+from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
+from werkzeug.serving import make_server
+
+from rosidl_py_gen import get_message
+from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.tables import cluster, many, write_datasets
+
+Int64: Any = get_message("std_msgs/msg/Int64")
+Array: Any = get_message("std_msgs/msg/UInt8MultiArray")
+BAGS, EACH = 200, 20
+
+
+@pytest.fixture(scope="module")
+def dask() -> Iterator[Any]:
+    """Two workers."""
+    options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
+    with distributed.LocalCluster(n_workers=2, **options) as found:
+        yield found
+
+
+def test_workers_that_are_killed_lose_nothing_and_duplicate_nothing(dask: Any, tmp_path: Path) -> None:
+    folder, out = tmp_path / "bags", tmp_path / "out"
+    folder.mkdir()
+    bags = [bag_of(folder / f"{name:03}.mcap", *range(EACH * name, EACH * name + EACH)) for name in range(BAGS)]
+    bags[70].write_bytes(b"junk" * 30)
+    bags[71].unlink()
+    alive = [one.pid for one in dask.workers.values()]
+    assert len(alive) == 2
+
+    def kill(done: float, count: int) -> None:
+        assert count == BAGS - 1
+        if done in (30, 110):
+            os.kill(alive.pop(), signal.SIGKILL)
+
+    report = write_datasets(bags, out, scheduler=dask.scheduler_address, progress=kill)
+    assert not alive
+    assert sorted(report.failed) == [str(bags[70]), str(bags[71])]
+    right = [(f"{name:03}", EACH * name + k) for name in range(BAGS) if name not in (70, 71) for k in range(EACH)]
+    assert rows(out) == right
+    assert not list(out.rglob("*.partial"))
+    bag_of(bags[70], 1), bag_of(bags[71], 2)
+    again = write_datasets(bags, out, scheduler=dask.scheduler_address)
+    assert said(again)[0] == ["070", "071"] and len(again.unchanged) == BAGS - 2 and not again.failed
+    assert rows(out) == sorted([*right, ("070", 1), ("071", 2)])
+
+
+def test_a_bag_that_kills_its_worker_each_time_is_given_up(dask: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dask.scheduler, "allowed_failures", 0)
+
+    def run(function: Any, tasks: list[Any]) -> Any:
+        with distributed.Client(dask.scheduler_address, set_as_default=False) as client:
+            yield from cluster._on(client)(function, tasks)
+
+    ((task, outcome),) = run(_die, [5])
+    assert task == 5 and "KilledWorker" in outcome.error
+    ((_, outcome),) = run(_fail, [6])
+    assert outcome.error == "the worker failed: KeyError: 6"
+
+
+def _die(task: int) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _fail(task: int) -> None:
+    raise KeyError(task)
+
+
+def test_a_scheduler_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "_CONNECT_S", 0.2)
+    bag = bag_of(tmp_path / "a.mcap", 1)
+    for address in ("tcp://127.0.0.1:1", "nope://127.0.0.1:1"):
+        with pytest.raises(cluster.BagError, match=f"no scheduler of Dask answers at {address}"):
+            write_datasets([bag], tmp_path / "out", scheduler=address)
+
+
+def test_processes_are_for_several_tasks_of_some_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[Any] = []
+    monkeypatch.setattr(cluster, "running", lambda *told: started.append(told))
+    size = many.POOL_BYTES
+    many._runner(None, None, [size, size])
+    assert started == [(None, min(os.cpu_count() or 1, 2))]
+    for workers, sizes in ((None, [100] * 50), (1, [size] * 9), (None, []), (2, []), (None, [size])):
+        with many._runner(None, workers, sizes) as run:
+            assert run is many.one_by_one
+    monkeypatch.setattr(many, "find_spec", lambda name: None)
+    with many._runner(None, None, [size, size]) as run:
+        assert run is many.one_by_one, "without the extra"
+    assert len(started) == 1
+
+
+# ------------------------------------------------------------------------------------------------------------------ S3
+
+
+class Counted:
+    """An application of WSGI that notes what is read of which file: method, path, range, and bytes."""
+
+    def __init__(self, application: Any) -> None:
+        self._application = application
+        self.reads: list[tuple[str, str, str, int]] = []
+
+    def __call__(self, environ: dict[str, Any], start_response: Any) -> Any:
+        told: list[int] = []
+
+        def start(status: str, headers: list[tuple[str, str]], *rest: Any) -> Any:
+            told.append(next((int(value) for key, value in headers if key.lower() == "content-length"), 0))
+            return start_response(status, headers, *rest)
+
+        found = self._application(environ, start)
+        key = environ["REQUEST_METHOD"], environ["PATH_INFO"], environ.get("HTTP_RANGE", "")
+        self.reads.append((*key, told[0] if told else 0))
+        return found
+
+
+@pytest.fixture
+def bucket(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Any, Counted]]:
+    """A bucket called fleet on an S3 of this machine, and what was asked of it."""
+    counted = Counted(DomainDispatcherApplication(create_backend_app))
+    server = make_server("127.0.0.1", 0, counted, threaded=True)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    url = f"http://127.0.0.1:{server.server_port}"
+    for key, value in {
+        "AWS_ENDPOINT_URL": url,
+        "AWS_ACCESS_KEY_ID": "nobody",
+        "AWS_SECRET_ACCESS_KEY": "nothing",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_EC2_METADATA_DISABLED": "true",
+    }.items():
+        monkeypatch.setenv(key, value)
+    urlopen(Request(f"{url}/moto-api/reset", method="POST")).close()
+    s3fs.S3FileSystem.clear_instance_cache()
+    try:
+        system = s3fs.S3FileSystem()
+        system.mkdir("fleet")
+        yield system, counted
+    finally:
+        s3fs.S3FileSystem.clear_instance_cache()
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+def test_bags_and_dataset_of_s3(bucket: Any, tmp_path: Path) -> None:
+    system, counted = bucket
+    for name, numbers in {"a": (1, 2), "b": (3,)}.items():
+        system.put(str(bag_of(tmp_path / f"{name}.mcap", *numbers)), f"fleet/in/{name}.mcap")
+    system.pipe("fleet/in/c.mcap", b"junk" * 50)
+    report = write_datasets(["s3://fleet/in/*.mcap"], "s3://fleet/out", workers=1)
+    assert said(report) == (["a", "b"], [], ["s3://fleet/in/c.mcap"])
+    assert rows("s3://fleet/out") == [("a", 1), ("a", 2), ("b", 3)]
+    counted.reads.clear()
+    assert said(write_datasets(["s3://fleet/in/[ab].mcap"], "s3://fleet/out")) == ([], ["a", "b"], [])
+    assert not [one for one in counted.reads if one[0] == "GET" and one[1].endswith((".mcap", ".parquet"))]
+    assert not [one for one in counted.reads if one[0] in ("PUT", "DELETE")]
+    system.put(str(bag_of(tmp_path / "b.mcap", 4)), "fleet/in/b.mcap")
+    assert said(write_datasets(["s3://fleet/in/[ab].mcap"], "s3://fleet/out")) == (["b"], ["a"], [])
+    system.invalidate_cache()
+    assert rows("s3://fleet/out") == [("a", 1), ("a", 2), ("b", 4)]
+
+
+def test_of_a_large_file_only_what_is_needed_is_read_and_by_ranges(bucket: Any, tmp_path: Path) -> None:
+    system, counted = bucket
+    path = tmp_path / "large.mcap"
+    noise = np.random.default_rng(1)
+    with BagWriter(path) as writer:
+        for number in range(1000):
+            writer.write("/n", Int64(data=number), number)
+        for number in range(30):
+            writer.write("/noise", Array(data=noise.integers(0, 255, 1 << 20, np.uint8)), 2000 + number)
+        writer.write("/n", Int64(data=1000), 3000)
+    size = path.stat().st_size
+    assert size > 30 << 20
+    system.put(str(path), "fleet/large.mcap")
+    counted.reads.clear()
+    report = write_datasets(["s3://fleet/large.mcap"], tmp_path / "out", topics=["/n"], workers=1)
+    assert not report.failed and rows(tmp_path / "out") == [("large", number) for number in range(1001)]
+    reads = [one for one in counted.reads if one[0] == "GET" and one[1].endswith("large.mcap")]
+    assert len(reads) > 2 and all(one[2].startswith("bytes=") for one in reads)
+    assert sum(one[3] for one in reads) < size // 4, "chunks without the topic are left out"
+    counted.reads.clear()
+    with BagReader("s3://fleet/large.mcap") as bag:
+        assert bag.table("/n", end_ns=500).num_rows == 500
+    reads = [one for one in counted.reads if one[0] == "GET" and one[1].endswith("large.mcap")]
+    assert reads and all(one[2].startswith("bytes=") for one in reads) and sum(one[3] for one in reads) < size // 4
+    counted.reads.clear()
+    with BagReader("s3://fleet/large.mcap") as bag:
+        assert sum(1 for _ in bag.messages("/noise")) == 30
+    reads = [one for one in counted.reads if one[0] == "GET" and one[1].endswith("large.mcap")]
+    assert len(reads) < 60 and max(one[3] for one in reads) < 4 << 20, "of what is needed, little at a time"
+    assert sum(one[3] for one in reads) < size * 1.2
