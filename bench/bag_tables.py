@@ -1,7 +1,8 @@
 """Bags as tables: a part of bench/bags.py.
 
 A topic of 10^6 Imu to Arrow, and to pandas in a loop over what mcap-ros2-support and rosbags give; a robot's bag to
-Parquet, and what unpacking its chunks takes of that; and how much memory both take.
+Parquet, and what unpacking its chunks takes of that, with and without writing finished tables; and how much memory both
+take.
 """
 
 from __future__ import annotations
@@ -163,8 +164,11 @@ def mixed(bag: Path, messages: dict[str, Any], often: dict[str, int], seconds: i
         }
         for is_large in (False, True):
             for compression in ("zstd", "lz4"):
-                kinds[f"Parquet, {compression}{', with clouds' * is_large}"] = partial(
-                    parquet, path, bag.parent / f"out{number}", is_large, compression
+                what = f"{compression}{', with clouds' * is_large}"
+                kinds[f"Parquet, {what}"] = partial(parquet, path, bag.parent / f"out{number}", is_large, compression)
+                tables = every_table(path, is_large)
+                kinds[f"unpacking and bare pyarrow.parquet of finished tables, {what}"] = partial(
+                    bare_parquet, path, tables, bag.parent / f"bare{number}", compression
                 )
         for kind, call in kinds.items():
             began = time.process_time()
@@ -184,6 +188,21 @@ def every_batch(path: Path) -> None:
 def parquet(path: Path, out: Path, is_large: bool, compression: str) -> None:
     with BagReader(path) as reader:
         write_dataset(reader, out / f"{is_large}{compression}", include_large=is_large, compression=compression)
+
+
+def every_table(path: Path, is_large: bool) -> list[Any]:
+    with BagReader(path) as reader:
+        return [reader.table(topic) for topic in reader.topics if is_large or "cloud" not in topic]
+
+
+def bare_parquet(path: Path, tables: list[Any], out: Path, compression: str) -> None:
+    """What nobody can do without: the chunks unpacked, and tables, which are there already, written by pyarrow."""
+    import pyarrow.parquet
+
+    unpacked(path)
+    out.mkdir(exist_ok=True)
+    for number, table in enumerate(tables):
+        pyarrow.parquet.write_table(table, out / f"{number}.parquet", compression=compression)
 
 
 def kilobytes(name: str) -> int:
