@@ -1,0 +1,5 @@
+"""Numbers that several modules need."""
+
+from __future__ import annotations
+
+S_TO_NS = 1_000_000_000

@@ -1,0 +1,1 @@
+"""Inner parts of rclpy that programs import all the same."""

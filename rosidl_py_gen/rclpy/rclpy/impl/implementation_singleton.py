@@ -1,0 +1,9 @@
+"""``rclpy_implementation``: the exceptions and enums of rclpy's C extension."""
+
+from __future__ import annotations
+
+import rclpy._rclpy_pybind11 as rclpy_implementation
+
+package = "rclpy"
+
+__all__ = ["package", "rclpy_implementation"]

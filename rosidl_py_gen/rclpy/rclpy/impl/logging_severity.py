@@ -1,0 +1,16 @@
+"""Severities of log records."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class LoggingSeverity(IntEnum):
+    """The severities of ROS, with its numbers."""
+
+    UNSET = 0
+    DEBUG = 10
+    INFO = 20
+    WARN = 30
+    ERROR = 40
+    FATAL = 50

@@ -1,0 +1,124 @@
+"""Points in time."""
+
+from __future__ import annotations
+
+from typing import Protocol, overload
+
+import builtin_interfaces.msg
+
+from rclpy.clock_type import ClockType
+from rclpy.constants import S_TO_NS
+from rclpy.duration import Duration
+
+
+class TimeHandle(Protocol):
+    """What a clock reads."""
+
+    @property
+    def nanoseconds(self) -> int: ...
+    @property
+    def clock_type(self) -> ClockType: ...
+
+
+class Time:
+    """A point in time of one kind of clock, in nanoseconds since its zero; never negative.
+
+    Times of different kinds can be neither compared, not even with ``==``, nor subtracted: TypeError. Fractions of a
+    nanosecond are cut off. Raises ValueError for negative numbers, OverflowError from 2**63 ns on.
+    """
+
+    def __init__(
+        self, *, seconds: float = 0, nanoseconds: int = 0, clock_type: ClockType = ClockType.SYSTEM_TIME
+    ) -> None:
+        if not isinstance(clock_type, ClockType):
+            raise TypeError("Clock type must be a ClockType enum")
+        if seconds < 0:
+            raise ValueError("Seconds value must not be negative")
+        if nanoseconds < 0:
+            raise ValueError("Nanoseconds value must not be negative")
+        total = int(seconds * S_TO_NS) + int(nanoseconds)
+        if total >= 2**63:
+            raise OverflowError("Total nanoseconds value is too large to store in C time point.")
+        self._nanoseconds = total
+        self._clock_type = clock_type
+
+    @property
+    def nanoseconds(self) -> int:
+        """Since the clock's zero."""
+        return self._nanoseconds
+
+    def seconds_nanoseconds(self) -> tuple[int, int]:
+        """Whole seconds, and the nanoseconds that remain."""
+        return divmod(self.nanoseconds, S_TO_NS)
+
+    @property
+    def clock_type(self) -> ClockType:
+        """The kind of clock it was read from."""
+        return self._clock_type
+
+    def __repr__(self) -> str:
+        return f"Time(nanoseconds={self.nanoseconds}, clock_type={self.clock_type.name})"
+
+    def __add__(self, other: Duration) -> Time:
+        if not isinstance(other, Duration):
+            return NotImplemented
+        try:
+            return Time(nanoseconds=self.nanoseconds + other.nanoseconds, clock_type=self.clock_type)
+        except OverflowError as error:
+            raise OverflowError("Addition leads to overflow in C storage.") from error
+
+    def __radd__(self, other: Duration) -> Time:
+        return self.__add__(other)
+
+    @overload
+    def __sub__(self, other: Time) -> Duration: ...
+    @overload
+    def __sub__(self, other: Duration) -> Time: ...
+    def __sub__(self, other: Time | Duration) -> Time | Duration:
+        if isinstance(other, Time):
+            if self.clock_type != other.clock_type:
+                raise TypeError("Can't subtract times with different clock types")
+            return Duration(nanoseconds=self.nanoseconds - other.nanoseconds)
+        if not isinstance(other, Duration):
+            return NotImplemented
+        try:
+            return Time(nanoseconds=self.nanoseconds - other.nanoseconds, clock_type=self.clock_type)
+        except ValueError as error:
+            raise ValueError("Subtraction leads to negative time.") from error
+
+    __hash__ = None  # type: ignore[assignment]  # as in rclpy
+
+    def _comparable(self, other: Time) -> int:
+        if self.clock_type != other.clock_type:
+            raise TypeError("Can't compare times with different clock types")
+        return other.nanoseconds
+
+    def __eq__(self, other: object) -> bool:
+        return self.nanoseconds == self._comparable(other) if isinstance(other, Time) else NotImplemented
+
+    def __ne__(self, other: object) -> bool:
+        return self.nanoseconds != self._comparable(other) if isinstance(other, Time) else NotImplemented
+
+    def __lt__(self, other: object) -> bool:
+        return self.nanoseconds < self._comparable(other) if isinstance(other, Time) else NotImplemented
+
+    def __le__(self, other: object) -> bool:
+        return self.nanoseconds <= self._comparable(other) if isinstance(other, Time) else NotImplemented
+
+    def __gt__(self, other: object) -> bool:
+        return self.nanoseconds > self._comparable(other) if isinstance(other, Time) else NotImplemented
+
+    def __ge__(self, other: object) -> bool:
+        return self.nanoseconds >= self._comparable(other) if isinstance(other, Time) else NotImplemented
+
+    def to_msg(self) -> builtin_interfaces.msg.Time:
+        """As builtin_interfaces/Time, which does not say the kind of clock."""
+        sec, nanosec = self.seconds_nanoseconds()
+        return builtin_interfaces.msg.Time(sec=sec, nanosec=nanosec)
+
+    @classmethod
+    def from_msg(cls, msg: builtin_interfaces.msg.Time, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
+        """Of a builtin_interfaces/Time; TypeError for anything else."""
+        if not isinstance(msg, builtin_interfaces.msg.Time):
+            raise TypeError("Must pass a builtin_interfaces.msg.Time object")
+        return cls(seconds=msg.sec, nanoseconds=msg.nanosec, clock_type=clock_type)
