@@ -10,7 +10,6 @@ from pathlib import Path
 from ament_index_python.constants import AMENT_PREFIX_PATH_ENV_VAR
 from ament_index_python.resources import get_resource, get_resources
 from ament_index_python.search_paths import get_search_paths
-
 from rosidl_py_gen import found_packages
 
 

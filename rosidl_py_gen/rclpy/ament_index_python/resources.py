@@ -11,7 +11,6 @@ from typing import Literal
 
 from ament_index_python.constants import AMENT_PREFIX_PATH_ENV_VAR, RESOURCE_INDEX_SUBFOLDER
 from ament_index_python.search_paths import get_search_paths
-
 from rosidl_py_gen import found_packages
 
 _PACKAGES, _INTERFACES = "packages", "rosidl_interfaces"
@@ -66,9 +65,7 @@ def get_resources(resource_type: str) -> dict[str, str]:
 
 def get_resource_types() -> set[str]:
     """All types of resources."""
-    found = {
-        name for prefix in _prefixes() for name in _names(_place(prefix)) if os.path.isdir(_place(prefix, name))
-    }
+    found = {name for prefix in _prefixes() for name in _names(_place(prefix)) if os.path.isdir(_place(prefix, name))}
     return found | {name for name in (_PACKAGES, _INTERFACES) if _of_sources(name)}
 
 

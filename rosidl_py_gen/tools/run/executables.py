@@ -1,8 +1,8 @@
 """The executables of a package, read from its sources: nothing of them is run.
 
 Console scripts of setup.py (by its syntax tree), setup.cfg and pyproject.toml, and the files that CMakeLists.txt
-installs as PROGRAMS into ``lib/<package>``. An installed package has the console scripts of its distribution, and what is in
-``lib/<package>`` of its prefix.
+installs as PROGRAMS into ``lib/<package>``. An installed package has the console scripts of its distribution, and
+what is in ``lib/<package>`` of its prefix.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise, takewhile
 from pathlib import Path
 
 from rosidl_py_gen.compiler.spec.cmake import MAX_BYTES, ROOT, UNKNOWN, Script, UnreadableError, inside, read_text
@@ -248,16 +249,9 @@ def _programs(folder: Path) -> Iterator[Executable]:
     except UnreadableError as error:
         raise ToolError(f"{source}: {error.reason}") from error
     for call in installs:
-        words = [(word.text, list(values)) for word, values in call.arguments]
-        listed: list[str] = []
-        for at, (text, values) in enumerate(words[1:], 1):
-            if text in _LIST_ENDS:
-                break
-            listed += values
-        else:
-            at = len(words)
-        rest = [text for text, _ in words[at:]]
-        renamed = dict(zip(rest, rest[1:], strict=False)).get("RENAME")
+        words = [(word.text, [*values]) for word, values in call.arguments[1:]]
+        listed = [path for _, values in takewhile(lambda one: one[0] not in _LIST_ENDS, words) for path in values]
+        renamed = dict(pairwise(text for text, _ in words)).get("RENAME")
         for path in listed:
             whole = inside(path)
             if UNKNOWN in path or whole is None:

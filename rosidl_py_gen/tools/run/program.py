@@ -13,7 +13,7 @@ from pathlib import Path
 from types import CodeType, ModuleType, TracebackType
 from typing import Any
 
-from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.tools import ToolError, report
 
 _OURS = str(Path(__file__).parents[1])
 
@@ -48,6 +48,9 @@ class Program:
             self._body()()
         except SystemExit:
             raise
+        except ToolError as error:  # there is no such module
+            report(str(error))
+            sys.exit(1)
         except BaseException as error:
             # As the interpreter does it, without our frames; what follows, such as the end by SIGINT, is its own part.
             error.__traceback__ = _without_ours(error.__traceback__)
@@ -93,7 +96,7 @@ def _main_module(loader: Any, file: str | None, spec: ModuleSpec | None) -> Modu
         main.__file__ = file
         main.__dict__["__cached__"] = None if spec is None else spec.cached
     main.__dict__["__builtins__"] = sys.modules["builtins"]
-    main.__dict__["__annotations__"] = {}
+    main.__annotations__ = {}
     sys.modules["__main__"] = main
     return main
 

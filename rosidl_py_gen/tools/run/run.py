@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import warnings
 from collections.abc import Callable, Sequence
 from importlib.machinery import PathFinder
@@ -64,7 +65,7 @@ def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
     path = Path(first)
     if path.is_file():
         return _of_file(path, tuple(rest))
-    if first.endswith(".py") or len(path.parts) > 1:
+    if first.endswith(".py") or "/" in first or os.sep in first:
         kind = "it is a folder" if path.is_dir() else "no such file"
         raise ToolError(f"{first}: expected a Python file, {kind}")
     return _of_package(first, rest, paths)
@@ -125,7 +126,9 @@ def _of_package(package: str, words: Sequence[str], paths: Sequence[str]) -> Pro
         raise ToolError(f"expected an executable of {package} ({places[0]}); it has: {names}")
     name, *arguments = words
     if name not in found:
-        raise ToolError(f'{package} ({places[0]}) has no executable "{name}"{did_you_mean(name, found)}; it has: {names}')
+        raise ToolError(
+            f'{package} ({places[0]}) has no executable "{name}"{did_you_mean(name, found)}; it has: {names}'
+        )
     one = found[name]
     place = one.folder if one.file is None else one.file
     if one.file is not None:
