@@ -1,0 +1,140 @@
+"""Contexts: from `rclpy.init` to `rclpy.shutdown`."""
+
+from __future__ import annotations
+
+import atexit
+import inspect
+import sys
+import threading
+import weakref
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from rclpy._rclpy_pybind11 import UnknownROSArgsError
+from rclpy.handles import ContextHandle
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+_opened: weakref.WeakSet[ContextHandle] = weakref.WeakSet()
+
+
+class Context:
+    """One participant of a domain, from `init` to `shutdown`; it cannot be used again after that.
+
+    Example:
+        >>> with Context() as context:  # doctest: +SKIP
+        ...     context.ok()
+        True
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+        self._callbacks: list[Callable[[], Any]] = []
+        self.__context: ContextHandle | None = None
+
+    @property
+    def handle(self) -> ContextHandle | None:
+        """None before `init`."""
+        return self.__context
+
+    def destroy(self) -> None:
+        """Leave the domain as soon as nobody uses it."""
+        if self.__context is not None:
+            self.__context.destroy_when_not_in_use()
+
+    def init(
+        self, args: list[str] | None = None, *, initialize_logging: bool = True, domain_id: int | None = None
+    ) -> None:
+        """Open it.
+
+        Args:
+            args: a command line with ``--ros-args``; None means `sys.argv`.
+            initialize_logging: without effect: logging needs nothing of a context here.
+            domain_id: None means ``ROS_DOMAIN_ID``, else 0.
+
+        Raises:
+            RuntimeError: it was opened before, or `domain_id` is negative.
+            UnknownROSArgsError: ROS does not know what stands after ``--ros-args``.
+        """
+        with self._lock:
+            if domain_id is not None and domain_id < 0:
+                raise RuntimeError(f"Domain id ({domain_id}) should not be lower than zero.")
+            if self.__context is not None:
+                raise RuntimeError("Context.init() must only be called once")
+            try:
+                self.__context = ContextHandle(list(sys.argv if args is None else args), domain_id)
+            except runtime.RosArgumentError as error:
+                raise UnknownROSArgsError(str(error)) from error
+            _opened.add(self.__context)
+
+    def ok(self) -> bool:
+        """Whether it was opened and not shut down."""
+        return self.__context is not None and self.__context.ok()
+
+    def _shut_down(self, handle: ContextHandle) -> None:
+        with self._lock:
+            handle.shutdown()
+            callbacks, self._callbacks = self._callbacks, []
+        for reference in callbacks:
+            callback = reference()
+            if isinstance(reference, weakref.WeakMethod) and callback is not None:
+                callback()
+
+    def shutdown(self) -> None:
+        """Leave the domain. Raises RuntimeError when it was never opened, or is shut down already."""
+        if self.__context is None:
+            raise RuntimeError("Context must be initialized before it can be shutdown")
+        self._shut_down(self.__context)
+
+    def try_shutdown(self) -> None:
+        """Leave the domain, if that was not done."""
+        if self.__context is None:
+            return
+        if self.__context.ok():
+            self._shut_down(self.__context)
+        else:
+            self.__context.close()  # a signal only marked it
+
+    def on_shutdown(self, callback: Callable[[], Any]) -> None:
+        """Have a function called by `shutdown`; at once when that was. Methods are kept by weak references."""
+        if not callable(callback):
+            raise TypeError(f"callback should be a callable, got {type(callback)}")
+        with self._lock:
+            if self.__context is None or self.__context.ok():
+                is_method = inspect.ismethod(callback)
+                self._callbacks.append(weakref.WeakMethod(callback, self._forget) if is_method else callback)
+                return
+        callback()
+
+    def _forget(self, reference: Callable[[], Any]) -> None:
+        if reference in self._callbacks:
+            self._callbacks.remove(reference)
+
+    def get_domain_id(self) -> int:
+        """The number of the domain; RuntimeError before `init`."""
+        if self.__context is None:
+            raise RuntimeError("Context must be initialized before it can have a domain id")
+        return self.__context.get_domain_id()
+
+    def __enter__(self) -> Context:
+        self.init()
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        self.try_shutdown()
+
+
+def mark_all_shut_down() -> None:
+    """For signal handlers: no context is ok any more, and all that wait go on."""
+    for handle in list(_opened):
+        handle.mark_shut_down()
+
+
+@atexit.register
+def _close_all() -> None:
+    for handle in list(_opened):
+        handle.close()

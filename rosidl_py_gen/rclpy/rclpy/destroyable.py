@@ -1,0 +1,17 @@
+"""What all handles can."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Protocol
+
+
+class DestroyableType(Protocol):
+    """Something that is destroyed when nobody uses it any more."""
+
+    def __enter__(self) -> object: ...
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exctb: TracebackType | None
+    ) -> None: ...
+    def destroy_when_not_in_use(self) -> None:
+        """Refuse new uses, and destroy it after the last one under way."""

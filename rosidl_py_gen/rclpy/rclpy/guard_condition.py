@@ -1,0 +1,78 @@
+"""Guard conditions: callbacks that the program itself triggers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rclpy.exceptions import NotInitializedException
+from rclpy.handles import ContextHandle, Destroyable
+from rclpy.utilities import get_default_context
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.context import Context
+
+
+class GuardConditionHandle(Destroyable):
+    """Whether it was triggered."""
+
+    def __init__(self, context: ContextHandle) -> None:
+        super().__init__()
+        self._context = context
+        self._triggered = False
+
+    def trigger_guard_condition(self) -> None:
+        """Note it, and wake whoever waits."""
+        self._triggered = True
+        self._context.notify()
+
+    def is_ready(self) -> bool:
+        """Whether it was triggered since a trigger was taken last."""
+        return self._triggered
+
+    def take_trigger(self) -> None:
+        """Forget that it was triggered."""
+        self._triggered = False
+
+
+class GuardCondition:
+    """Its callback runs in the executor after `trigger`, once for all triggers so far."""
+
+    def __init__(
+        self,
+        callback: Callable[[], Any] | None,
+        callback_group: CallbackGroup | None,
+        context: Context | None = None,
+    ) -> None:
+        self._context = get_default_context() if context is None else context
+        handle = self._context.handle
+        if handle is None:
+            raise NotInitializedException("cannot create guard condition")
+        with handle:
+            self.__gc = GuardConditionHandle(handle)
+        self.callback = callback
+        self.callback_group = callback_group
+        self._executor_event = False
+
+    def trigger(self) -> None:
+        """Have the callback called; from any thread. Raises InvalidHandle after `destroy`."""
+        with self.__gc:
+            self.__gc.trigger_guard_condition()
+
+    @property
+    def handle(self) -> GuardConditionHandle:
+        """What a wait set takes."""
+        return self.__gc
+
+    def destroy(self) -> None:
+        """End it; use `Node.destroy_guard_condition` for those of nodes."""
+        self.handle.destroy_when_not_in_use()
+
+    def _is_ready(self) -> bool:
+        return self.__gc.is_ready()
+
+    def _take(self) -> Callable[[], Any] | None:
+        self.__gc.take_trigger()
+        return self.callback

@@ -1,0 +1,199 @@
+"""Handles: what entities hold in the runtime, in use by several threads, and destroyed when none uses it any more.
+
+There is no C below: a handle is a small object around an endpoint of the runtime. `with handle` keeps it from being
+destroyed meanwhile, and raises InvalidHandle after it was.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+
+class Closable(Protocol):
+    """An endpoint, node or context of the runtime."""
+
+    def close(self) -> None: ...
+
+
+T = TypeVar("T")
+C = TypeVar("C", bound=Closable)
+
+
+class Destroyable:
+    """Counts its users."""
+
+    def __init__(self, parent: Destroyable | None = None) -> None:
+        """`parent` is not destroyed before this is."""
+        self._users = 0
+        self._is_destroyed = self._is_over = False
+        self._users_lock = threading.RLock()
+        self._parent = parent
+        if parent is not None:
+            parent.__enter__()
+
+    @property
+    def pointer(self) -> int:
+        """A number of its own."""
+        return id(self)
+
+    @property
+    def is_valid(self) -> bool:
+        """False once it is to be destroyed."""
+        return not self._is_destroyed
+
+    def __enter__(self) -> Self:
+        with self._users_lock:
+            if self._is_destroyed:
+                raise InvalidHandle("cannot use Destroyable because destruction was requested")
+            self._users += 1
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None = None, error: BaseException | None = None, trace: TracebackType | None = None
+    ) -> None:
+        with self._users_lock:
+            self._users -= 1
+        self._end_if_unused()
+
+    def destroy_when_not_in_use(self) -> None:
+        """Refuse new uses, and destroy it after the last one under way. Raises InvalidHandle the second time."""
+        with self._users_lock:
+            if self._is_destroyed:
+                raise InvalidHandle("Asked to destroy handle, but it was already destroyed")
+            self._is_destroyed = True
+        self._end_if_unused()
+
+    def _end_if_unused(self) -> None:
+        with self._users_lock:
+            if not self._is_destroyed or self._users or self._is_over:
+                return
+            self._is_over = True
+        self._destroy()
+        if self._parent is not None:
+            self._parent.__exit__()
+
+    def _destroy(self) -> None:
+        """Nobody uses it any more."""
+
+
+class ContextHandle(Destroyable):
+    """What `rclpy.init` opens: a context of the runtime, and the loop that whoever spins runs."""
+
+    def __init__(self, args: list[str], domain_id: int | None) -> None:
+        super().__init__()
+        self.driver = runtime.Driver()
+        try:
+            self.runtime = runtime.Context(domain_id, args=args, driver=self.driver)
+        except BaseException:
+            self.driver.close()
+            raise
+        self.news: object = None
+        """Another object whenever something happened that an executor may wait for."""
+        self._is_ok = True
+        self._lock = threading.Lock()
+        self._is_closed = False
+
+    def ok(self) -> bool:
+        """Whether it was not shut down."""
+        return self._is_ok
+
+    def get_domain_id(self) -> int:
+        """The number of the domain."""
+        return self.runtime.domain_id
+
+    def arrived(self) -> None:
+        """Something happened; on the loop."""
+        self.news = object()
+
+    def notify(self) -> None:
+        """Something happened: whoever waits looks again. From any thread, and from signal handlers."""
+        self.news = object()
+        self.driver.wake()
+
+    def mark_shut_down(self) -> None:
+        """What a signal handler may do: `ok` is False from now on, and waits end."""
+        self._is_ok = False
+        self.notify()
+
+    def shutdown(self) -> None:
+        """Leave the domain. Raises RCLError when that was done."""
+        was_ok = self._is_ok
+        self.mark_shut_down()
+        self.close()
+        if not was_ok:
+            raise RCLError("failed to shutdown: rcl_shutdown already called on the given context")
+
+    def close(self) -> None:
+        """Leave the domain; may be called twice."""
+        with self._lock:
+            if self._is_closed:
+                return
+            self._is_closed = True
+        self._is_ok = False
+        self.runtime.close()
+        self.driver.close()
+
+    def _destroy(self) -> None:
+        self.close()
+
+    def wait(self, until: Callable[[], object], timeout_sec: float | None) -> bool:
+        """Run the loop until something holds, the context is shut down, or the time has passed; None and negative
+        numbers mean for ever. True when it holds.
+        """
+        limit = None if timeout_sec is None or timeout_sec < 0 or timeout_sec == float("inf") else float(timeout_sec)
+        with contextlib.suppress(runtime.ClosedError):
+            self.driver.wait(lambda: not self._is_ok or until(), limit)
+        return self._is_ok and bool(until())
+
+
+class Handle(Destroyable, Generic[C]):
+    """An endpoint of the runtime. One that is deleted without having been destroyed is closed by the loop later."""
+
+    def __init__(
+        self, context: ContextHandle, entity: C, parent: Destroyable | None = None, is_ready: Callable[[], bool] | None = None
+    ) -> None:
+        super().__init__(parent)
+        self.context = context
+        self.entity = entity
+        self._ask = is_ready
+
+    def is_ready(self) -> bool:
+        """Whether something can be taken."""
+        return self._ask is not None and self.is_valid and self._ask()
+
+    def _destroy(self) -> None:
+        self.entity.close()
+        self.context.notify()
+
+    def __del__(self) -> None:
+        if getattr(self, "_is_over", True):
+            return
+        self._is_over = self._is_destroyed = True
+        with contextlib.suppress(RuntimeError):  # the loop is closed, and the entity with it
+            self.context.driver.loop.call_soon_threadsafe(_close, self.entity, self._parent)
+
+    @contextlib.contextmanager
+    def in_use(self) -> Iterator[C]:
+        """The endpoint, for one use; what the runtime refuses after a shutdown is an RCLError."""
+        with self:
+            try:
+                yield self.entity
+            except runtime.ClosedError as error:
+                raise RCLError(str(error)) from error
+
+
+def _close(entity: Closable, parent: Any) -> None:
+    entity.close()
+    if parent is not None:
+        parent.__exit__()

@@ -1,0 +1,94 @@
+"""What SIGINT and SIGTERM do: contexts are shut down, then what was there before goes on, such as KeyboardInterrupt.
+
+Handlers are Python's own, so they are installed by the main thread only; `rclpy.init` in another thread leaves
+signals alone.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any
+
+from rclpy.context import mark_all_shut_down
+from rclpy.exceptions import InvalidHandle as InvalidHandle
+from rclpy.guard_condition import GuardCondition
+
+if TYPE_CHECKING:
+    from types import FrameType
+
+    from rclpy.context import Context
+
+
+class SignalHandlerOptions(IntEnum):
+    """Which signals shut contexts down."""
+
+    NO = 0
+    SIGINT = 1
+    SIGTERM = 2
+    ALL = 3
+
+
+_SIGNALS = {SignalHandlerOptions.SIGINT: signal.SIGINT, SignalHandlerOptions.SIGTERM: signal.SIGTERM}
+_before: dict[int, Any] = {}
+_guards: list[GuardCondition] = []
+
+
+def _handle(number: int, frame: FrameType | None) -> None:
+    mark_all_shut_down()
+    if number == signal.SIGINT:
+        for guard in list(_guards):
+            if guard.handle.is_valid:
+                guard.handle.trigger_guard_condition()
+    before = _before.get(number)
+    if callable(before):
+        before(number, frame)
+
+
+def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
+    """Let these signals shut contexts down, and no others."""
+    options = SignalHandlerOptions(options)
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for option, number in _SIGNALS.items():
+        if options & option:
+            _install(number)
+        else:
+            _uninstall(number)
+
+
+def _install(number: int) -> None:
+    current = signal.getsignal(number)
+    if current is not _handle:
+        _before[number] = current
+        signal.signal(number, _handle)
+
+
+def _uninstall(number: int) -> None:
+    before = _before.pop(number, None)
+    if signal.getsignal(number) is _handle:
+        signal.signal(number, signal.SIG_DFL if before is None else before)
+
+
+def get_current_signal_handlers_options() -> SignalHandlerOptions:
+    """Which signals shut contexts down now."""
+    return SignalHandlerOptions(sum(option for option, number in _SIGNALS.items() if number in _before))
+
+
+def uninstall_signal_handlers() -> None:
+    """Let signals do what they did before."""
+    install_signal_handlers(SignalHandlerOptions.NO)
+
+
+class SignalHandlerGuardCondition(GuardCondition):
+    """Is triggered by SIGINT, while its handler is installed."""
+
+    def __init__(self, context: Context | None = None) -> None:
+        super().__init__(callback=None, callback_group=None, context=context)
+        _guards.append(self)
+
+    def destroy(self) -> None:
+        """End it; InvalidHandle the second time."""
+        super().destroy()
+        _guards.remove(self)

@@ -1,0 +1,139 @@
+"""Things of a program's own that an executor waits for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.handles import Destroyable
+    from rclpy.task import Future
+
+
+class NumberOfEntities:
+    """How many entities of each kind a waitable has."""
+
+    __slots__ = ["num_clients", "num_events", "num_guard_conditions", "num_services", "num_subscriptions", "num_timers"]
+
+    def __init__(
+        self,
+        num_subs: int = 0,
+        num_gcs: int = 0,
+        num_timers: int = 0,
+        num_clients: int = 0,
+        num_services: int = 0,
+        num_events: int = 0,
+    ) -> None:
+        self.num_subscriptions = num_subs
+        self.num_guard_conditions = num_gcs
+        self.num_timers = num_timers
+        self.num_clients = num_clients
+        self.num_services = num_services
+        self.num_events = num_events
+
+    def _numbers(self) -> tuple[int, int, int, int, int, int]:
+        return (
+            self.num_subscriptions,
+            self.num_guard_conditions,
+            self.num_timers,
+            self.num_clients,
+            self.num_services,
+            self.num_events,
+        )
+
+    def __add__(self, other: NumberOfEntities) -> NumberOfEntities:
+        return type(self)(*[a + b for a, b in zip(self._numbers(), other._numbers(), strict=True)])
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}({', '.join(map(str, self._numbers()))})>"
+
+
+class WaitSet:
+    """What a waitable adds its entities to, by their handles, and asks afterwards. It holds no C objects."""
+
+    def __init__(self) -> None:
+        self._handles: dict[str, list[Any]] = {}
+        self._ready: dict[tuple[str, int], bool] = {}
+
+    def _add(self, kind: str, handle: Destroyable) -> int:
+        handles = self._handles.setdefault(kind, [])
+        handles.append(handle)
+        return len(handles) - 1
+
+    def add_subscription(self, subscription: Destroyable) -> int:
+        """Answers the index for `is_ready`, as all of these."""
+        return self._add("subscription", subscription)
+
+    def add_guard_condition(self, guard: Destroyable) -> int:
+        return self._add("guard_condition", guard)
+
+    def add_timer(self, timer: Destroyable) -> int:
+        return self._add("timer", timer)
+
+    def add_client(self, client: Destroyable) -> int:
+        return self._add("client", client)
+
+    def add_service(self, service: Destroyable) -> int:
+        return self._add("service", service)
+
+    def add_event(self, event: Destroyable) -> int:
+        return self._add("event", event)
+
+    def is_ready(self, entity_type: str, index: int) -> bool:
+        """Whether the entity of a kind (``"subscription"``, ``"guard_condition"``, ...) and index is ready."""
+        key = entity_type, index
+        if key not in self._ready:
+            handle = self._handles[entity_type][index]
+            self._ready[key] = ready = handle.is_ready()
+            if ready and entity_type == "guard_condition":  # waiting takes a trigger
+                handle.take_trigger()
+        return self._ready[key]
+
+    def get_ready_entities(self, entity_type: str) -> list[int]:
+        """The `pointer` of each handle of a kind that is ready."""
+        handles = self._handles.get(entity_type, [])
+        return [handle.pointer for index, handle in enumerate(handles) if self.is_ready(entity_type, index)]
+
+
+class Waitable:
+    """Something an executor waits for and executes; programs derive from it."""
+
+    def __init__(self, callback_group: CallbackGroup) -> None:
+        self.callback_group = callback_group
+        self.callback_group.add_entity(self)
+        self._executor_event = False
+        self._futures: list[Future[Any]] = []
+
+    def __enter__(self) -> None:
+        """Keep its entities from being destroyed while somebody waits for them."""
+
+    def __exit__(self, t: object, v: object, tb: object) -> None:
+        """Somebody waited."""
+
+    def add_future(self, future: Future[Any]) -> None:
+        """Have the callbacks of a future called by the executor."""
+        self._futures.append(future)
+
+    def remove_future(self, future: Future[Any]) -> None:
+        """Forget a future."""
+        self._futures.remove(future)
+
+    def is_ready(self, wait_set: WaitSet) -> bool:
+        """Whether there is something to take."""
+        raise NotImplementedError("Must be implemented by subclass")
+
+    def take_data(self) -> Any:
+        """Take what is there, so that it is no longer ready."""
+        raise NotImplementedError("Must be implemented by subclass")
+
+    async def execute(self, taken_data: Any) -> None:
+        """Do the work for what was taken."""
+        raise NotImplementedError("Must be implemented by subclass")
+
+    def get_num_entities(self) -> NumberOfEntities:
+        """How many entities it adds to a wait set."""
+        raise NotImplementedError("Must be implemented by subclass")
+
+    def add_to_wait_set(self, wait_set: WaitSet) -> None:
+        """Add its entities, by their handles."""
+        raise NotImplementedError("Must be implemented by subclass")
