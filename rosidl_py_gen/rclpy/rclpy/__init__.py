@@ -1,0 +1,168 @@
+"""rclpy of Jazzy, over the nodes of rosidl_py_gen: `init` a context, make a `Node`, `spin`, `shutdown`."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+from rclpy.context import Context as Context
+from rclpy.parameter import Parameter as Parameter
+from rclpy.signals import SignalHandlerOptions as SignalHandlerOptions
+from rclpy.signals import install_signal_handlers as install_signal_handlers
+from rclpy.signals import uninstall_signal_handlers as uninstall_signal_handlers
+from rclpy.task import Future as Future
+from rclpy.utilities import get_default_context as get_default_context
+from rclpy.utilities import get_rmw_implementation_identifier as get_rmw_implementation_identifier
+from rclpy.utilities import ok as ok
+from rclpy.utilities import shutdown as _shutdown
+from rclpy.utilities import try_shutdown as try_shutdown
+
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
+_executor: Executor | None = None
+_executor_lock = threading.RLock()
+
+
+def init(
+    *,
+    args: list[str] | None = None,
+    context: Context | None = None,
+    domain_id: int | None = None,
+    signal_handler_options: SignalHandlerOptions | None = None,
+) -> None:
+    """Open a context.
+
+    Args:
+        args: a command line with ``--ros-args``; None means `sys.argv`.
+        context: None means the default one.
+        domain_id: None means ``ROS_DOMAIN_ID``, else 0.
+        signal_handler_options: which signals shut contexts down. None: both for the default context, none for others.
+
+    Raises:
+        RuntimeError: it was opened before, or `domain_id` is negative.
+        UnknownROSArgsError: ROS does not know what stands after ``--ros-args``.
+    """
+    default = get_default_context()
+    context = default if context is None else context
+    if signal_handler_options is None:
+        signal_handler_options = SignalHandlerOptions.ALL if context is default else SignalHandlerOptions.NO
+    context.init(args, domain_id=domain_id)
+    install_signal_handlers(signal_handler_options)
+
+
+def get_global_executor() -> Executor:
+    """The executor of `spin` and the like. It stays until the default context is shut down, and with it coroutines that
+    wait.
+    """
+    global _executor
+    with _executor_lock:
+        context = get_default_context()
+        if _executor is None or _executor.context is not context:
+            from rclpy.executors import SingleThreadedExecutor
+
+            _executor = SingleThreadedExecutor()
+            context.on_shutdown(_reset_executor)
+        return _executor
+
+
+def _reset_executor() -> None:
+    global _executor
+    with _executor_lock:
+        executor, _executor = _executor, None
+    if executor is not None:
+        executor.shutdown()
+
+
+def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
+    """Shut a context down; None means the default one, of which there is a new one afterwards.
+
+    Args:
+        uninstall_handlers: let signals do what they did before `init`; None: for the default context only.
+
+    Raises:
+        RuntimeError: it was never opened, or is shut down already.
+    """
+    is_default = context is None or context is get_default_context()
+    _shutdown(context=context)
+    if uninstall_handlers or (uninstall_handlers is None and is_default):
+        uninstall_signal_handlers()
+
+
+def create_node(
+    node_name: str,
+    *,
+    context: Context | None = None,
+    cli_args: list[str] | None = None,
+    namespace: str | None = None,
+    use_global_arguments: bool = True,
+    enable_rosout: bool = True,
+    start_parameter_services: bool = True,
+    parameter_overrides: list[Parameter] | None = None,
+    allow_undeclared_parameters: bool = False,
+    automatically_declare_parameters_from_overrides: bool = False,
+    enable_logger_service: bool = False,
+) -> Node:
+    """A `rclpy.node.Node` with these arguments."""
+    from rclpy.node import Node
+
+    return Node(
+        node_name,
+        context=context,
+        cli_args=cli_args,
+        namespace=namespace,
+        use_global_arguments=use_global_arguments,
+        enable_rosout=enable_rosout,
+        start_parameter_services=start_parameter_services,
+        parameter_overrides=parameter_overrides,
+        allow_undeclared_parameters=allow_undeclared_parameters,
+        automatically_declare_parameters_from_overrides=automatically_declare_parameters_from_overrides,
+        enable_logger_service=enable_logger_service,
+    )
+
+
+def spin_once(node: Node, *, executor: Executor | None = None, timeout_sec: float | None = None) -> None:
+    """Do one piece of work of a node, or wait for it.
+
+    Args:
+        executor: None means the global one.
+        timeout_sec: None or negative: wait for ever; 0: only look.
+    """
+    executor = get_global_executor() if executor is None else executor
+    was_added = False
+    try:
+        was_added = executor.add_node(node)
+        executor.spin_once(timeout_sec=timeout_sec)
+    finally:
+        if was_added:
+            executor.remove_node(node)
+
+
+def spin(node: Node, executor: Executor | None = None) -> None:
+    """Do the work of a node until the context is shut down; `executor` None means the global one.
+
+    Raises:
+        ExternalShutdownException: it was shut down from elsewhere, by a signal for example.
+    """
+    executor = get_global_executor() if executor is None else executor
+    try:
+        executor.add_node(node)
+        while executor.context.ok():
+            executor.spin_once()
+    finally:
+        executor.remove_node(node)
+
+
+def spin_until_future_complete(
+    node: Node, future: Future[Any], executor: Executor | None = None, timeout_sec: float | None = None
+) -> None:
+    """Do the work of a node until a future is done, or the time has passed; `executor` None means the global one."""
+    executor = get_global_executor() if executor is None else executor
+    was_added = False
+    try:
+        was_added = executor.add_node(node)
+        executor.spin_until_future_complete(future, timeout_sec)
+    finally:
+        if was_added:
+            executor.remove_node(node)

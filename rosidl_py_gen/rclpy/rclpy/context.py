@@ -17,7 +17,7 @@ from rosidl_py_gen import runtime
 if TYPE_CHECKING:
     from types import TracebackType
 
-_opened: weakref.WeakSet[ContextHandle] = weakref.WeakSet()
+_opened: set[ContextHandle] = set()
 
 
 class Context:
@@ -75,6 +75,7 @@ class Context:
 
     def _shut_down(self, handle: ContextHandle) -> None:
         with self._lock:
+            _opened.discard(handle)
             handle.shutdown()
             callbacks, self._callbacks = self._callbacks, []
         for reference in callbacks:
@@ -95,6 +96,7 @@ class Context:
         if self.__context.ok():
             self._shut_down(self.__context)
         else:
+            _opened.discard(self.__context)
             self.__context.close()  # a signal only marked it
 
     def on_shutdown(self, callback: Callable[[], Any]) -> None:

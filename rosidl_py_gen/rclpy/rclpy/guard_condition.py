@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from rclpy.callback_groups import CallbackGroup
     from rclpy.context import Context
+    from rclpy.executors import Executor
 
 
 class GuardConditionHandle(Destroyable):
@@ -73,6 +74,6 @@ class GuardCondition:
     def _is_ready(self) -> bool:
         return self.__gc.is_ready()
 
-    def _take(self) -> Callable[[], Any] | None:
+    def _take(self, executor: Executor) -> Callable[[], Any] | None:
         self.__gc.take_trigger()
         return self.callback

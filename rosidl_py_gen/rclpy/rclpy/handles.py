@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
@@ -67,10 +68,8 @@ class Destroyable:
         self._end_if_unused()
 
     def destroy_when_not_in_use(self) -> None:
-        """Refuse new uses, and destroy it after the last one under way. Raises InvalidHandle the second time."""
+        """Refuse new uses, and destroy it after the last one under way; may be called twice."""
         with self._users_lock:
-            if self._is_destroyed:
-                raise InvalidHandle("Asked to destroy handle, but it was already destroyed")
             self._is_destroyed = True
         self._end_if_unused()
 
@@ -158,19 +157,30 @@ class ContextHandle(Destroyable):
 
 
 class Handle(Destroyable, Generic[C]):
-    """An endpoint of the runtime. One that is deleted without having been destroyed is closed by the loop later."""
+    """An endpoint of the runtime. One that is deleted without having been destroyed is closed by the loop later.
+
+    Attributes:
+        logger_name: of the node's logger.
+        events: what happened to the endpoint, as far as somebody wants to know.
+    """
 
     def __init__(
-        self, context: ContextHandle, entity: C, parent: Destroyable | None = None, is_ready: Callable[[], bool] | None = None
+        self, context: ContextHandle, entity: C, parent: Destroyable | None = None, *, logger_name: str = ""
     ) -> None:
         super().__init__(parent)
         self.context = context
         self.entity = entity
+        self.logger_name = logger_name
+        self.events: dict[int, deque[Any]] = {}
+        self._ask: Callable[[], bool] = _never
+
+    def set_ready(self, is_ready: Callable[[], bool]) -> None:
+        """Say how to know whether something can be taken."""
         self._ask = is_ready
 
     def is_ready(self) -> bool:
         """Whether something can be taken."""
-        return self._ask is not None and self.is_valid and self._ask()
+        return self.is_valid and self._ask()
 
     def _destroy(self) -> None:
         self.entity.close()
@@ -191,6 +201,10 @@ class Handle(Destroyable, Generic[C]):
                 yield self.entity
             except runtime.ClosedError as error:
                 raise RCLError(str(error)) from error
+
+
+def _never() -> bool:
+    return False
 
 
 def _close(entity: Closable, parent: Any) -> None:

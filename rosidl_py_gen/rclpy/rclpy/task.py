@@ -190,6 +190,9 @@ class Task(Future[T]):
             self._executing, self._waits_for = True, None
             try:
                 self._step()
+            except BaseException:  # what ends a program, such as KeyboardInterrupt
+                self._state, self._handler = FutureState.CANCELLED, None
+                raise
             finally:
                 self._executing = self._handed_out = False
         finally:

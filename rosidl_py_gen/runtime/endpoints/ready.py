@@ -32,6 +32,11 @@ class Takeable(Owned):
     _tell: Callable[[], None] | None = None
     """Calls the listeners, if there ever was one."""
 
+    @property
+    def is_ready(self) -> bool:
+        """True when `take` would look at something: it has arrived and was not taken; False after `close`."""
+        return not self._closed and self._is_ready()
+
     def on_ready(self, function: Callable[[], object]) -> Registration:
         """Have a function called, without arguments, when something can be taken, until the answer is closed.
 

@@ -252,7 +252,9 @@ class Subscription(Takeable, Generic[T]):
         return bool(self._items) or self._closed
 
     def _is_ready(self) -> bool:
-        return bool(self._items) or self._reader.fetch()
+        if self._items:
+            return True
+        return self._scope.bridge.portal.given is None and self._reader.fetch()
 
     def _described(self) -> str:
         return f"the subscription on {self.topic}"

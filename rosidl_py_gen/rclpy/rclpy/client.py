@@ -1,0 +1,184 @@
+"""Clients of services."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections import deque
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rclpy.task import Future
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    import concurrent.futures
+    from collections.abc import Callable
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.clock import Clock
+    from rclpy.context import Context
+    from rclpy.executors import Executor
+    from rclpy.handles import Handle
+    from rclpy.qos import QoSProfile
+    from rclpy.service_introspection import ServiceIntrospectionState
+
+SrvType = TypeVar("SrvType")
+SrvTypeRequest = TypeVar("SrvTypeRequest")
+SrvTypeResponse = TypeVar("SrvTypeResponse")
+
+
+class Client:
+    """Made by `Node.create_client`. A response is taken by the executor of its node, like everything else.
+
+    Attributes:
+        srv_type: the class of the service.
+        srv_name: the name as it was written.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        client_impl: Handle[runtime.Client[Any, Any]],
+        srv_type: Any,
+        srv_name: str,
+        qos_profile: QoSProfile,
+        callback_group: CallbackGroup,
+    ) -> None:
+        self.context = context
+        self.__client = client_impl
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.qos_profile = qos_profile
+        self._pending_requests: dict[int, Future[Any]] = {}
+        self.callback_group = callback_group
+        self._executor_event = False
+        self._lock = threading.Lock()
+        self._numbers = itertools.count(1)
+        self._sent: dict[int, concurrent.futures.Future[Any]] = {}
+        self._arrived: deque[tuple[int, concurrent.futures.Future[Any]]] = deque()
+        client_impl.set_ready(self._has_arrived)
+
+    def _has_arrived(self) -> bool:
+        return bool(self._arrived)
+
+    def call(self, request: Any, timeout_sec: float | None = None) -> Any:
+        """Send a request and wait for the response, which an executor in another thread has to take: a callback in a
+        group of its own, of a MultiThreadedExecutor. None when the time has passed.
+
+        Raises:
+            TypeError: the request is of another class.
+        """
+        event = threading.Event()
+        future = self.call_async(request)
+        future.add_done_callback(lambda _: event.set())
+        if not future.done() and not event.wait(timeout_sec):
+            self.remove_pending_request(future)
+        return future.result()
+
+    def call_async(self, request: Any) -> Future[Any]:
+        """Send a request, and answer a future of its response. Where no server is there, it is lost.
+
+        Raises:
+            TypeError: the request is of another class. InvalidHandle, RCLError: the client was destroyed, the context
+            shut down.
+        """
+        if not isinstance(request, self.srv_type.Request):
+            raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
+        future: Future[Any] = Future()
+        with self.handle.in_use() as client:
+            sent = client.send_request(request)
+        with self._lock:
+            number = next(self._numbers)
+            self._pending_requests[number], self._sent[number] = future, sent
+        future.add_done_callback(self.remove_pending_request)
+        sent.add_done_callback(partial(self._on_response, number))
+        return future
+
+    def _on_response(self, number: int, sent: concurrent.futures.Future[Any]) -> None:
+        """On the loop, mostly."""
+        if sent.cancelled() or isinstance(sent.exception(), (runtime.ServerLostError, runtime.ClosedError)):
+            return  # in rclpy such a future is pending for ever
+        self._arrived.append((number, sent))
+        self.__client.context.notify()
+
+    def get_pending_request(self, sequence_number: int) -> Future[Any]:
+        """The future of a request that was not answered; KeyError for others."""
+        with self._lock:
+            return self._pending_requests[sequence_number]
+
+    def remove_pending_request(self, future: Future[Any]) -> None:
+        """Forget a request: nobody waits for its response any more."""
+        with self._lock:
+            number = next((number for number, other in self._pending_requests.items() if other is future), None)
+            if number is None:
+                return
+            del self._pending_requests[number]
+            sent = self._sent.pop(number)
+        if not sent.done():
+            sent.cancel()
+
+    def service_is_ready(self) -> bool:
+        """Whether a server is connected.
+
+        Raises `rosidl_py_gen.runtime.ForeignServiceError` where the only servers are such that this machine cannot talk
+        to them; it says why.
+        """
+        with self.handle.in_use() as client:
+            return client.service_is_available()
+
+    def wait_for_service(self, timeout_sec: float | None = None) -> bool:
+        """Wait until a server is connected, or the time has passed; nobody has to spin."""
+        with self.handle as handle:
+            return handle.context.wait(self.service_is_ready, timeout_sec if timeout_sec is None else max(0.0, timeout_sec))
+
+    def configure_introspection(
+        self, clock: Clock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
+    ) -> None:
+        """Publish requests and responses on ``<service>/_service_event``, as far as the state says."""
+        with self.handle.in_use() as client:
+            profile = service_event_qos_profile.get_c_qos_profile()
+            client.configure_introspection(clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state)))
+
+    @property
+    def handle(self) -> Handle[runtime.Client[Any, Any]]:
+        """What a wait set takes."""
+        return self.__client
+
+    @property
+    def service_name(self) -> str:
+        """The name after expansion and remapping."""
+        with self.handle.in_use() as client:
+            return client.name
+
+    @property
+    def logger_name(self) -> str:
+        """The name of the node's logger."""
+        with self.handle as handle:
+            return handle.logger_name
+
+    def destroy(self) -> None:
+        """End it; use `Node.destroy_client`."""
+        self.__client.destroy_when_not_in_use()
+
+    def _is_ready(self) -> bool:
+        return self.__client.is_ready()
+
+    def _take(self, executor: Executor) -> Callable[[], Any] | None:
+        if not self.__client.is_valid or not self._arrived:
+            return None
+        number, sent = self._arrived.popleft()
+
+        def finish() -> None:
+            with self._lock:
+                future = self._pending_requests.get(number)
+            if future is None:  # removed, or cancelled
+                return
+            future._set_executor(executor)
+            error = sent.exception()
+            if error is None:
+                future.set_result(sent.result())
+            else:
+                future.set_exception(error)
+
+        return finish

@@ -1,0 +1,217 @@
+"""What happens to publishers and subscriptions beside messages, told to callbacks by the executor."""
+
+from __future__ import annotations
+
+import warnings
+from collections import deque
+from collections.abc import Callable
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any
+
+from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
+from rclpy.handles import Destroyable
+from rclpy.waitable import NumberOfEntities, Waitable
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.handles import ContextHandle, Handle
+    from rclpy.waitable import WaitSet
+
+
+class QoSPublisherEventType(IntEnum):
+    """Events of publishers; numbers of rcl."""
+
+    RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0
+    RCL_PUBLISHER_LIVELINESS_LOST = 1
+    RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS = 2
+    RCL_PUBLISHER_INCOMPATIBLE_TYPE = 3
+    RCL_PUBLISHER_MATCHED = 4
+
+
+class QoSSubscriptionEventType(IntEnum):
+    """Events of subscriptions; numbers of rcl."""
+
+    RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0
+    RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1
+    RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS = 2
+    RCL_SUBSCRIPTION_MESSAGE_LOST = 3
+    RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE = 4
+    RCL_SUBSCRIPTION_MATCHED = 5
+
+
+QoSRequestedDeadlineMissedInfo = runtime.CountStatus
+QoSLivelinessChangedInfo = runtime.LivelinessStatus
+QoSMessageLostInfo = runtime.CountStatus
+QoSRequestedIncompatibleQoSInfo = runtime.IncompatibleStatus
+QoSSubscriptionMatchedInfo = runtime.MatchedStatus
+QoSOfferedDeadlineMissedInfo = runtime.CountStatus
+QoSLivelinessLostInfo = runtime.CountStatus
+QoSPublisherMatchedInfo = runtime.MatchedStatus
+QoSOfferedIncompatibleQoSInfo = runtime.IncompatibleStatus
+IncompatibleTypeInfo = runtime.IncompatibleStatus
+
+
+class EventHandle(Destroyable):
+    """What was told of one kind of event and not taken."""
+
+    def __init__(self, items: deque[Any]) -> None:
+        super().__init__()
+        self.items = items
+
+    def is_ready(self) -> bool:
+        """Whether something was told."""
+        return self.is_valid and bool(self.items)
+
+
+class EventHandler(Waitable):
+    """Waits for one kind of event of a publisher or subscription.
+
+    Raises UnsupportedEventTypeError for an endpoint that was not made with a callback for that event.
+    """
+
+    def __init__(
+        self, *, callback_group: CallbackGroup, callback: Callable[[Any], Any], event_type: int, parent_impl: Handle[Any]
+    ) -> None:
+        super().__init__(callback_group)
+        self.event_type = event_type
+        self.callback = callback
+        with parent_impl:
+            items = parent_impl.events.get(int(event_type))
+            if items is None:
+                raise UnsupportedEventTypeError(
+                    f"{event_type!r}: the endpoint does not look for this event; give event_callbacks when it is created"
+                )
+            self.__event = EventHandle(items)
+
+    def is_ready(self, wait_set: WaitSet) -> bool:
+        return self.__event.is_ready()
+
+    def take_data(self) -> Any:
+        with self.__event:
+            return self.__event.items.popleft() if self.__event.items else None
+
+    async def execute(self, taken_data: Any) -> None:
+        from rclpy.executors import await_or_execute
+
+        if taken_data:
+            await await_or_execute(self.callback, taken_data)
+
+    def get_num_entities(self) -> NumberOfEntities:
+        return NumberOfEntities(num_events=1)
+
+    def add_to_wait_set(self, wait_set: WaitSet) -> None:
+        with self.__event:
+            wait_set.add_event(self.__event)
+
+    def destroy(self) -> None:
+        """Look no more;"""
+        self.__event.destroy_when_not_in_use()
+
+
+class QoSEventHandler(EventHandler):
+    """The old name of `EventHandler`."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        text = "QoSEventHandler foo is deprecated, use EventHandler instead."
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        super().__init_subclass__(**kwargs)
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        text = "QoSEventHandler is deprecated, use EventHandler instead."
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        super().__init__(*args, **kwargs)
+
+
+class _EventCallbacks:
+    """Functions by the runtime's names of events."""
+
+    _TYPES: dict[str, int]
+
+    def _functions(self) -> dict[str, Callable[[Any], Any]]:
+        return {name: getattr(self, name) for name in self._TYPES if getattr(self, name) is not None}
+
+    def _queues(self, context: ContextHandle) -> tuple[dict[int, deque[Any]], dict[str, Callable[[Any], None]]]:
+        """For each event that is asked for: where it is kept, by number; what the runtime is to call, by name."""
+        queues = {name: deque[Any]() for name in self._functions()}
+
+        def keep(queue: deque[Any]) -> Callable[[Any], None]:
+            def told(status: Any) -> None:
+                queue.append(status)
+                context.arrived()
+
+            return told
+
+        return {self._TYPES[name]: queue for name, queue in queues.items()}, {
+            name: keep(queue) for name, queue in queues.items()
+        }
+
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str
+    ) -> list[EventHandler]:
+        """A handler for each function; mismatches that no function is for are logged by the runtime."""
+        return [
+            EventHandler(callback_group=callback_group, callback=function, event_type=self._TYPES[name], parent_impl=impl)
+            for name, function in self._functions().items()
+        ]
+
+
+class SubscriptionEventCallbacks(_EventCallbacks):
+    """Functions that are told what happened to a subscription; each gets one of the `...Info` values."""
+
+    _TYPES = {  # noqa: RUF012
+        "deadline": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED,
+        "incompatible_qos": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
+        "liveliness": QoSSubscriptionEventType.RCL_SUBSCRIPTION_LIVELINESS_CHANGED,
+        "message_lost": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
+        "incompatible_type": QoSSubscriptionEventType.RCL_SUBSCRIPTION_INCOMPATIBLE_TYPE,
+        "matched": QoSSubscriptionEventType.RCL_SUBSCRIPTION_MATCHED,
+    }
+
+    def __init__(
+        self,
+        *,
+        deadline: Callable[[runtime.CountStatus], Any] | None = None,
+        incompatible_qos: Callable[[runtime.IncompatibleStatus], Any] | None = None,
+        liveliness: Callable[[runtime.LivelinessStatus], Any] | None = None,
+        message_lost: Callable[[runtime.CountStatus], Any] | None = None,
+        incompatible_type: Callable[[runtime.IncompatibleStatus], Any] | None = None,
+        matched: Callable[[runtime.MatchedStatus], Any] | None = None,
+        use_default_callbacks: bool = True,
+    ) -> None:
+        self.deadline = deadline
+        self.incompatible_qos = incompatible_qos
+        self.liveliness = liveliness
+        self.message_lost = message_lost
+        self.incompatible_type = incompatible_type
+        self.matched = matched
+        self.use_default_callbacks = use_default_callbacks
+
+
+class PublisherEventCallbacks(_EventCallbacks):
+    """Functions that are told what happened to a publisher; each gets one of the `...Info` values."""
+
+    _TYPES = {  # noqa: RUF012
+        "deadline": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED,
+        "liveliness": QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST,
+        "incompatible_qos": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_INCOMPATIBLE_QOS,
+        "incompatible_type": QoSPublisherEventType.RCL_PUBLISHER_INCOMPATIBLE_TYPE,
+        "matched": QoSPublisherEventType.RCL_PUBLISHER_MATCHED,
+    }
+
+    def __init__(
+        self,
+        *,
+        deadline: Callable[[runtime.CountStatus], Any] | None = None,
+        liveliness: Callable[[runtime.CountStatus], Any] | None = None,
+        incompatible_qos: Callable[[runtime.IncompatibleStatus], Any] | None = None,
+        incompatible_type: Callable[[runtime.IncompatibleStatus], Any] | None = None,
+        matched: Callable[[runtime.MatchedStatus], Any] | None = None,
+        use_default_callbacks: bool = True,
+    ) -> None:
+        self.deadline = deadline
+        self.liveliness = liveliness
+        self.incompatible_qos = incompatible_qos
+        self.incompatible_type = incompatible_type
+        self.matched = matched
+        self.use_default_callbacks = use_default_callbacks

@@ -1,0 +1,406 @@
+"""Executors: who runs callbacks, in which thread. Work is pulled; where nobody spins, nothing is taken."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import threading
+import time
+import warnings
+from collections.abc import Callable, Coroutine, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rclpy.context import Context as Context
+from rclpy.exceptions import InvalidHandle as InvalidHandle
+from rclpy.exceptions import NotInitializedException
+from rclpy.guard_condition import GuardCondition as GuardCondition
+from rclpy.task import Future as Future
+from rclpy.task import Task as Task
+from rclpy.timer import Timer as Timer
+from rclpy.utilities import get_default_context
+from rclpy.waitable import NumberOfEntities as NumberOfEntities
+from rclpy.waitable import Waitable as Waitable
+from rclpy.waitable import WaitSet
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from typing_extensions import Self
+
+    from rclpy.handles import ContextHandle
+    from rclpy.node import Node
+
+WaitableEntityType = TypeVar("WaitableEntityType")
+_Work = tuple[Task[Any], Any, Any]
+
+
+class TimeoutException(Exception):
+    """Nothing was ready in time."""
+
+
+class ShutdownException(Exception):
+    """The executor was shut down."""
+
+
+class ExternalShutdownException(Exception):
+    """The context was shut down."""
+
+
+class ConditionReachedException(Exception):
+    """What the executor was told to wait for holds."""
+
+
+class TimeoutObject:
+    """A time limit in seconds that may be changed while somebody waits again and again."""
+
+    def __init__(self, timeout: float) -> None:
+        self.timeout = timeout
+
+
+_Timeout = float | TimeoutObject | None
+
+
+async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
+    """Call a function, and await what an async one answers."""
+    if inspect.iscoroutinefunction(callback):
+        return await callback(*args)
+    return callback(*args)
+
+
+def _never() -> bool:
+    return False
+
+
+class Executor:
+    """The base of executors: it finds what is ready. A custom one defines `spin_once` over `wait_for_ready_callbacks`.
+
+    Args:
+        context: None means the default one, which has to be initialized.
+    """
+
+    def __init__(self, *, context: Context | None = None) -> None:
+        super().__init__()
+        self._context = get_default_context() if context is None else context
+        if self._context.handle is None:
+            raise NotInitializedException("cannot create executor")
+        self.__handle: ContextHandle = self._context.handle
+        self._nodes: set[Node] = set()
+        self._nodes_lock = threading.RLock()
+        self._tasks: list[_Work] = []
+        self._tasks_lock = threading.Lock()
+        self._is_shutdown = False
+        self._cb_iter: Iterator[_Work] | None = None
+        self._last_args: tuple[Any, ...] | None = None
+        self._last_kwargs: dict[str, Any] | None = None
+        self._context.on_shutdown(self.wake)
+
+    @property
+    def context(self) -> Context:
+        """The context it looks at."""
+        return self._context
+
+    def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task[Any]:
+        """Have a function or coroutine run while somebody spins; answers a future of its result."""
+        task: Task[Any] = Task(callback, args, kwargs, executor=self)
+        with self._tasks_lock:
+            self._tasks.append((task, None, None))
+        self.wake()
+        return task
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """Stop: whoever spins returns. True at once, as in rclpy, whatever the time limit."""
+        self._is_shutdown = True
+        self.wake()
+        with self._nodes_lock:
+            self._nodes = set()
+        self._cb_iter = self._last_args = self._last_kwargs = None
+        return True
+
+    def add_node(self, node: Node) -> bool:
+        """Serve a node, which leaves the executor it was in; False when it is here already."""
+        with self._nodes_lock:
+            if node in self._nodes:
+                return False
+            self._nodes.add(node)
+        node.executor = self
+        self.wake()
+        return True
+
+    def remove_node(self, node: Node) -> None:
+        """Serve a node no more."""
+        with self._nodes_lock:
+            if node not in self._nodes:
+                return
+            self._nodes.remove(node)
+        self.wake()
+
+    def wake(self) -> None:
+        """Let whoever spins look again; from any thread."""
+        self.__handle.notify()
+
+    def get_nodes(self) -> list[Node]:
+        """The nodes it serves."""
+        with self._nodes_lock:
+            return list(self._nodes)
+
+    def spin(self) -> None:
+        """Run callbacks until the context or the executor is shut down."""
+        while self._context.ok() and not self._is_shutdown:
+            self.spin_once()
+
+    def spin_until_future_complete(self, future: Future[Any], timeout_sec: float | None = None) -> None:
+        """Run callbacks until a future is done or cancelled, or the time has passed."""
+        self._wake_at_end(future)
+        end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        left = None if timeout_sec is None or end is None else TimeoutObject(timeout_sec)
+        while self._context.ok() and not future.done() and not future.cancelled() and not self._is_shutdown:
+            self.spin_once_until_future_complete(future, left)
+            if end is not None and left is not None:
+                left.timeout = end - time.monotonic()
+                if left.timeout <= 0:
+                    return
+
+    def _wake_at_end(self, future: Future[Any]) -> None:
+        if isinstance(future, Future):
+            future._wake_at_end(self.wake)
+        else:
+            future.add_done_callback(lambda _: self.wake())
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for one piece of work and do it.
+
+        Args:
+            timeout_sec: None or negative: wait for ever; 0: only look.
+        """
+        raise NotImplementedError
+
+    def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
+        """`spin_once`, which returns without having done anything when a future is done."""
+        raise NotImplementedError
+
+    # ---------------------------------------------------------------------------------------------------- handlers
+
+    def _make_handler(self, entity: Any, node: Node) -> Task[Any]:
+        entity._executor_event = True  # it is not ready again before something was taken
+        task: Task[Any] = Task(self._handle_entity, (entity,), executor=self)
+        task._handed_out = True
+        with self._tasks_lock:
+            self._tasks.append((task, entity, node))
+        return task
+
+    async def _handle_entity(self, entity: Any) -> None:
+        if self._is_shutdown or not entity.callback_group.beginning_execution(entity):
+            entity._executor_event = False
+            self.wake()
+            return
+        try:
+            call: Callable[[], Any] | None
+            try:
+                call = self._take_waitable(entity) if isinstance(entity, Waitable) else entity._take(self)
+            except (InvalidHandle, runtime.ClosedError):  # destroyed meanwhile
+                call = None
+            finally:
+                entity._executor_event = False
+                self.wake()
+            if call is not None:
+                await await_or_execute(call)
+        finally:
+            entity.callback_group.ending_execution(entity)
+            self.wake()
+
+    def _take_waitable(self, waitable: Waitable) -> Callable[[], Any]:
+        data = waitable.take_data()
+
+        async def execute() -> None:
+            for future in waitable._futures:
+                future._set_executor(self)
+            await waitable.execute(data)
+
+        return execute
+
+    def can_execute(self, entity: Any) -> bool:
+        """Whether the callback of an entity may run now: its group allows it, and it is not about to."""
+        return not entity._executor_event and bool(entity.callback_group.can_execute(entity))
+
+    # ----------------------------------------------------------------------------------------------------- waiting
+
+    def _resumable(self, nodes: Iterable[Node]) -> Iterator[_Work]:
+        """Tasks that can go on, newest first."""
+        with self._tasks_lock:
+            tasks = list(self._tasks)
+        for task, entity, node in reversed(tasks):
+            if (node is None or node in nodes) and task._can_go_on():
+                task._handed_out = True
+                yield task, entity, node
+        with self._tasks_lock:
+            self._tasks = [work for work in self._tasks if work[0]._pending()]
+
+    def _ready_entities(self, nodes: Iterable[Node]) -> list[tuple[Any, Node]]:
+        """What is ready and may run, but waitables; node by node, in rclpy's order."""
+        found: list[tuple[Any, Node]] = []
+        for node in nodes:
+            for entities in (node.timers, node.subscriptions, node.guards, node.clients, node.services):
+                found += [(one, node) for one in entities if one._is_ready() and self.can_execute(one)]
+        return found
+
+    def _ready_waitables(self, nodes: Iterable[Node]) -> list[tuple[Any, Node]]:
+        """Asked once a pass, because that may change them."""
+        found: list[tuple[Any, Node]] = []
+        wait_set = WaitSet()
+        for node in nodes:
+            for waitable in [one for one in node.waitables if self.can_execute(one)]:
+                try:
+                    with waitable:
+                        waitable.add_to_wait_set(wait_set)
+                        if waitable.is_ready(wait_set):
+                            found.append((waitable, node))
+                except InvalidHandle:
+                    continue
+        return found
+
+    def _can_go_on(self, nodes: Iterable[Node]) -> bool:
+        with self._tasks_lock:
+            return any(task._can_go_on() and (node is None or node in nodes) for task, _, node in self._tasks)
+
+    def _sleep_s(self, nodes: Iterable[Node]) -> float | None:
+        """How long until a timer is due."""
+        left = [timer.handle.seconds_left() for node in nodes for timer in node.timers if self.can_execute(timer)]
+        return min((one for one in left if one is not None), default=None)
+
+    def _wait(self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]) -> list[tuple[Any, Node]]:
+        """What is ready as soon as something is; nothing when something else ends the wait."""
+        handle, chosen = self.__handle, self.get_nodes() if nodes is None else nodes
+        try:
+            if end is not None or self._can_go_on(chosen) or self._ready_entities(chosen):
+                handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
+            while True:
+                seen = handle.news
+                chosen = self.get_nodes() if nodes is None else nodes
+                ready = self._ready_waitables(chosen) + self._ready_entities(chosen)
+                if ready or self._is_shutdown or not handle.ok() or condition() or self._can_go_on(chosen):
+                    return ready
+                left = None if end is None else end - time.monotonic()
+                if left is not None and left <= 0:
+                    return []
+                limits = [one for one in (left, self._sleep_s(chosen)) if one is not None]
+
+                def has_changed(seen: object = seen) -> bool:
+                    return handle.news is not seen or self._is_shutdown or condition()
+
+                handle.driver.wait(has_changed, min(limits, default=None))
+        except runtime.ClosedError:  # shut down meanwhile
+            return []
+
+    def _wait_for_ready_callbacks(
+        self, timeout_sec: _Timeout = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = _never
+    ) -> Iterator[_Work]:
+        limit = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
+        end = None if limit is None or limit < 0 else time.monotonic() + float(limit)
+        yielded = False
+        while not yielded and not self._is_shutdown and not condition():
+            for work in self._resumable(self.get_nodes() if nodes is None else nodes):
+                yielded = True
+                yield work
+            ready = self._wait(nodes, time.monotonic() if yielded else end, condition)
+            if self._is_shutdown:
+                raise ShutdownException
+            if not self._context.ok():
+                raise ExternalShutdownException
+            for entity, node in ready:
+                if self.can_execute(entity) and (entity._is_ready() if isinstance(entity, Timer) else True):
+                    yielded = True
+                    yield self._make_handler(entity, node), entity, node
+            if not yielded and end is not None and time.monotonic() >= end:
+                raise TimeoutException
+        if self._is_shutdown:
+            raise ShutdownException
+        if condition():
+            raise ConditionReachedException
+
+    def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> _Work:
+        """The next piece of work: a task to be called, and the entity and node it is for, or None.
+
+        Args:
+            timeout_sec: None or negative: wait for ever; 0: only look.
+            nodes: only these; None means all of the executor.
+            condition: a function that ends the wait when it answers True.
+
+        Raises:
+            TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: as they say.
+        """
+        while True:
+            if self._cb_iter is None or self._last_args != args or self._last_kwargs != kwargs:
+                self._last_args, self._last_kwargs = args, kwargs
+                self._cb_iter = self._wait_for_ready_callbacks(*args, **kwargs)
+            try:
+                return next(self._cb_iter)
+            except StopIteration:
+                self._cb_iter = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
+    ) -> None:
+        self.shutdown()
+
+
+class SingleThreadedExecutor(Executor):
+    """Runs callbacks in the thread that spins; what they raise leaves `spin`."""
+
+    def _spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+        try:
+            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
+        except (ShutdownException, TimeoutException, ConditionReachedException):
+            return
+        handler()
+        handler.result()
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        self._spin_once(timeout_sec)
+
+    def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
+        self._wake_at_end(future)
+        self._spin_once(timeout_sec, future.done)
+
+
+class MultiThreadedExecutor(Executor):
+    """Runs callbacks in a pool of threads; what they raise leaves a later `spin_once`.
+
+    Args:
+        num_threads: None means as many as the process may use processors.
+        context: None means the default one.
+    """
+
+    def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
+        super().__init__(context=context)
+        if num_threads is None:
+            affinity = getattr(os, "sched_getaffinity", None)
+            num_threads = (len(affinity(0)) if affinity is not None else os.cpu_count()) or 2
+        if num_threads == 1:
+            text = "MultiThreadedExecutor is used with a single thread.\nUse the SingleThreadedExecutor instead."
+            warnings.warn(text, stacklevel=2)
+        self._futures: list[Task[Any]] = []
+        self._executor = ThreadPoolExecutor(num_threads)
+
+    def _spin_once(self, timeout_sec: _Timeout = None, condition: Callable[[], bool] = _never) -> None:
+        try:
+            handler, _, _ = self.wait_for_ready_callbacks(timeout_sec, None, condition)
+        except (ExternalShutdownException, ShutdownException, TimeoutException, ConditionReachedException):
+            return
+        self._executor.submit(handler)
+        self._futures.append(handler)
+        for future in self._futures[:]:
+            if future.done():
+                self._futures.remove(future)
+                future.result()
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        self._spin_once(timeout_sec)
+
+    def spin_once_until_future_complete(self, future: Future[Any], timeout_sec: _Timeout = None) -> None:
+        self._wake_at_end(future)
+        self._spin_once(timeout_sec, future.done)

@@ -1,0 +1,168 @@
+"""What a node can ask about the graph: a part of `rclpy.node.Node`."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+from rclpy._rclpy_pybind11 import NodeNameNonExistentError
+from rclpy.expand_topic_name import expand_topic_name
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.validate_full_topic_name import validate_full_topic_name
+
+if TYPE_CHECKING:
+    from rclpy.context import Context
+    from rclpy.handles import Handle
+    from rosidl_py_gen import runtime
+
+NamesAndTypes = list[tuple[str, list[str]]]
+
+
+class NodeGraph:
+    """Methods of `Node`; all of them raise InvalidHandle after `Node.destroy_node`."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def context(self) -> Context: ...
+        @property
+        def handle(self) -> Handle[runtime.Node]: ...
+        def get_name(self) -> str: ...
+        def get_namespace(self) -> str: ...
+
+    # ------------------------------------------------------------------------------------------------------- nodes
+
+    def get_node_names(self) -> list[str]:
+        """Of all nodes, without namespaces."""
+        return [name for name, _ in self.get_node_names_and_namespaces()]
+
+    def get_fully_qualified_node_names(self) -> list[str]:
+        """Of all nodes, with namespaces."""
+        return [f"{'' if ns == '/' else ns}/{name}" for name, ns in self.get_node_names_and_namespaces()]
+
+    def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
+        """Of all nodes."""
+        return [(name, namespace) for name, namespace, _ in self.get_node_names_and_namespaces_with_enclaves()]
+
+    def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
+        """Of all nodes."""
+        with self.handle.in_use() as node:
+            return [(one.name, one.namespace, one.enclave) for one in node.get_nodes()]
+
+    def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
+        """Wait until a node is in the graph, or `timeout` seconds have passed; nobody has to spin."""
+        name = "/" + fully_qualified_node_name.lstrip("/")
+        with self.handle as handle:
+            return handle.context.wait(lambda: name in self.get_fully_qualified_node_names(), max(0.0, timeout))
+
+    # ----------------------------------------------------------------------------------------------------- by node
+
+    def _of_node(self, kind: str, node_name: str, node_namespace: str) -> NamesAndTypes:
+        with self.handle.in_use() as node:
+            namespace = node_namespace if node_namespace.startswith("/") else f"/{node_namespace}"
+            if not any((one.name, one.namespace) == (node_name, namespace) for one in node.get_nodes()):
+                raise NodeNameNonExistentError(
+                    f"cannot get {kind} names and types for nonexistent node: {node_name}, in namespace {namespace}"
+                )
+            found: NamesAndTypes = getattr(node, f"get_{kind}_names_and_types_by_node")(node_name, namespace)
+            return found
+
+    def get_publisher_names_and_types_by_node(
+        self, node_name: str, node_namespace: str, no_demangle: bool = False
+    ) -> NamesAndTypes:
+        """Topics a node publishes; with `no_demangle` all it writes, by the names of DDS.
+
+        Raises NodeNameNonExistentError for a node that is not in the graph.
+        """
+        return self._ends_of_node("publisher", "Request", "Reply", node_name, node_namespace, no_demangle)
+
+    def get_subscriber_names_and_types_by_node(
+        self, node_name: str, node_namespace: str, no_demangle: bool = False
+    ) -> NamesAndTypes:
+        """Topics a node subscribes to; with `no_demangle` all it reads, by the names of DDS.
+
+        Raises NodeNameNonExistentError for a node that is not in the graph.
+        """
+        return self._ends_of_node("subscriber", "Reply", "Request", node_name, node_namespace, no_demangle)
+
+    def _ends_of_node(
+        self, kind: str, of_clients: str, of_services: str, node_name: str, node_namespace: str, no_demangle: bool
+    ) -> NamesAndTypes:
+        found = self._of_node(kind, node_name, node_namespace)
+        handle = self.context.handle
+        if not no_demangle or handle is None or handle.runtime.middleware != "DDS":
+            return found
+        mangled = [(f"rt{name}", [_mangled(one) for one in types]) for name, types in found]
+        for end, part in (("client", of_clients), ("service", of_services)):
+            prefix, suffix = ("rq", "Request_") if part == "Request" else ("rr", "Response_")
+            mangled += [
+                (f"{prefix}{name}{part}", [f"{_mangled(one)}{suffix}" for one in types])
+                for name, types in self._of_node(end, node_name, node_namespace)
+            ]
+        return mangled
+
+    def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
+        """Services a node offers. Raises NodeNameNonExistentError for a node that is not in the graph."""
+        return self._of_node("service", node_name, node_namespace)
+
+    def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
+        """Services a node has clients of. Raises NodeNameNonExistentError for a node that is not in the graph."""
+        return self._of_node("client", node_name, node_namespace)
+
+    # ------------------------------------------------------------------------------------------- topics and services
+
+    def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
+        """All topics; with `no_demangle` those of services, too, by the names of DDS."""
+        with self.handle.in_use() as node:
+            return node.get_topic_names_and_types(no_demangle=no_demangle)
+
+    def get_service_names_and_types(self) -> NamesAndTypes:
+        """All services."""
+        with self.handle.in_use() as node:
+            return node.get_service_names_and_types()
+
+    def _full_name(self, name: str, *, is_service: bool = False) -> str:
+        full = expand_topic_name(name, self.get_name(), self.get_namespace())
+        validate_full_topic_name(full, is_service=is_service)
+        return full
+
+    def _count(self, what: str, name: str) -> int:
+        full = self._full_name(name, is_service=what in ("clients", "services"))
+        with self.handle.in_use() as node:
+            count: int = getattr(node, f"count_{what}")(full)
+            return count
+
+    def count_publishers(self, topic_name: str) -> int:
+        """How many publishers a topic has."""
+        return self._count("publishers", topic_name)
+
+    def count_subscribers(self, topic_name: str) -> int:
+        """How many subscriptions a topic has."""
+        return self._count("subscribers", topic_name)
+
+    def count_clients(self, service_name: str) -> int:
+        """How many clients a service has."""
+        return self._count("clients", service_name)
+
+    def count_services(self, service_name: str) -> int:
+        """How many servers a service has."""
+        return self._count("services", service_name)
+
+    def _infos(self, kind: str, name: str, no_mangle: bool) -> list[TopicEndpointInfo]:
+        topic = name if no_mangle else self._full_name(name)
+        with self.handle.in_use() as node:
+            found: list[Any] = getattr(node, f"get_{kind}_info_by_topic")(topic, no_mangle=no_mangle)
+            return [TopicEndpointInfo._from_runtime(one) for one in found]
+
+    def get_publishers_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
+        """Every publisher of a topic; with `no_mangle` the name is one of DDS."""
+        return self._infos("publishers", topic_name, no_mangle)
+
+    def get_subscriptions_info_by_topic(self, topic_name: str, no_mangle: bool = False) -> list[TopicEndpointInfo]:
+        """Every subscription of a topic; with `no_mangle` the name is one of DDS."""
+        return self._infos("subscriptions", topic_name, no_mangle)
+
+
+def _mangled(ros_type: str) -> str:
+    """``std_msgs::msg::dds_::String_`` for ``std_msgs/msg/String``."""
+    return re.sub(r"^(\w+)/(\w+)/(\w+)$", r"\1::\2::dds_::\3_", ros_type)

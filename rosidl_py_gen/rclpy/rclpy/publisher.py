@@ -1,0 +1,102 @@
+"""Publishers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Duration
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.event_handler import EventHandler
+    from rclpy.handles import Handle
+    from rclpy.qos import QoSProfile
+
+MsgType = TypeVar("MsgType")
+
+
+class Publisher:
+    """Made by `Node.create_publisher`.
+
+    Attributes:
+        msg_type: the class of the messages.
+        topic: the name as it was written.
+        event_handlers: what waits for events of it.
+    """
+
+    def __init__(
+        self,
+        publisher_impl: Handle[runtime.Publisher[Any]],
+        msg_type: type[Any],
+        topic: str,
+        qos_profile: QoSProfile,
+        event_callbacks: list[EventHandler],
+        callback_group: CallbackGroup,
+    ) -> None:
+        self.__publisher = publisher_impl
+        self.msg_type = msg_type
+        self.topic = topic
+        self.qos_profile = qos_profile
+        self.event_handlers = event_callbacks
+
+    def publish(self, msg: Any) -> None:
+        """Send a message, or the bytes of one that is serialized already; from any thread.
+
+        Raises:
+            TypeError: it is of another class. InvalidHandle: the publisher was destroyed. RCLError: the context was
+            shut down. `rosidl_py_gen.runtime.EncodeError`: a field does not fit its type.
+        """
+        with self.handle.in_use() as publisher:
+            if isinstance(msg, self.msg_type):
+                publisher.publish(msg)
+            elif isinstance(msg, bytes):
+                publisher.publish_raw(msg)
+            else:
+                raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
+
+    def get_subscription_count(self) -> int:
+        """How many subscriptions receive what is published."""
+        with self.handle.in_use() as publisher:
+            return publisher.subscription_count
+
+    @property
+    def topic_name(self) -> str:
+        """The name after expansion and remapping."""
+        with self.handle.in_use() as publisher:
+            return publisher.topic
+
+    @property
+    def handle(self) -> Handle[runtime.Publisher[Any]]:
+        """What it holds in the runtime."""
+        return self.__publisher
+
+    @property
+    def logger_name(self) -> str:
+        """The name of the node's logger."""
+        with self.handle as handle:
+            return handle.logger_name
+
+    def destroy(self) -> None:
+        """End it; use `Node.destroy_publisher`."""
+        for handler in self.event_handlers:
+            handler.destroy()
+        self.handle.destroy_when_not_in_use()
+
+    def assert_liveliness(self) -> None:
+        """Say that it is alive, for manual liveliness."""
+        with self.handle.in_use() as publisher:
+            publisher.assert_liveliness()
+
+    def wait_for_all_acked(self, timeout: Duration = Duration(seconds=-1)) -> bool:  # noqa: B008  as in rclpy
+        """Wait until all reliable subscriptions confirmed what was published; negative times mean for ever."""
+        seconds = timeout.nanoseconds / 1e9
+        with self.handle as handle:
+            try:
+                waiting = handle.entity.wait_for_acknowledged(None if seconds < 0 else seconds)
+                return bool(handle.context.driver.run(waiting))
+            except runtime.WaitTimeoutError:
+                return False
+            except runtime.ClosedError as error:
+                raise RCLError(str(error)) from error

@@ -1,0 +1,266 @@
+"""Timers, and rates that wait for one."""
+
+from __future__ import annotations
+
+import threading
+import weakref
+from typing import TYPE_CHECKING, Any
+
+from rclpy.clock import JumpThreshold
+from rclpy.clock_type import ClockType
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle, NotInitializedException, ROSInterruptException
+from rclpy.handles import ContextHandle, Destroyable
+from rclpy.utilities import get_default_context
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.clock import Clock, TimeJump
+    from rclpy.context import Context
+    from rclpy.executors import Executor
+
+
+class TimerHandle(Destroyable):
+    """When a timer is due, as in rcl: from call to call by whole periods; those that were missed are skipped."""
+
+    def __init__(self, context: ContextHandle, clock: Clock, period_ns: int, autostart: bool) -> None:
+        super().__init__()
+        if period_ns < 0:
+            raise ValueError("timer period must be non-negative")
+        self._context = context
+        self._clock = clock
+        self._lock = threading.Lock()
+        self.period_ns = period_ns
+        self.canceled = not autostart
+        self._last_ns = self._now_ns()
+        self._next_ns = self._last_ns + period_ns
+        self._credit_ns = 0
+        self._jumps = None
+        if clock.clock_type == ClockType.ROS_TIME:
+            itself = weakref.ref(self)
+            ns = Duration(nanoseconds=1)
+            self._jumps = clock.create_jump_callback(
+                JumpThreshold(min_forward=ns, min_backward=Duration(nanoseconds=-1), on_clock_change=True),
+                pre_callback=lambda: _of(itself, TimerHandle._before_jump),
+                post_callback=lambda jump: _of(itself, lambda timer: timer._after_jump(jump)),
+            )
+
+    def _now_ns(self) -> int:
+        return self._clock.now().nanoseconds
+
+    def _before_jump(self) -> None:
+        self._credit_ns = self._next_ns - self._now_ns()
+
+    def _after_jump(self, jump: TimeJump) -> None:
+        now_ns = self._now_ns()
+        with self._lock:
+            if jump.clock_change.name in ("ROS_TIME_ACTIVATED", "ROS_TIME_DEACTIVATED"):  # what was left is left still
+                if now_ns:
+                    self._next_ns = now_ns + self._credit_ns
+                    self._last_ns = self._next_ns - self.period_ns
+            elif now_ns < self._last_ns:
+                self._last_ns, self._next_ns = now_ns, now_ns + self.period_ns
+        self._context.notify()
+
+    def call_timer(self) -> None:
+        """Note a call now."""
+        now_ns = self._now_ns()
+        with self._lock:
+            self._last_ns = now_ns
+            self._next_ns += self.period_ns
+            if self._next_ns < now_ns:
+                late_ns = now_ns - self._next_ns
+                self._next_ns = now_ns if self.period_ns == 0 else self._next_ns + -(-late_ns // self.period_ns) * self.period_ns
+
+    def is_ready(self) -> bool:
+        """Whether a call is due."""
+        return not self.canceled and self._until_next_ns() <= 0
+
+    def _until_next_ns(self) -> int:
+        return self._next_ns - self._now_ns()
+
+    def time_until_next_call(self) -> int | None:
+        """Nanoseconds, negative when overdue; None while canceled."""
+        return None if self.canceled else self._until_next_ns()
+
+    def time_since_last_call(self) -> int:
+        """Nanoseconds since the last call, or the beginning."""
+        return self._now_ns() - self._last_ns
+
+    def change_timer_period(self, period_ns: int) -> None:
+        """From the next call on; what is due already stays where it is."""
+        if period_ns < 0:
+            raise ValueError("timer period must be non-negative")
+        self.period_ns = period_ns
+
+    def cancel_timer(self) -> None:
+        """Be never due until `reset_timer`."""
+        self.canceled = True
+        self._context.notify()
+
+    def reset_timer(self) -> None:
+        """Begin a period now."""
+        now_ns = self._now_ns()
+        with self._lock:
+            self._next_ns, self.canceled = now_ns + self.period_ns, False
+        self._context.notify()
+
+    def seconds_left(self) -> float | None:
+        """How long somebody may sleep for it; None while the clock has to tell, or nothing will come."""
+        if self.canceled or not self.is_valid or getattr(self._clock, "ros_time_is_active", False):
+            return None
+        return max(0.0, self._until_next_ns() / 1e9)
+
+    def _destroy(self) -> None:
+        if self._jumps is not None:
+            self._jumps.unregister()
+        self._context.notify()
+
+
+def _of(reference: weakref.ref[TimerHandle], what: Callable[[TimerHandle], None]) -> None:
+    timer = reference()
+    if timer is not None:
+        what(timer)
+
+
+class Timer:
+    """Made by `Node.create_timer`. All times are nanoseconds of its clock."""
+
+    def __init__(
+        self,
+        callback: Callable[[], Any] | None,
+        callback_group: CallbackGroup | None,
+        timer_period_ns: int,
+        clock: Clock,
+        *,
+        context: Context | None = None,
+        autostart: bool = True,
+    ) -> None:
+        self._context = get_default_context() if context is None else context
+        self._clock = clock
+        handle = self._context.handle
+        if handle is None:
+            raise NotInitializedException("cannot create timer")
+        with handle:
+            self.__timer = TimerHandle(handle, clock, int(timer_period_ns), autostart)
+        self.callback = callback
+        self.callback_group = callback_group
+        self._executor_event = False
+
+    @property
+    def handle(self) -> TimerHandle:
+        """What a wait set takes."""
+        return self.__timer
+
+    def destroy(self) -> None:
+        """End it; use `Node.destroy_timer` for those of nodes."""
+        self.__timer.destroy_when_not_in_use()
+
+    @property
+    def clock(self) -> Clock:
+        """The clock it follows."""
+        return self._clock
+
+    @property
+    def timer_period_ns(self) -> int:
+        """Time between two calls; a new one counts from the next call on."""
+        with self.__timer:
+            return self.__timer.period_ns
+
+    @timer_period_ns.setter
+    def timer_period_ns(self, value: int) -> None:
+        with self.__timer:
+            self.__timer.change_timer_period(int(value))
+
+    def is_ready(self) -> bool:
+        """Whether a call is due."""
+        with self.__timer:
+            return self.__timer.is_ready()
+
+    def is_canceled(self) -> bool:
+        """Whether it was canceled, and not reset."""
+        with self.__timer:
+            return self.__timer.canceled
+
+    def cancel(self) -> None:
+        """Call no more, until `reset`."""
+        with self.__timer:
+            self.__timer.cancel_timer()
+
+    def reset(self) -> None:
+        """Begin a period now; ends a cancellation."""
+        with self.__timer:
+            self.__timer.reset_timer()
+
+    def time_since_last_call(self) -> int:
+        """Nanoseconds since the last call, or since it was made."""
+        with self.__timer:
+            return self.__timer.time_since_last_call()
+
+    def time_until_next_call(self) -> int | None:
+        """Nanoseconds, negative when overdue; None while canceled."""
+        with self.__timer:
+            return self.__timer.time_until_next_call()
+
+    def _is_ready(self) -> bool:
+        return self.__timer.is_valid and self.__timer.is_ready()
+
+    def _take(self, executor: Executor) -> Callable[[], Any] | None:
+        with self.__timer:
+            self.__timer.call_timer()
+        return self.callback
+
+
+class Rate:
+    """Made by `Node.create_rate`: `sleep` waits for the next period, while an executor spins in another thread."""
+
+    def __init__(self, timer: Timer, *, context: Context) -> None:
+        self._timer = timer
+        self._is_shutdown = False
+        self._is_destroyed = False
+        self._event = threading.Event()
+        self._lock = threading.Lock()
+        self._num_sleepers = 0
+        self._timer.callback = self._event.set
+        context.on_shutdown(self._on_shutdown)
+
+    def _on_shutdown(self) -> None:
+        self._is_shutdown = True
+        self.destroy()
+
+    def destroy(self) -> None:
+        """Wake all that sleep."""
+        self._is_destroyed = True
+        self._event.set()
+
+    def _presleep(self) -> None:
+        if self._is_shutdown:
+            raise ROSInterruptException
+        if self._is_destroyed:
+            raise RuntimeError("Rate cannot sleep because it has been destroyed")
+        if not self._timer.handle.is_valid:
+            self.destroy()
+            raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
+        with self._lock:
+            self._num_sleepers += 1
+
+    def _postsleep(self) -> None:
+        with self._lock:
+            self._num_sleepers -= 1
+            if self._num_sleepers == 0:
+                self._event.clear()
+        if self._is_shutdown:
+            self.destroy()
+            raise ROSInterruptException
+
+    def sleep(self) -> None:
+        """Wait until the timer was called. Raises ROSInterruptException when the context is shut down, RuntimeError
+        when the rate was destroyed.
+        """
+        self._presleep()
+        try:
+            self._event.wait()
+        finally:
+            self._postsleep()
