@@ -92,7 +92,9 @@ class Parameter:
                     return isinstance(parameter_value, plain)
             plain = next(plain for plain, type_ in _ARRAYS.items() if type_ == self.name)
             sequences = (list, tuple, array.array) if plain in (int, float) else (list, tuple)
-            if not isinstance(parameter_value, sequences) or not all(isinstance(item, plain) for item in parameter_value):
+            if not isinstance(parameter_value, sequences) or not all(
+                isinstance(item, plain) for item in parameter_value
+            ):
                 return False
             return plain is not bytes or all(len(item) == 1 for item in parameter_value)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import (
@@ -26,12 +26,16 @@ from rclpy.exceptions import (
 )
 from rclpy.impl.parameter_rules import PARAM_REL_TOL, refusal
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
+from rclpy.parameter_service import ParameterService
 from rclpy.qos import qos_profile_parameter_events
+from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
 from rclpy.validate_parameter_name import validate_parameter_name
 
 if TYPE_CHECKING:
     from rclpy.clock import Clock
+    from rclpy.handles import Handle
     from rclpy.publisher import Publisher
+    from rosidl_py_gen import runtime
 
     PreSetCallback = Callable[[list[Parameter]], list[Parameter]]
     OnSetCallback = Callable[[list[Parameter]], Any]
@@ -44,25 +48,27 @@ _NAME_ONLY = (
 
 
 class NodeParameters:
-    """Declares, gets and sets; `Node` calls `_start_parameters` once it has a clock and can publish."""
+    """Declares, gets and sets; `Node` calls `_init_parameters` once it has a clock and can publish.
+
+    The runtime's node reads command lines and files; it declares what they give, and that is all it knows.
+    """
 
     PARAM_REL_TOL = PARAM_REL_TOL
 
     if TYPE_CHECKING:  # of Node
 
+        @property
+        def handle(self) -> Handle[runtime.Node]: ...
         def get_name(self) -> str: ...
         def get_namespace(self) -> str: ...
         def get_clock(self) -> Clock: ...
         def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any) -> Publisher: ...
 
-    def _start_parameters(
-        self, overrides: Mapping[str, object], own: Iterable[Parameter] | None, *, allow_undeclared: bool, declare: bool
-    ) -> None:
+    def _init_parameters(self, own: Iterable[Parameter] | None, allow_undeclared: bool, declare: bool) -> None:
         """Take initial values.
 
         Args:
-            overrides: those of command line and files, as Python values.
-            own: those that the program gives; they win.
+            own: those that the program gives; they win over those of command line and files.
             allow_undeclared: what need not be declared can be set, and is NOT_SET when it is got.
             declare: declare all initial values.
         """
@@ -73,11 +79,18 @@ class NodeParameters:
         self.__on: list[OnSetCallback] = []
         self.__post: list[PostSetCallback] = []
         self.__events = self.create_publisher(ParameterEvent, "/parameter_events", qos_profile_parameter_events)
-        given = {name: Parameter(name, value=value) for name, value in overrides.items()}
-        self.__overrides = given | {parameter.name: parameter for parameter in own or ()}
+        with self.handle as handle:
+            given = handle.entity.get_parameters_by_prefix("")
+        if given[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
+            del given[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own
+        self.__overrides = {name: Parameter(name, value=_plain(one.value.value)) for name, one in given.items()}
+        self.__overrides |= {parameter.name: parameter for parameter in own or ()}
         if declare:
             found = [(name, one.value, ParameterDescriptor()) for name, one in self.__overrides.items()]
             self.declare_parameters("", found, ignore_override=True)
+
+    def _start_parameter_services(self) -> None:
+        ParameterService(self)  # type: ignore[arg-type]  # it is a Node
 
     # --------------------------------------------------------------------------------------------------- declaring
 
@@ -409,6 +422,11 @@ class NodeParameters:
     def remove_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
         """Tell it no more; ValueError when it is not there."""
         self.__post.remove(callback)
+
+
+def _plain(value: Any) -> Any:
+    """An initial value as rclpy has it: arrays are lists."""
+    return list(value) if isinstance(value, (tuple, list)) else value
 
 
 def _require_texts(names: list[str]) -> None:
