@@ -47,6 +47,7 @@ from rclpy.time_source import TimeSource as TimeSource
 from rclpy.timer import Rate as Rate
 from rclpy.timer import Timer as Timer
 from rclpy.topic_endpoint_info import TopicEndpointInfo as TopicEndpointInfo
+from rclpy.type_description_service import TypeDescriptionService as TypeDescriptionService
 from rclpy.type_support import check_is_valid_msg_type as check_is_valid_msg_type
 from rclpy.type_support import check_is_valid_srv_type as check_is_valid_srv_type
 from rclpy.utilities import get_default_context as get_default_context
@@ -125,6 +126,7 @@ class Node(NodeGraph, NodeParameters):
                 enable_rosout=enable_rosout,
                 start_services=False,
                 parameter_events=False,
+                declare_overrides=True,
                 time_source=False,
                 type_check="warn",
                 cli_args=cli_args,
@@ -145,6 +147,7 @@ class Node(NodeGraph, NodeParameters):
             self._start_parameter_services()
         if enable_logger_service:
             self.__logger_service = LoggingService(self)
+        TypeDescriptionService(self)
 
     # ---------------------------------------------------------------------------------------------------- what it has
 

@@ -1,0 +1,434 @@
+"""The parameter methods of `rclpy.node.Node`. Attributes are mangled: programs have own ones of any name."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import (
+    ListParametersResult,
+    ParameterDescriptor,
+    ParameterEvent,
+    ParameterValue,
+    SetParametersResult,
+)
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.srv import ListParameters
+
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterAlreadyDeclaredException,
+    ParameterImmutableException,
+    ParameterNotDeclaredException,
+    ParameterUninitializedException,
+)
+from rclpy.impl.parameter_rules import PARAM_REL_TOL, refusal
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
+from rclpy.parameter_service import ParameterService
+from rclpy.qos import qos_profile_parameter_events
+from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
+from rclpy.validate_parameter_name import validate_parameter_name
+
+if TYPE_CHECKING:
+    from rclpy.clock import Clock
+    from rclpy.handles import Handle
+    from rclpy.publisher import Publisher
+    from rosidl_py_gen import runtime
+
+    PreSetCallback = Callable[[list[Parameter]], list[Parameter]]
+    OnSetCallback = Callable[[list[Parameter]], Any]
+    PostSetCallback = Callable[[list[Parameter]], Any]
+
+_NAME_ONLY = (
+    "when declaring parameter named '{}', declaring a parameter only providing its name is deprecated; pass a default "
+    "value, a Parameter.Type, or a descriptor with dynamic_typing=True"
+)
+
+
+class NodeParameters:
+    """Declares, gets and sets; `Node` calls `_init_parameters` once it has a clock and can publish.
+
+    The runtime's node reads command lines and files; it declares what they give, and that is all it knows.
+    """
+
+    PARAM_REL_TOL = PARAM_REL_TOL
+
+    if TYPE_CHECKING:  # of Node
+
+        @property
+        def handle(self) -> Handle[runtime.Node]: ...
+        def get_name(self) -> str: ...
+        def get_namespace(self) -> str: ...
+        def get_clock(self) -> Clock: ...
+        def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any) -> Publisher: ...
+
+    def _init_parameters(self, own: Iterable[Parameter] | None, allow_undeclared: bool, declare: bool) -> None:
+        """Take initial values.
+
+        Args:
+            own: those that the program gives; they win over those of command line and files.
+            allow_undeclared: what need not be declared can be set, and is NOT_SET when it is got.
+            declare: declare all initial values.
+        """
+        self.__values: dict[str, Parameter] = {}
+        self.__descriptors: dict[str, Any] = {}
+        self.__allow_undeclared = allow_undeclared
+        self.__pre: list[PreSetCallback] = []
+        self.__on: list[OnSetCallback] = []
+        self.__post: list[PostSetCallback] = []
+        self.__events = self.create_publisher(ParameterEvent, "/parameter_events", qos_profile_parameter_events)
+        with self.handle as handle:
+            given = handle.entity.get_parameters_by_prefix("")
+        if given[START_TYPE_DESCRIPTION_SERVICE_PARAM].value.value is True:
+            del given[START_TYPE_DESCRIPTION_SERVICE_PARAM]  # the runtime declares it for its own
+        self.__overrides = {name: Parameter(name, value=_plain(one.value.value)) for name, one in given.items()}
+        self.__overrides |= {parameter.name: parameter for parameter in own or ()}
+        if declare:
+            found = [(name, one.value, ParameterDescriptor()) for name, one in self.__overrides.items()]
+            self.declare_parameters("", found, ignore_override=True)
+
+    def _start_parameter_services(self) -> None:
+        ParameterService(self)  # type: ignore[arg-type]  # it is a Node
+
+    # --------------------------------------------------------------------------------------------------- declaring
+
+    def declare_parameter(
+        self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
+    ) -> Parameter:
+        """Declare a parameter with a default value, or a `Parameter.Type` and no value yet.
+
+        Args:
+            name: with prefix.
+            value: what it holds unless an initial value is given, by the program, on the command line or in a file.
+            descriptor: an rcl_interfaces/ParameterDescriptor.
+            ignore_override: take no initial value.
+
+        Raises:
+            ParameterAlreadyDeclaredException: it is declared. InvalidParameterException: an empty name.
+            InvalidParameterTypeException, InvalidParameterValueException: the initial value is of another type, or a
+            callback or the descriptor refuse it. ValueError: neither value nor type, and no dynamic type.
+        """
+        given = (name,) if value is None and descriptor is None else (name, value, descriptor or ParameterDescriptor())
+        return self.declare_parameters("", [given], ignore_override)[0]
+
+    def declare_parameters(
+        self, namespace: str, parameters: Sequence[tuple[Any, ...]], ignore_override: bool = False
+    ) -> list[Parameter]:
+        """Declare several: tuples of name, value or type, and descriptor, of which the last two may be left out.
+
+        All are checked before one is declared; `namespace` and a dot come before each name. Raises TypeError for other
+        tuples, and what `declare_parameter` raises.
+        """
+        wanted: list[Parameter] = []
+        descriptors: dict[str, Any] = {}
+        for index, given in enumerate(parameters):
+            name, value, descriptor = self.__read_declaration(namespace, index, given)
+            if not ignore_override and name in self.__overrides:
+                value = self.__overrides[name].value
+            wanted.append(Parameter(name, value=value))
+            descriptors[name] = descriptor
+        declared = [parameter.name for parameter in wanted if parameter.name in self.__values]
+        if declared:
+            raise ParameterAlreadyDeclaredException(declared)
+        for parameter in wanted:
+            result = self.__apply([parameter], descriptors)
+            if result.successful:
+                continue
+            if result.reason.startswith("Wrong parameter type"):
+                expected = Parameter.Type(descriptors[parameter.name].type).name
+                raise InvalidParameterTypeException(parameter, expected)
+            raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
+        return [self.__values[parameter.name] for parameter in wanted]
+
+    def __read_declaration(self, namespace: str, index: int, given: tuple[Any, ...]) -> tuple[str, Any, Any]:
+        """Name, value and completed descriptor."""
+        if not 1 <= len(given) <= 3:
+            raise TypeError(
+                f"Invalid parameter tuple length at index {index} in parameters list: {given}; "
+                "expecting length between 1 and 3"
+            )
+        name, value, descriptor = (*given, None, None)[:3]
+        if not isinstance(name, str):
+            raise TypeError(f"First element {name} at index {index} in parameters list is not a str.")
+        name = f"{namespace}.{name}" if namespace else name
+        validate_parameter_name(name)
+        descriptor = ParameterDescriptor() if len(given) < 3 else descriptor
+        if not isinstance(descriptor, ParameterDescriptor):
+            text = f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor."
+            raise TypeError(text)
+        if len(given) == 1:
+            warnings.warn(_NAME_ONLY.format(name), stacklevel=4)
+            descriptor.dynamic_typing = True
+        if isinstance(value, Parameter.Type):
+            if value is Parameter.Type.NOT_SET:
+                raise ValueError(f"Cannot declare parameter {{{name}}} as statically typed of type NOT_SET")
+            if descriptor.dynamic_typing:
+                raise ValueError(
+                    f"When declaring parameter {{{name}}} passing a descriptor with"
+                    "`dynamic_typing=True` is not allowed when the parameter type is provided"
+                )
+            descriptor.type = value.value
+            return name, None, descriptor
+        if not descriptor.dynamic_typing:
+            is_message = isinstance(value, ParameterValue)
+            descriptor.type = value.type if is_message else Parameter.Type.from_parameter_value(value).value
+            if descriptor.type == Parameter.Type.NOT_SET.value:
+                text = "Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET"
+                raise ValueError(text)
+        return name, value, descriptor
+
+    def undeclare_parameter(self, name: str) -> None:
+        """Forget it. ParameterNotDeclaredException, or ParameterImmutableException for a read-only one."""
+        if not self.has_parameter(name):
+            raise ParameterNotDeclaredException(name)
+        if self.__descriptors[name].read_only:
+            raise ParameterImmutableException(name)
+        del self.__values[name], self.__descriptors[name]
+
+    def has_parameter(self, name: str) -> bool:
+        """Whether it is declared."""
+        return name in self.__values
+
+    # ----------------------------------------------------------------------------------------------------- getting
+
+    def get_parameter_types(self, names: list[str]) -> list[Any]:
+        """Of several, as `get_parameter_type`; TypeError for names that are no text."""
+        _require_texts(names)
+        return [self.get_parameter_type(name) for name in names]
+
+    def get_parameter_type(self, name: str) -> Any:
+        """The number of the type; `Parameter.Type.NOT_SET` itself for an undeclared one where that is allowed.
+
+        Raises ParameterNotDeclaredException elsewhere.
+        """
+        if self.has_parameter(name):
+            return self.__values[name].type_.value
+        if self.__allow_undeclared:
+            return Parameter.Type.NOT_SET
+        raise ParameterNotDeclaredException(name)
+
+    def get_parameters(self, names: list[str]) -> list[Parameter]:
+        """Several, as `get_parameter`; TypeError for names that are no text."""
+        _require_texts(names)
+        return [self.get_parameter(name) for name in names]
+
+    def get_parameter(self, name: str) -> Parameter:
+        """A parameter by name; one that is NOT_SET for an undeclared one where that is allowed.
+
+        Raises:
+            ParameterNotDeclaredException: it is not declared. ParameterUninitializedException: it has no value yet.
+        """
+        if self.has_parameter(name):
+            found = self.__values[name]
+            if found.type_ is Parameter.Type.NOT_SET and not self.__descriptors[name].dynamic_typing:
+                raise ParameterUninitializedException(name)
+            return found
+        if self.__allow_undeclared:
+            return Parameter(name)
+        raise ParameterNotDeclaredException(name)
+
+    def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
+        """A parameter, or the other one, by default one that is NOT_SET, when it is undeclared or has no value."""
+        found = self.__values.get(name)
+        if found is not None and found.type_ is not Parameter.Type.NOT_SET:
+            return found
+        return Parameter(name) if alternative_value is None else alternative_value
+
+    def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
+        """Those whose names begin with the prefix and a dot, by what follows; an empty prefix gives all."""
+        start = prefix + PARAMETER_SEPARATOR_STRING if prefix else ""
+        return {name[len(start) :]: found for name, found in self.__values.items() if name.startswith(start)}
+
+    def list_parameters(self, prefixes: list[str], depth: int) -> Any:
+        """Names, and the prefixes of these, as rcl_interfaces/ListParametersResult.
+
+        Args:
+            prefixes: names and beginnings of names, up to a dot; none means all.
+            depth: how many parts a name may have after the prefix; 0 means any number.
+
+        Raises:
+            TypeError: something else. ValueError: a negative depth.
+        """
+        if not isinstance(prefixes, list):
+            raise TypeError("The prefixes argument must be a list")
+        if not all(isinstance(prefix, str) for prefix in prefixes):
+            raise TypeError("All prefixes must be instances of type str")
+        if not isinstance(depth, int):
+            raise TypeError("The depth must be instance of type int")
+        if depth < 0:
+            raise ValueError("The depth must be greater than or equal to zero")
+
+        def fits(name: str) -> bool:
+            return depth == ListParameters.Request.DEPTH_RECURSIVE or name.count(PARAMETER_SEPARATOR_STRING) < depth
+
+        def is_wanted(name: str) -> bool:
+            if not prefixes:
+                return fits(name)
+            if name in prefixes:
+                return True
+            starts = (prefix + PARAMETER_SEPARATOR_STRING for prefix in prefixes)
+            return any(name.startswith(start) and fits(name[len(start) :]) for start in starts)
+
+        names = [name for name in self.__values if is_wanted(name)]
+        parents = [name.rpartition(PARAMETER_SEPARATOR_STRING)[0] for name in names]
+        return ListParametersResult(names=names, prefixes=list(dict.fromkeys(filter(None, parents))))
+
+    def describe_parameter(self, name: str) -> Any:
+        """Its rcl_interfaces/ParameterDescriptor; an empty one for an undeclared one where that is allowed.
+
+        Raises ParameterNotDeclaredException elsewhere.
+        """
+        if name in self.__descriptors:
+            return self.__descriptors[name]
+        if self.__allow_undeclared:
+            return ParameterDescriptor()
+        raise ParameterNotDeclaredException(name)
+
+    def describe_parameters(self, names: list[str]) -> list[Any]:
+        """Of several, as `describe_parameter`."""
+        return [self.describe_parameter(name) for name in names]
+
+    # ----------------------------------------------------------------------------------------------------- setting
+
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
+        """Set one after the other; a refusal is told in its rcl_interfaces/SetParametersResult.
+
+        NOT_SET undeclares, where the type is dynamic. Raises ParameterNotDeclaredException, TypeError for what is no
+        Parameter, and what callbacks raise.
+        """
+        return [self.set_parameters_atomically([parameter]) for parameter in parameter_list]
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> Any:
+        """Set all of them or none, as `set_parameters`."""
+        if self.__pre:
+            parameter_list = [one for callback in tuple(self.__pre) for one in callback(parameter_list)]
+            if not parameter_list:
+                text = (
+                    "parameter list cannot be empty, this might be due to pre_set_parameters_callback "
+                    "modifying the original parameters list."
+                )
+                return SetParametersResult(successful=False, reason=text)
+        if not all(isinstance(parameter, Parameter) for parameter in parameter_list):
+            raise TypeError(f"parameter must be instance of type '{Parameter!r}'")
+        undeclared = [parameter.name for parameter in parameter_list if parameter.name not in self.__values]
+        if undeclared and not self.__allow_undeclared:
+            raise ParameterNotDeclaredException(undeclared)
+        return self.__apply(parameter_list, None)
+
+    def __apply(self, parameters: list[Parameter], declared: dict[str, Any] | None) -> Any:
+        """Check, set and tell; with `declared`, the descriptors of parameters that are new."""
+        descriptors = self.__descriptors if declared is None else declared
+        for parameter in parameters:
+            if parameter.name in descriptors:
+                reason = self.__refusal(parameter, descriptors[parameter.name], check_read_only=declared is None)
+                if reason:
+                    return SetParametersResult(successful=False, reason=reason)
+        for callback in tuple(self.__on):
+            result = callback(parameters)
+            if not isinstance(result, SetParametersResult):
+                text = "Callback returned an invalid type, it should return SetParameterResult."
+                warnings.warn(text, stacklevel=3)
+                result = SetParametersResult(successful=False, reason="Callback returned an invalid type")
+            if not result.successful:
+                return result
+        namespace = self.get_namespace()
+        event = ParameterEvent(node=f"{'' if namespace == '/' else namespace}/{self.get_name()}")
+        for parameter in parameters:
+            self.__store(parameter, declared, event)
+        event.stamp = self.get_clock().now().to_msg()
+        self.__events.publish(event)
+        for told in tuple(self.__post):
+            told(parameters)
+        return SetParametersResult(successful=True)
+
+    def __refusal(self, parameter: Parameter, descriptor: Any, *, check_read_only: bool) -> str:
+        descriptor.name = parameter.name
+        is_declared = self.has_parameter(parameter.name)
+        return refusal(parameter, descriptor, is_declared=is_declared, check_read_only=check_read_only)
+
+    def __store(self, parameter: Parameter, declared: dict[str, Any] | None, event: Any) -> None:
+        name = parameter.name
+        if declared is None and parameter.type_ is Parameter.Type.NOT_SET:
+            event.deleted_parameters.append(parameter.to_parameter_msg())
+            self.__values.pop(name, None)
+            self.__descriptors.pop(name, None)
+            return
+        if declared is not None:
+            self.__descriptors[name] = declared[name]
+        elif name not in self.__descriptors:
+            self.__descriptors[name] = ParameterDescriptor(dynamic_typing=True)
+        is_new = self.get_parameter_or(name).type_ is Parameter.Type.NOT_SET
+        (event.new_parameters if is_new else event.changed_parameters).append(parameter.to_parameter_msg())
+        self.__values[name] = parameter
+
+    def set_descriptor(self, name: str, descriptor: Any, alternative_value: Any = None) -> Any:
+        """Give it another descriptor; returns the rcl_interfaces/ParameterValue that it has then.
+
+        Args:
+            name: of the parameter.
+            descriptor: an rcl_interfaces/ParameterDescriptor.
+            alternative_value: an rcl_interfaces/ParameterValue for it where the descriptor refuses what it has.
+
+        Raises:
+            ParameterNotDeclaredException: it is not declared. ParameterImmutableException: it is read-only.
+            InvalidParameterValueException: the descriptor refuses both values.
+        """
+        if not self.has_parameter(name):
+            return self.get_parameter(name).get_parameter_value()
+        if self.describe_parameter(name).read_only:
+            raise ParameterImmutableException(name)
+        parameter = self.get_parameter(name)
+        if self.__refusal(parameter, descriptor, check_read_only=False):
+            if alternative_value is not None:
+                parameter = Parameter.from_parameter_msg(ParameterMsg(name=name, value=alternative_value))
+            reason = self.__refusal(parameter, descriptor, check_read_only=False)
+            if reason:
+                raise InvalidParameterValueException(name, parameter.value, reason)
+        self.__values[name] = parameter
+        self.__descriptors[name] = descriptor
+        return self.get_parameter(name).get_parameter_value()
+
+    # --------------------------------------------------------------------------------------------------- callbacks
+
+    def add_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
+        """Have a function change lists of parameters before they are checked; newest first.
+
+        It is given the list and returns what is to be set, all at once; not asked when parameters are declared.
+        """
+        self.__pre.insert(0, callback)
+
+    def add_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
+        """Have a function decide, by rcl_interfaces/SetParametersResult, before parameters change; newest first."""
+        if not callable(callback):
+            raise TypeError(f"Callback must be callable, got {type(callback)}")
+        self.__on.insert(0, callback)
+
+    def add_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
+        """Have a function told of parameters that changed, also of declared ones; newest first."""
+        if not callable(callback):
+            raise TypeError(f"Callback must be callable, got {type(callback)}")
+        self.__post.insert(0, callback)
+
+    def remove_pre_set_parameters_callback(self, callback: PreSetCallback) -> None:
+        """Ask it no more; ValueError when it is not there."""
+        self.__pre.remove(callback)
+
+    def remove_on_set_parameters_callback(self, callback: OnSetCallback) -> None:
+        """Ask it no more; ValueError when it is not there."""
+        self.__on.remove(callback)
+
+    def remove_post_set_parameters_callback(self, callback: PostSetCallback) -> None:
+        """Tell it no more; ValueError when it is not there."""
+        self.__post.remove(callback)
+
+
+def _plain(value: Any) -> Any:
+    """An initial value as rclpy has it: arrays are lists."""
+    return list(value) if isinstance(value, (tuple, list)) else value
+
+
+def _require_texts(names: list[str]) -> None:
+    if not all(isinstance(name, str) for name in names):
+        raise TypeError("All names must be instances of type str")

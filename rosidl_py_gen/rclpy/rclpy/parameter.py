@@ -1,0 +1,229 @@
+"""Parameters, and their values as messages, as text and in files."""
+
+from __future__ import annotations
+
+import array
+from enum import Enum
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.msg import ParameterType, ParameterValue
+
+PARAMETER_SEPARATOR_STRING = "."
+
+if TYPE_CHECKING:
+    AllowableParameterValue = (
+        bool
+        | int
+        | float
+        | str
+        | list[bytes]
+        | tuple[bytes, ...]
+        | list[bool]
+        | tuple[bool, ...]
+        | list[int]
+        | tuple[int, ...]
+        | array.array[int]
+        | list[float]
+        | tuple[float, ...]
+        | array.array[float]
+        | list[str]
+        | tuple[str, ...]
+        | None
+    )
+    """What a parameter can hold."""
+
+_FIELDS = {
+    1: "bool_value",
+    2: "integer_value",
+    3: "double_value",
+    4: "string_value",
+    5: "byte_array_value",
+    6: "bool_array_value",
+    7: "integer_array_value",
+    8: "double_array_value",
+    9: "string_array_value",
+}
+"""Number of a type -> field of rcl_interfaces/ParameterValue that holds it."""
+
+
+class Parameter:
+    """Name, type and value of a parameter.
+
+    Without `type_` it is that of the value: TypeError when there is none. ValueError when the two do not agree.
+    """
+
+    class Type(Enum):
+        """What a parameter holds; numbers of rcl_interfaces/ParameterType."""
+
+        NOT_SET = 0
+        BOOL = 1
+        INTEGER = 2
+        DOUBLE = 3
+        STRING = 4
+        BYTE_ARRAY = 5
+        BOOL_ARRAY = 6
+        INTEGER_ARRAY = 7
+        DOUBLE_ARRAY = 8
+        STRING_ARRAY = 9
+
+        @classmethod
+        def from_parameter_value(cls, parameter_value: object) -> Parameter.Type:
+            """The type of a value; an empty list is a BYTE_ARRAY. TypeError for what no parameter holds."""
+            if parameter_value is None:
+                return cls.NOT_SET
+            for plain, type_ in _PLAIN.items():
+                if isinstance(parameter_value, plain):
+                    return cls[type_]
+            if not isinstance(parameter_value, (list, tuple, array.array)):
+                raise TypeError(f"The given value is not one of the allowed types '{parameter_value}'.")
+            for plain, type_ in _ARRAYS.items():
+                if all(isinstance(item, plain) for item in parameter_value):
+                    return cls[type_]
+            raise TypeError(f"The given value is not a list of one of the allowed types '{parameter_value}'.")
+
+        def check(self, parameter_value: Any) -> bool:
+            """Whether a value is of this type; a bool is an integer, too."""
+            if self is Parameter.Type.NOT_SET:
+                return parameter_value is None
+            for plain, type_ in _PLAIN.items():
+                if type_ == self.name:
+                    return isinstance(parameter_value, plain)
+            plain = next(plain for plain, type_ in _ARRAYS.items() if type_ == self.name)
+            sequences = (list, tuple, array.array) if plain in (int, float) else (list, tuple)
+            if not isinstance(parameter_value, sequences) or not all(
+                isinstance(item, plain) for item in parameter_value
+            ):
+                return False
+            return plain is not bytes or all(len(item) == 1 for item in parameter_value)
+
+    @classmethod
+    def from_parameter_msg(cls, param_msg: Any) -> Parameter:
+        """Of an rcl_interfaces/Parameter; ValueError for an unknown type."""
+        type_ = Parameter.Type(param_msg.value.type)
+        value = None if type_ is Parameter.Type.NOT_SET else getattr(param_msg.value, _FIELDS[type_.value])
+        return cls(param_msg.name, type_, value)
+
+    def __init__(self, name: str, type_: Type | None = None, value: Any = None) -> None:
+        if type_ is None:
+            type_ = Parameter.Type.from_parameter_value(value)
+        if not isinstance(type_, Parameter.Type):
+            raise TypeError(f"type must be an instance of '{Parameter.Type!r}'")
+        if not type_.check(value):
+            raise ValueError(f"Type '{type_}' and value '{value}' do not agree")
+        self._type_ = type_
+        self._name = name
+        self._value = value
+
+    @property
+    def name(self) -> str:
+        """Its name, with prefix."""
+        return self._name
+
+    @property
+    def type_(self) -> Type:
+        """What it holds."""
+        return self._type_
+
+    @property
+    def value(self) -> Any:
+        """None when it is not set."""
+        return self._value
+
+    def get_parameter_value(self) -> Any:
+        """The value as rcl_interfaces/ParameterValue."""
+        value = ParameterValue(type=self.type_.value)
+        if self.type_ is not Parameter.Type.NOT_SET:
+            setattr(value, _FIELDS[self.type_.value], self.value)
+        return value
+
+    def to_parameter_msg(self) -> Any:
+        """As rcl_interfaces/Parameter."""
+        return ParameterMsg(name=self.name, value=self.get_parameter_value())
+
+
+_PLAIN: dict[type, str] = {bool: "BOOL", int: "INTEGER", float: "DOUBLE", str: "STRING"}
+_ARRAYS: dict[type, str] = {
+    bytes: "BYTE_ARRAY",
+    bool: "BOOL_ARRAY",
+    int: "INTEGER_ARRAY",
+    float: "DOUBLE_ARRAY",
+    str: "STRING_ARRAY",
+}
+"""Of a value, or of all items -> name of the type; the first that fits counts."""
+
+
+def get_parameter_value(string_value: str) -> Any:
+    """A text, as on a command line, as rcl_interfaces/ParameterValue of the type it looks like in YAML.
+
+    What is no YAML, and what no parameter holds, is a text.
+    """
+    try:
+        found = yaml.safe_load(string_value)
+    except yaml.YAMLError:
+        found = string_value
+    if found == [] and isinstance(found, list):
+        return ParameterValue(type=ParameterType.PARAMETER_BOOL_ARRAY)
+    try:
+        type_ = Parameter.Type.from_parameter_value(found)
+    except TypeError:
+        type_ = Parameter.Type.NOT_SET
+    if type_ in (Parameter.Type.NOT_SET, Parameter.Type.BYTE_ARRAY):
+        type_, found = Parameter.Type.STRING, string_value
+    return Parameter("", type_, found).get_parameter_value()
+
+
+def parameter_value_to_python(parameter_value: Any) -> Any:
+    """What an rcl_interfaces/ParameterValue holds, arrays as lists; RuntimeError for an unknown type."""
+    number = parameter_value.type
+    if number == ParameterType.PARAMETER_NOT_SET:
+        return None
+    if number not in _FIELDS:
+        raise RuntimeError(f"unexpected parameter type {number}")
+    value = getattr(parameter_value, _FIELDS[number])
+    return list(value) if number >= ParameterType.PARAMETER_BYTE_ARRAY else value
+
+
+def parameter_dict_from_yaml_file(
+    parameter_file: str, use_wildcard: bool = False, target_nodes: list[str] | None = None, namespace: str = ""
+) -> dict[str, Any]:
+    """The parameters of a file, as rcl_interfaces/Parameter by name.
+
+    Args:
+        parameter_file: its path.
+        use_wildcard: take those of ``/**``, too; a node's own win.
+        target_nodes: whose, as they are called in the file; by default all.
+        namespace: put before each name.
+
+    Raises:
+        RuntimeError: the file is no file of parameters, or a node is not in it.
+    """
+    with open(parameter_file, encoding="utf-8") as file:
+        nodes = yaml.safe_load(file)
+    if not isinstance(nodes, dict):
+        raise RuntimeError(f"{parameter_file} is not a valid ROS parameter file")
+    for node in target_nodes or ():
+        if node not in nodes:
+            raise RuntimeError(f"Param file does not contain parameters for {node},only for nodes: {list(nodes)} ")
+    chosen = ["/**"] if use_wildcard and "/**" in nodes else []
+    chosen += target_nodes or [node for node in nodes if node != "/**"]
+    if not chosen:
+        raise RuntimeError("Param file does not contain selected parameters")
+    found: dict[str, Any] = {}
+    for node in chosen:
+        if not isinstance(nodes[node], dict) or not isinstance(nodes[node].get("ros__parameters"), dict):
+            raise RuntimeError(f"YAML file is not a valid ROS parameter file for node {node}")
+        found.update(nodes[node]["ros__parameters"])
+    return _flat(namespace, found)
+
+
+def _flat(prefix: str, parameters: dict[Any, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, value in parameters.items():
+        full = f"{prefix}{name}"
+        if isinstance(value, dict):
+            found.update(_flat(full + PARAMETER_SEPARATOR_STRING, value))
+        else:
+            found[full] = ParameterMsg(name=full, value=get_parameter_value(str(value)))
+    return found

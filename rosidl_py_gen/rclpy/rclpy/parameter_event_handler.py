@@ -1,0 +1,159 @@
+"""Callbacks for changes of parameters, of this node or another."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from itertools import chain
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import ParameterEvent
+
+from rclpy.qos import QoSProfile, qos_profile_parameter_events
+
+if TYPE_CHECKING:
+    from rclpy.callback_groups import CallbackGroup
+    from rclpy.event_handler import SubscriptionEventCallbacks
+    from rclpy.node import Node
+    from rclpy.qos_overriding_options import QoSOverridingOptions
+
+
+class ParameterCallbackHandle:
+    """A callback for one parameter; `ParameterEventHandler.remove_parameter_callback` takes it."""
+
+    def __init__(self, parameter_name: str, node_name: str, callback: Callable[[Any], Any]) -> None:
+        self.parameter_name = parameter_name
+        self.node_name = node_name
+        self.callback = callback
+        self.mutex = threading.RLock()
+
+
+class ParameterEventCallbackHandle:
+    """A callback for all events; `ParameterEventHandler.remove_parameter_event_callback` takes it."""
+
+    def __init__(self, callback: Callable[[Any], Any]) -> None:
+        self.callback = callback
+        self.mutex = threading.RLock()
+
+
+class ParameterEventHandler:
+    """Calls functions, newest first, when /parameter_events tells of parameters; parameters are messages."""
+
+    class Callbacks:
+        """Those that were added. They may add and remove others."""
+
+        def __init__(self) -> None:
+            self.parameter_callbacks: dict[tuple[str, str], list[ParameterCallbackHandle]] = {}
+            self.event_callbacks: list[ParameterEventCallbackHandle] = []
+            self.mutex = threading.RLock()
+
+        def event_callback(self, event: Any) -> None:
+            """An rcl_interfaces/ParameterEvent came."""
+            with self.mutex:
+                of_parameters = [(key, tuple(handles)) for key, handles in self.parameter_callbacks.items()]
+                of_events = tuple(self.event_callbacks)
+            for (name, node), handles in of_parameters:
+                parameter = ParameterEventHandler.get_parameter_from_event(event, name, node)
+                for handle in handles if parameter is not None else ():
+                    with handle.mutex:
+                        handle.callback(parameter)
+            for one in of_events:
+                with one.mutex:
+                    one.callback(event)
+
+        def add_parameter_callback(
+            self, parameter_name: str, node_name: str, callback: Callable[[Any], Any]
+        ) -> ParameterCallbackHandle:
+            """For one parameter; `node_name` is fully qualified."""
+            handle = ParameterCallbackHandle(parameter_name, node_name, callback)
+            with self.mutex:
+                self.parameter_callbacks.setdefault((parameter_name, node_name), []).insert(0, handle)
+            return handle
+
+        def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
+            """RuntimeError when it is not there."""
+            key = handle.parameter_name, handle.node_name
+            with self.mutex:
+                handles = self.parameter_callbacks.get(key, [])
+                if handle not in handles:
+                    raise RuntimeError("Callback doesn't exist")
+                handles.remove(handle)
+                if not handles:
+                    del self.parameter_callbacks[key]
+
+        def add_parameter_event_callback(self, callback: Callable[[Any], Any]) -> ParameterEventCallbackHandle:
+            """For all events."""
+            handle = ParameterEventCallbackHandle(callback)
+            with self.mutex:
+                self.event_callbacks.insert(0, handle)
+            return handle
+
+        def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
+            """RuntimeError when it is not there."""
+            with self.mutex:
+                if handle not in self.event_callbacks:
+                    raise RuntimeError("Callback doesn't exist")
+                self.event_callbacks.remove(handle)
+
+    def __init__(
+        self,
+        node: Node,
+        qos_profile: QoSProfile = qos_profile_parameter_events,
+        callback_group: CallbackGroup | None = None,
+        event_callbacks: SubscriptionEventCallbacks | None = None,
+        qos_overriding_options: QoSOverridingOptions | None = None,
+        raw: bool = False,
+    ) -> None:
+        self.node = node
+        self.qos_profile = qos_profile
+        self._callbacks = ParameterEventHandler.Callbacks()
+        self.parameter_event_subscription = node.create_subscription(
+            ParameterEvent,
+            "/parameter_events",
+            self._callbacks.event_callback,
+            qos_profile,
+            callback_group=callback_group,
+            event_callbacks=event_callbacks,
+            qos_overriding_options=qos_overriding_options,
+            raw=raw,
+        )
+
+    def destroy(self) -> None:
+        """Hear no more."""
+        self.node.destroy_subscription(self.parameter_event_subscription)
+
+    @staticmethod
+    def get_parameter_from_event(event: Any, parameter_name: str, node_name: str) -> Any:
+        """The new or changed rcl_interfaces/Parameter of that name, or None; `node_name` is fully qualified."""
+        found = chain(event.new_parameters, event.changed_parameters) if event.node == node_name else ()
+        return next((parameter for parameter in found if parameter.name == parameter_name), None)
+
+    @staticmethod
+    def get_parameters_from_event(event: Any) -> Iterable[Any]:
+        """All new and changed ones."""
+        yield from chain(event.new_parameters, event.changed_parameters)
+
+    def add_parameter_callback(
+        self, parameter_name: str, node_name: str, callback: Callable[[Any], Any]
+    ) -> ParameterCallbackHandle:
+        """Call with the parameter when that of a node is new or changed; an empty node name means this node."""
+        return self._callbacks.add_parameter_callback(parameter_name, self._resolve_path(node_name), callback)
+
+    def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
+        """Call it no more; RuntimeError when it is not there."""
+        self._callbacks.remove_parameter_callback(handle)
+
+    def add_parameter_event_callback(self, callback: Callable[[Any], Any]) -> ParameterEventCallbackHandle:
+        """Call with every event, of all nodes."""
+        return self._callbacks.add_parameter_event_callback(callback)
+
+    def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
+        """Call it no more; RuntimeError when it is not there."""
+        self._callbacks.remove_parameter_event_callback(handle)
+
+    def _resolve_path(self, node_path: str | None = None) -> str:
+        if not node_path:
+            return str(self.node.get_fully_qualified_name())
+        if node_path.startswith("/"):
+            return node_path
+        return "/" + "/".join(filter(None, (self.node.get_namespace().strip("/"), node_path)))

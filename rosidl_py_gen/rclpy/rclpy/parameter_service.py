@@ -1,0 +1,98 @@
+"""Services that show and set the parameters of a node."""
+
+from __future__ import annotations
+
+import weakref
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import ListParametersResult, SetParametersResult
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+
+from rclpy.exceptions import ParameterNotDeclaredException, ParameterUninitializedException
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_parameters
+from rclpy.validate_topic_name import TOPIC_SEPARATOR_STRING
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+
+class ParameterService:
+    """The six services of a node, served by its executor. An unknown name makes the whole answer empty."""
+
+    def __init__(self, node: Node) -> None:
+        self._node_weak_ref = weakref.ref(node)
+        for srv_type, name, callback in (
+            (DescribeParameters, "describe_parameters", self._describe_parameters_callback),
+            (GetParameters, "get_parameters", self._get_parameters_callback),
+            (GetParameterTypes, "get_parameter_types", self._get_parameter_types_callback),
+            (ListParameters, "list_parameters", self._list_parameters_callback),
+            (SetParameters, "set_parameters", self._set_parameters_callback),
+            (SetParametersAtomically, "set_parameters_atomically", self._set_parameters_atomically_callback),
+        ):
+            full = TOPIC_SEPARATOR_STRING.join((node.get_name(), name))
+            node.create_service(srv_type, full, callback, qos_profile=qos_profile_parameters)
+
+    def _describe_parameters_callback(self, request: Any, response: Any) -> Any:
+        node = self._get_node()
+        try:
+            response.descriptors = [node.describe_parameter(name) for name in request.names]
+        except ParameterNotDeclaredException:
+            response.descriptors = []
+        return response
+
+    def _get_parameters_callback(self, request: Any, response: Any) -> Any:
+        node = self._get_node()
+        try:
+            response.values = [node.get_parameter(name).get_parameter_value() for name in request.names]
+        except (ParameterNotDeclaredException, ParameterUninitializedException):
+            response.values = []
+        return response
+
+    def _get_parameter_types_callback(self, request: Any, response: Any) -> Any:
+        node = self._get_node()
+        try:
+            types = [node.get_parameter_type(name) for name in request.names]
+        except ParameterNotDeclaredException:
+            types = []
+        # An undeclared one is told as member, a declared one as number: as in rclpy.
+        response.types = [one.value if isinstance(one, Parameter.Type) else one for one in types]
+        return response
+
+    def _list_parameters_callback(self, request: Any, response: Any) -> Any:
+        try:
+            response.result = self._get_node().list_parameters(request.prefixes, request.depth)
+        except (TypeError, ValueError):
+            response.result = ListParametersResult()
+        return response
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        response.results = [self._set([message]) for message in request.parameters]
+        return response
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        response.result = self._set(request.parameters)
+        return response
+
+    def _set(self, messages: list[Any]) -> Any:
+        try:
+            parameters = [Parameter.from_parameter_msg(message) for message in messages]
+        except ValueError as error:  # a type that does not exist; rclpy would end the spinning for it
+            return SetParametersResult(successful=False, reason=str(error))
+        try:
+            return self._get_node().set_parameters_atomically(parameters)
+        except ParameterNotDeclaredException as error:
+            return SetParametersResult(successful=False, reason=str(error))
+
+    def _get_node(self) -> Node:
+        node = self._node_weak_ref()
+        if node is None:
+            raise ReferenceError("Expected valid node weak reference")
+        return node

@@ -1,0 +1,141 @@
+"""Quality of service that parameters of the node may change when an endpoint is created."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import ParameterDescriptor
+
+from rclpy.duration import Duration
+from rclpy.exceptions import ParameterAlreadyDeclaredException
+from rclpy.parameter import Parameter
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSPolicyEnum,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+    from rclpy.publisher import Publisher
+    from rclpy.subscription import Subscription
+
+QosCallbackResult = Any
+"""An rcl_interfaces/SetParametersResult."""
+QosCallbackType = Callable[[QoSProfile], QosCallbackResult]
+
+
+class InvalidQosOverridesError(Exception):
+    """The callback refused the profile that parameters gave."""
+
+
+class QoSOverridingOptions:
+    """Which policies have a parameter ``qos_overrides.<topic>.<publisher or subscription>[_<entity_id>].<policy>``.
+
+    `callback` decides on the profile with what they say; `entity_id` tells endpoints of one topic apart.
+    """
+
+    def __init__(
+        self,
+        policy_kinds: Iterable[QoSPolicyKind],
+        *,
+        callback: QosCallbackType | None = None,
+        entity_id: str | None = None,
+    ) -> None:
+        self._policy_kinds = policy_kinds
+        self._callback = callback
+        self._entity_id = entity_id
+
+    @property
+    def policy_kinds(self) -> Iterable[QoSPolicyKind]:
+        """The policies."""
+        return self._policy_kinds
+
+    @property
+    def callback(self) -> QosCallbackType | None:
+        """What decides."""
+        return self._callback
+
+    @property
+    def entity_id(self) -> str | None:
+        """What tells endpoints apart."""
+        return self._entity_id
+
+    @classmethod
+    def with_default_policies(
+        cls, *, callback: QosCallbackType | None = None, entity_id: str | None = None
+    ) -> QoSOverridingOptions:
+        """For history, depth and reliability."""
+        kinds = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
+        return cls(kinds, callback=callback, entity_id=entity_id)
+
+
+def _declare_qos_parameters(
+    entity_type: type[Publisher] | type[Subscription],
+    node: Node,
+    topic_name: str,
+    qos: QoSProfile,
+    options: QoSOverridingOptions,
+) -> None:
+    """Declare the parameters of a new endpoint, and change `qos` to what they say.
+
+    Raises:
+        InvalidQosOverridesError: the callback refuses that. RuntimeError: there is no such policy. ValueError: the
+        given profile has an UNKNOWN one.
+    """
+    from rclpy.publisher import Publisher
+    from rclpy.subscription import Subscription
+
+    if not issubclass(entity_type, (Publisher, Subscription)):
+        raise TypeError("Argument `entity_type` should be a subclass of Publisher or Subscription")
+    kind = "publisher" if issubclass(entity_type, Publisher) else "subscription"
+    suffix = "" if options.entity_id is None else f"_{options.entity_id}"
+    where = f"for {kind} `{topic_name}` with id `{options.entity_id}`"
+    for policy in options.policy_kinds:
+        if policy == QoSPolicyKind.LIFESPAN and kind == "subscription":
+            continue
+        field = policy.name.lower()
+        name = f"qos_overrides.{topic_name}.{kind}{suffix}.{field}"
+        descriptor = ParameterDescriptor(description=f"{field} {where}", read_only=True)
+        try:
+            parameter = node.declare_parameter(name, _as_parameter_value(qos, field), descriptor)
+        except ParameterAlreadyDeclaredException:
+            parameter = node.get_parameter(name)
+        setattr(qos, field, _as_policy(field, parameter))
+    if options.callback is not None:
+        result = options.callback(qos)
+        if not result.successful:
+            raise InvalidQosOverridesError(f"Provided QoS overrides {where}, are not valid: {result.reason}")
+
+
+def _as_parameter_value(qos: QoSProfile, field: str) -> str | int | bool:
+    value = getattr(qos, field)
+    if isinstance(value, QoSPolicyEnum):
+        if value.name == "UNKNOWN":
+            raise ValueError("User provided QoS profile is invalid")
+        return value.name.lower()
+    found: int = value.nanoseconds if isinstance(value, Duration) else value
+    return found
+
+
+_POLICIES: dict[str, type[QoSPolicyEnum]] = {
+    "history": HistoryPolicy,
+    "reliability": ReliabilityPolicy,
+    "durability": DurabilityPolicy,
+    "liveliness": LivelinessPolicy,
+}
+
+
+def _as_policy(field: str, parameter: Parameter) -> Any:
+    value = parameter.value
+    if field in _POLICIES:
+        try:
+            return _POLICIES[field][value.upper()]
+        except KeyError:
+            raise RuntimeError(f"Unexpected QoS override for policy `{field}`: `{value}`") from None
+    return Duration(nanoseconds=value) if field in ("lifespan", "deadline", "liveliness_lease_duration") else value

@@ -1,0 +1,10 @@
+"""Names that tools do not list."""
+
+from __future__ import annotations
+
+HIDDEN_TOPIC_PREFIX = "_"
+
+
+def topic_or_service_is_hidden(name: str) -> bool:
+    """Whether a part of the name, between slashes, begins with an underscore."""
+    return any(part.startswith(HIDDEN_TOPIC_PREFIX) for part in name.split("/"))

@@ -1,0 +1,24 @@
+"""Whether nodes tell what their types are: the parameter that says so. The service itself is rosidl_py_gen's."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rcl_interfaces.msg import ParameterDescriptor
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+START_TYPE_DESCRIPTION_SERVICE_PARAM = "start_type_description_service"
+
+
+class TypeDescriptionService:
+    """Declares the read-only parameter of a node. The service answers while an executor drives."""
+
+    def __init__(self, node: Node) -> None:
+        self.service_name = f"{node.get_name()}/get_type_description"
+        name = START_TYPE_DESCRIPTION_SERVICE_PARAM
+        if not node.has_parameter(name):
+            text = "If enabled, start the ~/get_type_description service."
+            node.declare_parameter(name, True, ParameterDescriptor(description=text, read_only=True))
+        self.enabled = node.get_parameter(name).value is True

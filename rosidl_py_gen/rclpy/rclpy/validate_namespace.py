@@ -1,0 +1,16 @@
+"""Whether a namespace is allowed."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rclpy.exceptions import InvalidNamespaceException
+from rclpy.impl.names import fault_of_namespace
+
+
+def validate_namespace(namespace: str) -> Literal[True]:
+    """True for ``/`` or ``/a/b``; InvalidNamespaceException otherwise."""
+    fault = fault_of_namespace(namespace)
+    if fault is not None:
+        raise InvalidNamespaceException(namespace, *fault)
+    return True
