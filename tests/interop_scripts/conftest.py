@@ -9,8 +9,8 @@ import pytest
 from environments import environment
 from worlds import dds, only_loopback, pytest_pyfunc_call
 
-HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "interop_rclpy")]
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(1, str(Path(__file__).parents[1] / "interop_rclpy"))
 
 from rclpy_peer import REQUIREMENTS
 

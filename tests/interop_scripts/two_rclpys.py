@@ -9,6 +9,7 @@ the inner frames of tracebacks, stamps.
 from __future__ import annotations
 
 import asyncio
+import difflib
 import os
 import re
 import signal
@@ -16,20 +17,28 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from pprint import pformat
 from typing import Any
 
 from worlds import World
 
-from rosidl_py_gen import to_dict
-from rosidl_py_gen.runtime import Node, QoSProfile
+from rosidl_py_gen.runtime import Node, ParameterNotDeclaredError, QoSProfile
 
 PROGRAMS = Path(__file__).parent / "programs"
 PATIENCE_S = 30
-_LOG_LINE = re.compile(r"^(\[\w+\] )\[\d+\.\d+\] ", re.MULTILINE)
-_TRACEBACK = re.compile(r"^Traceback \(most recent call last\):\n(?: .*\n|\n|During .*\n|The above .*\n)*", re.MULTILINE)
-_PATHS = re.compile(r"[\w/.\-]*/(?=programs/)")
+_DIFFERS = (
+    (re.compile(r"^(\[\w+\] )\[\d+\.\d+\] ", re.MULTILINE), r"\1"),
+    (
+        re.compile(r"^Traceback \(most recent call last\):\n(?: .*\n|\n|During .*\n|The above .*\n)*", re.MULTILINE),
+        "Traceback\n",
+    ),
+    (re.compile(r"[\w/.\-]*/(?=programs/)"), ""),
+    (re.compile(r"0x[0-9a-f]+"), "0x"),
+    (re.compile(r"^.*RuntimeWarning: Failed to fini .*\n.*\n", re.MULTILINE), ""),  # what rcl says of itself
+)
+"""Times of log lines, frames of tracebacks, paths, addresses, and what they become."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +119,12 @@ class Observation:
     output: list[str] = field(default_factory=list)
     errors: list[str] = field(default_factory=list)
     code: int | None = None
+
+
+def difference(expected: Observation, found: Observation) -> str:
+    """The lines that differ; empty when nothing does."""
+    texts = [pformat(asdict(one), width=110, sort_dicts=True).splitlines() for one in (expected, found)]
+    return "\n".join(difflib.unified_diff(*texts, "real rclpy", "ours", lineterm="", n=1))
 
 
 class _Process:
@@ -270,15 +285,23 @@ class Observer:
                 for info in infos:
                     name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
                     if name != self._own:
-                        endpoints.append((topic, kind, name, info.topic_type, str(info.topic_type_hash), _qos(info.qos_profile)))
+                        endpoints.append(
+                            (topic, kind, name, info.topic_type, str(info.topic_type_hash), _qos(info.qos_profile))
+                        )
         return found, sorted(endpoints)
 
     async def _parameters(self, name: str) -> Any:
         client = self._node.create_parameter_client(name)
         names = sorted((await client.list(timeout_s=PATIENCE_S)).names)
-        values = await client.get(names, timeout_s=PATIENCE_S)
         described = await client.describe(names, timeout_s=PATIENCE_S)
-        return {one: (repr(value), to_dict(text)) for one, value, text in zip(names, values, described, strict=True)}
+        found = {}
+        for one, text in zip(names, described, strict=True):
+            try:
+                value = repr(await client.get(one, timeout_s=PATIENCE_S))
+            except ParameterNotDeclaredError:  # what rclpy's service answers for one without a value
+                value = "no answer"
+            found[one] = value, repr(text)
+        return found
 
 
 def _timeout(seconds: float) -> Any:
@@ -308,7 +331,9 @@ def _qos(qos: QoSProfile) -> dict[str, Any]:
 
 
 def _plain(text: str) -> str:
-    return _PATHS.sub("", _TRACEBACK.sub("Traceback\n", _LOG_LINE.sub(r"\1", text)))
+    for pattern, short in _DIFFERS:
+        text = pattern.sub(short, text)
+    return text
 
 
 def _without_stamps(value: Any) -> Any:

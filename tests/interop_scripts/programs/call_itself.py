@@ -32,8 +32,7 @@ class Both(Node):
             print("waiting")
         print("blocking", self.client.call(SetBool.Request(data=True)).message)
         future = self.client.call_async(SetBool.Request(data=False))
-        future.add_done_callback(lambda f: print("callback", f.result().message))
-        future.add_done_callback(lambda f: self.done.set())
+        future.add_done_callback(lambda f: (print("callback", f.result().message), self.done.set()))
 
 
 def main():

@@ -29,7 +29,7 @@ def main(args=None):
     try:
         rclpy.spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
-        print("interrupted", rclpy.ok())
+        print("interrupted")
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

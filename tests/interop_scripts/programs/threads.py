@@ -19,5 +19,6 @@ try:
             publisher.publish(Int32(data=number))
             number += 1
         rate.sleep()
-except (KeyboardInterrupt, rclpy.exceptions.ROSInterruptException) as error:
+except (KeyboardInterrupt, rclpy.exceptions.ROSInterruptException):
+    thread.join()
     print("ended", number)
