@@ -11,24 +11,14 @@ from pathlib import Path
 
 import pytest
 from compiler_worlds import write
+from run_programs import PACKAGE_XML, RUN, run, started
 
-RUN = [sys.executable, "-m", "rosidl_py_gen.tools", "run"]
-PACKAGE_XML = "<package><name>{}</name></package>"
 pytestmark = pytest.mark.real_time("programs are processes")
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _cache(tmp_path_factory: pytest.TempPathFactory) -> None:
     os.environ["ROSIDL_PY_GEN_CACHE"] = str(tmp_path_factory.mktemp("cache"))
-
-
-def started(*command: str | Path, cwd: Path | None = None, **settings: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, **settings}
-    return subprocess.run([*map(str, command)], capture_output=True, text=True, cwd=cwd, env=environment, timeout=120)
-
-
-def run(*arguments: str | Path, cwd: Path | None = None, **settings: str) -> subprocess.CompletedProcess[str]:
-    return started(*RUN, *arguments, cwd=cwd, **settings)
 
 
 # --- as python --------------------------------------------------------------------------------------------------------
