@@ -130,7 +130,9 @@ class Client:
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait until a server is connected, or the time has passed; nobody has to spin."""
         with self.handle as handle:
-            return handle.context.wait(self.service_is_ready, timeout_sec if timeout_sec is None else max(0.0, timeout_sec))
+            return handle.context.wait(
+                self.service_is_ready, timeout_sec if timeout_sec is None else max(0.0, timeout_sec)
+            )
 
     def configure_introspection(
         self, clock: Clock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
@@ -138,7 +140,9 @@ class Client:
         """Publish requests and responses on ``<service>/_service_event``, as far as the state says."""
         with self.handle.in_use() as client:
             profile = service_event_qos_profile.get_c_qos_profile()
-            client.configure_introspection(clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state)))
+            client.configure_introspection(
+                clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state))
+            )
 
     @property
     def handle(self) -> Handle[runtime.Client[Any, Any]]:

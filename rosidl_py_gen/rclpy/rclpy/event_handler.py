@@ -71,7 +71,12 @@ class EventHandler(Waitable):
     """
 
     def __init__(
-        self, *, callback_group: CallbackGroup, callback: Callable[[Any], Any], event_type: int, parent_impl: Handle[Any]
+        self,
+        *,
+        callback_group: CallbackGroup,
+        callback: Callable[[Any], Any],
+        event_type: int,
+        parent_impl: Handle[Any],
     ) -> None:
         super().__init__(callback_group)
         self.event_type = event_type
@@ -80,7 +85,7 @@ class EventHandler(Waitable):
             items = parent_impl.events.get(int(event_type))
             if items is None:
                 raise UnsupportedEventTypeError(
-                    f"{event_type!r}: the endpoint does not look for this event; give event_callbacks when it is created"
+                    f"{event_type!r}: nobody looks for this event; give event_callbacks when the endpoint is created"
                 )
             self.__event = EventHandle(items)
 
@@ -151,7 +156,9 @@ class _EventCallbacks:
     ) -> list[EventHandler]:
         """A handler for each function; mismatches that no function is for are logged by the runtime."""
         return [
-            EventHandler(callback_group=callback_group, callback=function, event_type=self._TYPES[name], parent_impl=impl)
+            EventHandler(
+                callback_group=callback_group, callback=function, event_type=self._TYPES[name], parent_impl=impl
+            )
             for name, function in self._functions().items()
         ]
 

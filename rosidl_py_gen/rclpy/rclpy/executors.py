@@ -69,6 +69,11 @@ async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
     return callback(*args)
 
 
+_SELECTORS_S = 0.001
+"""A selector waits for whole milliseconds; what is shorter is slept through, in naps."""
+_NAP_S = 0.0001
+
+
 def _never() -> bool:
     return False
 
@@ -101,7 +106,9 @@ class Executor:
         """The context it looks at."""
         return self._context
 
-    def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task[Any]:
+    def create_task(
+        self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
+    ) -> Task[Any]:
         """Have a function or coroutine run while somebody spins; answers a future of its result."""
         task: Task[Any] = Task(callback, args, kwargs, executor=self)
         with self._tasks_lock:
@@ -269,7 +276,9 @@ class Executor:
         left = [timer.handle.seconds_left() for node in nodes for timer in node.timers if self.can_execute(timer)]
         return min((one for one in left if one is not None), default=None)
 
-    def _wait(self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]) -> list[tuple[Any, Node]]:
+    def _wait(
+        self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
+    ) -> list[tuple[Any, Node]]:
         """What is ready as soon as something is; nothing when something else ends the wait."""
         handle, chosen = self.__handle, self.get_nodes() if nodes is None else nodes
         try:
@@ -289,7 +298,10 @@ class Executor:
                 def has_changed(seen: object = seen) -> bool:
                     return handle.news is not seen or self._is_shutdown or condition()
 
-                handle.driver.wait(has_changed, min(limits, default=None))
+                limit = min(limits, default=None)
+                handle.driver.wait(has_changed, 0 if limit is not None and limit < _SELECTORS_S else limit)
+                if limit is not None and limit < _SELECTORS_S and not has_changed():
+                    time.sleep(min(limit, _NAP_S))
         except runtime.ClosedError:  # shut down meanwhile
             return []
 

@@ -63,7 +63,9 @@ class Service:
         """Publish requests and responses on ``<service>/_service_event``, as far as the state says."""
         with self.handle.in_use() as service:
             profile = service_event_qos_profile.get_c_qos_profile()
-            service.configure_introspection(clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state)))
+            service.configure_introspection(
+                clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state))
+            )
 
     @property
     def handle(self) -> Handle[runtime.ServiceServer[Any, Any]]:

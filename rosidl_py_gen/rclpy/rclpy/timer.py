@@ -72,7 +72,9 @@ class TimerHandle(Destroyable):
             self._next_ns += self.period_ns
             if self._next_ns < now_ns:
                 late_ns = now_ns - self._next_ns
-                self._next_ns = now_ns if self.period_ns == 0 else self._next_ns + -(-late_ns // self.period_ns) * self.period_ns
+                self._next_ns = (
+                    now_ns if self.period_ns == 0 else self._next_ns + -(-late_ns // self.period_ns) * self.period_ns
+                )
 
     def is_ready(self) -> bool:
         """Whether a call is due."""
