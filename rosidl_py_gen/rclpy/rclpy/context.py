@@ -71,10 +71,7 @@ class Context:
             try:
                 self.__context = ContextHandle(line, domain_id)
             except runtime.RosArgumentError as error:
-                unknown = re.match(r"unknown ROS arguments: (.*?);", str(error))
-                if unknown is None:
-                    raise RCLInvalidROSArgsError(f"Failed to parse ROS arguments: {error}") from error
-                raise UnknownROSArgsError(f"Found unknown ROS arguments: [{unknown[1]}]: {error}") from error
+                raise refused_arguments(error) from error
             _opened.add(self.__context)
 
     def ok(self) -> bool:
@@ -136,6 +133,14 @@ class Context:
         self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
     ) -> None:
         self.try_shutdown()
+
+
+def refused_arguments(error: runtime.RosArgumentError) -> RuntimeError:
+    """What rclpy raises for a command line that ROS cannot read."""
+    unknown = re.match(r"unknown ROS arguments: (.*?);", str(error))
+    if unknown is None:
+        return RCLInvalidROSArgsError(f"Failed to parse ROS arguments: {error}")
+    return UnknownROSArgsError(f"Found unknown ROS arguments: [{unknown[1]}]: {error}")
 
 
 def mark_all_shut_down() -> None:

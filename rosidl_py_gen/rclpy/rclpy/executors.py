@@ -15,13 +15,13 @@ from rclpy.context import Context as Context
 from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.exceptions import NotInitializedException
 from rclpy.guard_condition import GuardCondition as GuardCondition
+from rclpy.readiness import ready_entities, ready_waitables, seconds_to_timer
 from rclpy.task import Future as Future
 from rclpy.task import Task as Task
 from rclpy.timer import Timer as Timer
 from rclpy.utilities import get_default_context
 from rclpy.waitable import NumberOfEntities as NumberOfEntities
 from rclpy.waitable import Waitable as Waitable
-from rclpy.waitable import WaitSet
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -244,37 +244,9 @@ class Executor:
         with self._tasks_lock:
             self._tasks = [work for work in self._tasks if work[0]._pending()]
 
-    def _ready_entities(self, nodes: Iterable[Node]) -> list[tuple[Any, Node]]:
-        """What is ready and may run, but waitables; node by node, in rclpy's order."""
-        found: list[tuple[Any, Node]] = []
-        for node in nodes:
-            for entities in (node.timers, node.subscriptions, node.guards, node.clients, node.services):
-                found += [(one, node) for one in entities if one._is_ready() and self.can_execute(one)]
-        return found
-
-    def _ready_waitables(self, nodes: Iterable[Node]) -> list[tuple[Any, Node]]:
-        """Asked once a pass, because that may change them."""
-        found: list[tuple[Any, Node]] = []
-        wait_set = WaitSet()
-        for node in nodes:
-            for waitable in [one for one in node.waitables if self.can_execute(one)]:
-                try:
-                    with waitable:
-                        waitable.add_to_wait_set(wait_set)
-                        if waitable.is_ready(wait_set):
-                            found.append((waitable, node))
-                except InvalidHandle:
-                    continue
-        return found
-
     def _can_go_on(self, nodes: Iterable[Node]) -> bool:
         with self._tasks_lock:
             return any(task._can_go_on() and (node is None or node in nodes) for task, _, node in self._tasks)
-
-    def _sleep_s(self, nodes: Iterable[Node]) -> float | None:
-        """How long until a timer is due."""
-        left = [timer.handle.seconds_left() for node in nodes for timer in node.timers if self.can_execute(timer)]
-        return min((one for one in left if one is not None), default=None)
 
     def _wait(
         self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
@@ -282,18 +254,18 @@ class Executor:
         """What is ready as soon as something is; nothing when something else ends the wait."""
         handle, chosen = self.__handle, self.get_nodes() if nodes is None else nodes
         try:
-            if end is not None or self._can_go_on(chosen) or self._ready_entities(chosen):
+            if end is not None or self._can_go_on(chosen) or ready_entities(chosen, self.can_execute):
                 handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
             while True:
                 seen = handle.news
                 chosen = self.get_nodes() if nodes is None else nodes
-                ready = self._ready_waitables(chosen) + self._ready_entities(chosen)
+                ready = ready_waitables(chosen, self.can_execute) + ready_entities(chosen, self.can_execute)
                 if ready or self._is_shutdown or not handle.ok() or condition() or self._can_go_on(chosen):
                     return ready
                 left = None if end is None else end - time.monotonic()
                 if left is not None and left <= 0:
                     return []
-                limits = [one for one in (left, self._sleep_s(chosen)) if one is not None]
+                limits = [one for one in (left, seconds_to_timer(chosen, self.can_execute)) if one is not None]
 
                 def has_changed(seen: object = seen) -> bool:
                     return handle.news is not seen or self._is_shutdown or condition()

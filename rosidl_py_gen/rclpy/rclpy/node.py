@@ -18,6 +18,7 @@ from rclpy.clock import Clock as Clock
 from rclpy.clock import ROSClock as ROSClock
 from rclpy.constants import S_TO_NS as S_TO_NS
 from rclpy.context import Context as Context
+from rclpy.context import refused_arguments
 from rclpy.event_handler import PublisherEventCallbacks as PublisherEventCallbacks
 from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle as InvalidHandle
@@ -78,7 +79,8 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
 
     Raises:
         NotInitializedException: `rclpy.init` was not called, or the context is shut down.
-        InvalidNodeNameException, InvalidNamespaceException: as their names say.
+        InvalidNodeNameException, InvalidNamespaceException, UnknownROSArgsError, RCLInvalidROSArgsError: as their names
+            say.
     """
 
     def __init__(
@@ -118,7 +120,9 @@ class Node(NodeEntities, NodeGraph, NodeParameters):
                 cli_args=cli_args,
                 use_global_arguments=use_global_arguments,
             )
-        except (runtime.RosArgumentError, runtime.ClosedError) as error:
+        except runtime.RosArgumentError as error:
+            raise refused_arguments(error) from error
+        except runtime.ClosedError as error:
             raise RCLError(str(error)) from error
         logger_name = made.fully_qualified_name[1:].replace("/", ".")
         self.__node: Handle[runtime.Node] = Handle(opened, made, opened, logger_name=logger_name)
