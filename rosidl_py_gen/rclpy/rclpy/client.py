@@ -8,6 +8,11 @@ from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.clock import Clock as Clock
+from rclpy.context import Context as Context
+from rclpy.qos import QoSProfile as QoSProfile
+from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntrospectionState
 from rclpy.task import Future
 from rosidl_py_gen import runtime
 
@@ -15,13 +20,8 @@ if TYPE_CHECKING:
     import concurrent.futures
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
-    from rclpy.clock import Clock
-    from rclpy.context import Context
     from rclpy.executors import Executor
     from rclpy.handles import Handle
-    from rclpy.qos import QoSProfile
-    from rclpy.service_introspection import ServiceIntrospectionState
 
 SrvType = TypeVar("SrvType")
 SrvTypeRequest = TypeVar("SrvTypeRequest")

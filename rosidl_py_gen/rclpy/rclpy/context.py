@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy.destroyable import DestroyableType as DestroyableType
 from rclpy.handles import ContextHandle
 from rosidl_py_gen import runtime
 

@@ -9,12 +9,14 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.handles import Destroyable
+from rclpy.logging import get_logger as get_logger
+from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
 from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from rclpy.callback_groups import CallbackGroup
     from rclpy.handles import ContextHandle, Handle
     from rclpy.waitable import WaitSet
 
@@ -151,10 +153,7 @@ class _EventCallbacks:
             name: keep(queue) for name, queue in queues.items()
         }
 
-    def create_event_handlers(
-        self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str
-    ) -> list[EventHandler]:
-        """A handler for each function; mismatches that no function is for are logged by the runtime."""
+    def _handlers(self, callback_group: CallbackGroup, impl: Handle[Any]) -> list[EventHandler]:
         return [
             EventHandler(
                 callback_group=callback_group, callback=function, event_type=self._TYPES[name], parent_impl=impl
@@ -194,6 +193,12 @@ class SubscriptionEventCallbacks(_EventCallbacks):
         self.matched = matched
         self.use_default_callbacks = use_default_callbacks
 
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, subscription: Handle[Any], topic_name: str
+    ) -> list[EventHandler]:
+        """A handler for each function; mismatches that no function is for are logged by the runtime."""
+        return self._handlers(callback_group, subscription)
+
 
 class PublisherEventCallbacks(_EventCallbacks):
     """Functions that are told what happened to a publisher; each gets one of the `...Info` values."""
@@ -222,3 +227,9 @@ class PublisherEventCallbacks(_EventCallbacks):
         self.incompatible_type = incompatible_type
         self.matched = matched
         self.use_default_callbacks = use_default_callbacks
+
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, publisher: Handle[Any], topic_name: str
+    ) -> list[EventHandler]:
+        """A handler for each function; mismatches that no function is for are logged by the runtime."""
+        return self._handlers(callback_group, publisher)

@@ -11,15 +11,22 @@ from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy.client import Client as Client
+from rclpy.clock import Clock as Clock
+from rclpy.clock_type import ClockType as ClockType
 from rclpy.context import Context as Context
 from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.exceptions import NotInitializedException
 from rclpy.guard_condition import GuardCondition as GuardCondition
 from rclpy.readiness import ready_entities, ready_waitables, seconds_to_timer
+from rclpy.service import Service as Service
+from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
+from rclpy.subscription import Subscription as Subscription
 from rclpy.task import Future as Future
 from rclpy.task import Task as Task
 from rclpy.timer import Timer as Timer
 from rclpy.utilities import get_default_context
+from rclpy.utilities import timeout_sec_to_nsec as timeout_sec_to_nsec
 from rclpy.waitable import NumberOfEntities as NumberOfEntities
 from rclpy.waitable import Waitable as Waitable
 from rosidl_py_gen import runtime

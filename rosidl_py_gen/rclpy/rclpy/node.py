@@ -5,6 +5,17 @@ from __future__ import annotations
 import weakref
 from typing import TYPE_CHECKING
 
+from rcl_interfaces.msg import FloatingPointRange as FloatingPointRange
+from rcl_interfaces.msg import IntegerRange as IntegerRange
+from rcl_interfaces.msg import ListParametersResult as ListParametersResult
+from rcl_interfaces.msg import Parameter as ParameterMsg  # noqa: F401  imported from here by programs
+from rcl_interfaces.msg import ParameterDescriptor as ParameterDescriptor
+from rcl_interfaces.msg import ParameterEvent as ParameterEvent
+from rcl_interfaces.msg import ParameterType as ParameterType
+from rcl_interfaces.msg import ParameterValue as ParameterValue
+from rcl_interfaces.msg import SetParametersResult as SetParametersResult
+from rcl_interfaces.srv import ListParameters as ListParameters
+
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError as NodeNameNonExistentError
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
@@ -22,7 +33,14 @@ from rclpy.context import refused_arguments
 from rclpy.event_handler import PublisherEventCallbacks as PublisherEventCallbacks
 from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
 from rclpy.exceptions import InvalidHandle as InvalidHandle
+from rclpy.exceptions import InvalidParameterTypeException as InvalidParameterTypeException
+from rclpy.exceptions import InvalidParameterValueException as InvalidParameterValueException
+from rclpy.exceptions import InvalidTopicNameException as InvalidTopicNameException
 from rclpy.exceptions import NotInitializedException as NotInitializedException
+from rclpy.exceptions import ParameterAlreadyDeclaredException as ParameterAlreadyDeclaredException
+from rclpy.exceptions import ParameterImmutableException as ParameterImmutableException
+from rclpy.exceptions import ParameterNotDeclaredException as ParameterNotDeclaredException
+from rclpy.exceptions import ParameterUninitializedException as ParameterUninitializedException
 from rclpy.executors import Executor as Executor
 from rclpy.expand_topic_name import expand_topic_name as expand_topic_name
 from rclpy.guard_condition import GuardCondition as GuardCondition
@@ -32,10 +50,13 @@ from rclpy.logging_service import LoggingService as LoggingService
 from rclpy.node_entities import NodeEntities
 from rclpy.node_graph import NodeGraph
 from rclpy.node_parameters import NodeParameters
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING as PARAMETER_SEPARATOR_STRING
 from rclpy.parameter import Parameter as Parameter
+from rclpy.parameter_service import ParameterService as ParameterService
 from rclpy.publisher import MsgType as MsgType
 from rclpy.publisher import Publisher as Publisher
 from rclpy.qos import QoSProfile as QoSProfile
+from rclpy.qos import qos_profile_parameter_events as qos_profile_parameter_events
 from rclpy.qos import qos_profile_services_default as qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions as QoSOverridingOptions
 from rclpy.service import Service as Service
@@ -51,6 +72,7 @@ from rclpy.utilities import get_default_context as get_default_context
 from rclpy.validate_full_topic_name import validate_full_topic_name as validate_full_topic_name
 from rclpy.validate_namespace import validate_namespace as validate_namespace
 from rclpy.validate_node_name import validate_node_name as validate_node_name
+from rclpy.validate_parameter_name import validate_parameter_name as validate_parameter_name
 from rclpy.validate_topic_name import validate_topic_name as validate_topic_name
 from rclpy.waitable import Waitable as Waitable
 from rosidl_py_gen import runtime

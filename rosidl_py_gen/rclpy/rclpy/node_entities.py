@@ -274,8 +274,8 @@ class NodeEntities:
         """
         period_ns = int(float(timer_period_sec) * S_TO_NS)
         group = self.default_callback_group if callback_group is None else callback_group
+        self.__open()
         with self.handle:
-            self.__open()
             clock = self.get_clock() if clock is None else clock
             timer = Timer(callback, group, period_ns, clock, context=self.context, autostart=autostart)
         return self.__keep(timer, group, self.__timers)
@@ -285,8 +285,8 @@ class NodeEntities:
     ) -> GuardCondition:
         """Call a function after each `GuardCondition.trigger`."""
         group = self.default_callback_group if callback_group is None else callback_group
+        self.__open()
         with self.handle:
-            self.__open()
             guard = GuardCondition(callback, group, context=self.context)
         return self.__keep(guard, group, self.__guards)
 

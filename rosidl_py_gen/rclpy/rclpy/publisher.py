@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.duration import Duration
+from rclpy.event_handler import EventHandler as EventHandler
+from rclpy.event_handler import PublisherEventCallbacks as PublisherEventCallbacks
+from rclpy.qos import QoSProfile as QoSProfile
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from rclpy.callback_groups import CallbackGroup
-    from rclpy.event_handler import EventHandler
     from rclpy.handles import Handle
-    from rclpy.qos import QoSProfile
 
 MsgType = TypeVar("MsgType")
 

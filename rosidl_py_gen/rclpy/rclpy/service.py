@@ -5,17 +5,17 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.clock import Clock as Clock
+from rclpy.qos import QoSProfile as QoSProfile
+from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntrospectionState
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
-    from rclpy.clock import Clock
     from rclpy.executors import Executor
     from rclpy.handles import Handle
-    from rclpy.qos import QoSProfile
-    from rclpy.service_introspection import ServiceIntrospectionState
 
 SrvType = TypeVar("SrvType")
 SrvTypeRequest = TypeVar("SrvTypeRequest")
