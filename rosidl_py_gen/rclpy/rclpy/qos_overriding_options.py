@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
 
 QosCallbackResult = SetParametersResult
-QosCallbackType = Callable[[QoSProfile], QosCallbackResult]
+QosCallbackType = Callable[[QoSProfile], Any]
+"""Answers such a result."""
 
 
 class InvalidQosOverridesError(Exception):

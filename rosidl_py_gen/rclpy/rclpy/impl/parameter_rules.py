@@ -1,4 +1,4 @@
-"""How parameters are declared, and whether a descriptor lets one have a value. Texts are rclpy's: programs show them."""
+"""How parameters are declared, and whether a descriptor lets one have a value. Texts are rclpy's: programs show."""
 
 from __future__ import annotations
 
