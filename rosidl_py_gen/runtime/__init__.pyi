@@ -66,6 +66,7 @@ from rosidl_py_gen.runtime.lifecycle.states import TransitionError as Transition
 from rosidl_py_gen.runtime.lifecycle.states import available_transitions as available_transitions
 from rosidl_py_gen.runtime.lifecycle.states import finished_transition as finished_transition
 from rosidl_py_gen.runtime.lifecycle.states import requested_transition as requested_transition
+from rosidl_py_gen.runtime.logs.console import print_logs as print_logs
 from rosidl_py_gen.runtime.logs.file import LogFileError as LogFileError
 from rosidl_py_gen.runtime.logs.file import get_logging_directory as get_logging_directory
 from rosidl_py_gen.runtime.logs.loggers import LogLevelError as LogLevelError

@@ -5,9 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import rosidl_py_gen
+sys.path.insert(0, str(Path(__file__).parent))
 
-SHIM = Path(rosidl_py_gen.__file__).parent / "rclpy"
+import shim
 
-sys.path.insert(0, str(SHIM))
-rosidl_py_gen.install_import_hook(flavour="rclpy", shadow=True)
+shim.install()

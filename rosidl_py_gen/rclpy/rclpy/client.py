@@ -8,6 +8,11 @@ from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.clock import Clock as Clock
+from rclpy.context import Context as Context
+from rclpy.qos import QoSProfile as QoSProfile
+from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntrospectionState
 from rclpy.task import Future
 from rosidl_py_gen import runtime
 
@@ -15,13 +20,8 @@ if TYPE_CHECKING:
     import concurrent.futures
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
-    from rclpy.clock import Clock
-    from rclpy.context import Context
     from rclpy.executors import Executor
     from rclpy.handles import Handle
-    from rclpy.qos import QoSProfile
-    from rclpy.service_introspection import ServiceIntrospectionState
 
 SrvType = TypeVar("SrvType")
 SrvTypeRequest = TypeVar("SrvTypeRequest")
@@ -100,7 +100,8 @@ class Client:
         if sent.cancelled() or isinstance(sent.exception(), (runtime.ServerLostError, runtime.ClosedError)):
             return  # in rclpy such a future is pending for ever
         self._arrived.append((number, sent))
-        self.__client.context.notify()
+        self.__client.arrived()
+        self.__client.context.driver.wake()
 
     def get_pending_request(self, sequence_number: int) -> Future[Any]:
         """The future of a request that was not answered; KeyError for others."""
@@ -130,7 +131,9 @@ class Client:
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
         """Wait until a server is connected, or the time has passed; nobody has to spin."""
         with self.handle as handle:
-            return handle.context.wait(self.service_is_ready, timeout_sec if timeout_sec is None else max(0.0, timeout_sec))
+            return handle.context.wait(
+                self.service_is_ready, timeout_sec if timeout_sec is None else max(0.0, timeout_sec)
+            )
 
     def configure_introspection(
         self, clock: Clock, service_event_qos_profile: QoSProfile, introspection_state: ServiceIntrospectionState
@@ -138,7 +141,9 @@ class Client:
         """Publish requests and responses on ``<service>/_service_event``, as far as the state says."""
         with self.handle.in_use() as client:
             profile = service_event_qos_profile.get_c_qos_profile()
-            client.configure_introspection(clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state)))
+            client.configure_introspection(
+                clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state))
+            )
 
     @property
     def handle(self) -> Handle[runtime.Client[Any, Any]]:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import atexit
 import inspect
+import re
 import sys
 import threading
 import weakref
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from rclpy._rclpy_pybind11 import UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy.destroyable import DestroyableType as DestroyableType
 from rclpy.handles import ContextHandle
 from rosidl_py_gen import runtime
 
@@ -57,16 +59,20 @@ class Context:
         Raises:
             RuntimeError: it was opened before, or `domain_id` is negative.
             UnknownROSArgsError: ROS does not know what stands after ``--ros-args``.
+            RCLInvalidROSArgsError: it cannot be read. UnicodeEncodeError: an argument is no UTF-8.
         """
         with self._lock:
             if domain_id is not None and domain_id < 0:
                 raise RuntimeError(f"Domain id ({domain_id}) should not be lower than zero.")
             if self.__context is not None:
                 raise RuntimeError("Context.init() must only be called once")
+            line = list(sys.argv if args is None else args)
+            for argument in line:
+                argument.encode()  # as in rclpy, surrogates are refused: UnicodeEncodeError
             try:
-                self.__context = ContextHandle(list(sys.argv if args is None else args), domain_id)
+                self.__context = ContextHandle(line, domain_id)
             except runtime.RosArgumentError as error:
-                raise UnknownROSArgsError(str(error)) from error
+                raise refused_arguments(error) from error
             _opened.add(self.__context)
 
     def ok(self) -> bool:
@@ -128,6 +134,14 @@ class Context:
         self, exc_type: type[BaseException] | None, exc_val: BaseException | None, exc_tb: TracebackType | None
     ) -> None:
         self.try_shutdown()
+
+
+def refused_arguments(error: runtime.RosArgumentError) -> RuntimeError:
+    """What rclpy raises for a command line that ROS cannot read."""
+    unknown = re.match(r"unknown ROS arguments: (.*?);", str(error))
+    if unknown is None:
+        return RCLInvalidROSArgsError(f"Failed to parse ROS arguments: {error}")
+    return UnknownROSArgsError(f"Found unknown ROS arguments: [{unknown[1]}]: {error}")
 
 
 def mark_all_shut_down() -> None:

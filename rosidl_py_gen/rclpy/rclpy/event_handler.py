@@ -9,12 +9,15 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventTypeError
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.handles import Destroyable
+from rclpy.logging import get_logger as get_logger
+from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
+from rclpy.task import await_or_execute
 from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from rclpy.callback_groups import CallbackGroup
     from rclpy.handles import ContextHandle, Handle
     from rclpy.waitable import WaitSet
 
@@ -71,7 +74,12 @@ class EventHandler(Waitable):
     """
 
     def __init__(
-        self, *, callback_group: CallbackGroup, callback: Callable[[Any], Any], event_type: int, parent_impl: Handle[Any]
+        self,
+        *,
+        callback_group: CallbackGroup,
+        callback: Callable[[Any], Any],
+        event_type: int,
+        parent_impl: Handle[Any],
     ) -> None:
         super().__init__(callback_group)
         self.event_type = event_type
@@ -80,7 +88,7 @@ class EventHandler(Waitable):
             items = parent_impl.events.get(int(event_type))
             if items is None:
                 raise UnsupportedEventTypeError(
-                    f"{event_type!r}: the endpoint does not look for this event; give event_callbacks when it is created"
+                    f"{event_type!r}: nobody looks for this event; give event_callbacks when the endpoint is created"
                 )
             self.__event = EventHandle(items)
 
@@ -92,8 +100,6 @@ class EventHandler(Waitable):
             return self.__event.items.popleft() if self.__event.items else None
 
     async def execute(self, taken_data: Any) -> None:
-        from rclpy.executors import await_or_execute
-
         if taken_data:
             await await_or_execute(self.callback, taken_data)
 
@@ -146,12 +152,11 @@ class _EventCallbacks:
             name: keep(queue) for name, queue in queues.items()
         }
 
-    def create_event_handlers(
-        self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str
-    ) -> list[EventHandler]:
-        """A handler for each function; mismatches that no function is for are logged by the runtime."""
+    def _handlers(self, callback_group: CallbackGroup, impl: Handle[Any]) -> list[EventHandler]:
         return [
-            EventHandler(callback_group=callback_group, callback=function, event_type=self._TYPES[name], parent_impl=impl)
+            EventHandler(
+                callback_group=callback_group, callback=function, event_type=self._TYPES[name], parent_impl=impl
+            )
             for name, function in self._functions().items()
         ]
 
@@ -187,6 +192,12 @@ class SubscriptionEventCallbacks(_EventCallbacks):
         self.matched = matched
         self.use_default_callbacks = use_default_callbacks
 
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, subscription: Handle[Any], topic_name: str
+    ) -> list[EventHandler]:
+        """A handler for each function; mismatches that no function is for are logged by the runtime."""
+        return self._handlers(callback_group, subscription)
+
 
 class PublisherEventCallbacks(_EventCallbacks):
     """Functions that are told what happened to a publisher; each gets one of the `...Info` values."""
@@ -215,3 +226,9 @@ class PublisherEventCallbacks(_EventCallbacks):
         self.incompatible_type = incompatible_type
         self.matched = matched
         self.use_default_callbacks = use_default_callbacks
+
+    def create_event_handlers(
+        self, callback_group: CallbackGroup, publisher: Handle[Any], topic_name: str
+    ) -> list[EventHandler]:
+        """A handler for each function; mismatches that no function is for are logged by the runtime."""
+        return self._handlers(callback_group, publisher)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 import threading
 import time
@@ -11,17 +10,25 @@ from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy.client import Client as Client
+from rclpy.clock import Clock as Clock
+from rclpy.clock_type import ClockType as ClockType
 from rclpy.context import Context as Context
 from rclpy.exceptions import InvalidHandle as InvalidHandle
 from rclpy.exceptions import NotInitializedException
 from rclpy.guard_condition import GuardCondition as GuardCondition
+from rclpy.readiness import ready_entities, ready_waitables, seconds_to_timer
+from rclpy.service import Service as Service
+from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
+from rclpy.subscription import Subscription as Subscription
 from rclpy.task import Future as Future
 from rclpy.task import Task as Task
+from rclpy.task import await_or_execute as await_or_execute
 from rclpy.timer import Timer as Timer
 from rclpy.utilities import get_default_context
+from rclpy.utilities import timeout_sec_to_nsec as timeout_sec_to_nsec
 from rclpy.waitable import NumberOfEntities as NumberOfEntities
 from rclpy.waitable import Waitable as Waitable
-from rclpy.waitable import WaitSet
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -62,11 +69,9 @@ class TimeoutObject:
 _Timeout = float | TimeoutObject | None
 
 
-async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
-    """Call a function, and await what an async one answers."""
-    if inspect.iscoroutinefunction(callback):
-        return await callback(*args)
-    return callback(*args)
+_SELECTORS_S = 0.001
+"""A selector waits for whole milliseconds; what is shorter is slept through, in naps."""
+_NAP_S = 0.0005
 
 
 def _never() -> bool:
@@ -101,7 +106,9 @@ class Executor:
         """The context it looks at."""
         return self._context
 
-    def create_task(self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any) -> Task[Any]:
+    def create_task(
+        self, callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any, **kwargs: Any
+    ) -> Task[Any]:
         """Have a function or coroutine run while somebody spins; answers a future of its result."""
         task: Task[Any] = Task(callback, args, kwargs, executor=self)
         with self._tasks_lock:
@@ -153,14 +160,17 @@ class Executor:
     def spin_until_future_complete(self, future: Future[Any], timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is done or cancelled, or the time has passed."""
         self._wake_at_end(future)
-        end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        end = None if timeout_sec is None or timeout_sec < 0 else self._now_s() + timeout_sec
         left = None if timeout_sec is None or end is None else TimeoutObject(timeout_sec)
         while self._context.ok() and not future.done() and not future.cancelled() and not self._is_shutdown:
             self.spin_once_until_future_complete(future, left)
             if end is not None and left is not None:
-                left.timeout = end - time.monotonic()
+                left.timeout = end - self._now_s()
                 if left.timeout <= 0:
                     return
+
+    def _now_s(self) -> float:
+        return self.__handle.driver.loop.time()
 
     def _wake_at_end(self, future: Future[Any]) -> None:
         if isinstance(future, Future):
@@ -237,59 +247,36 @@ class Executor:
         with self._tasks_lock:
             self._tasks = [work for work in self._tasks if work[0]._pending()]
 
-    def _ready_entities(self, nodes: Iterable[Node]) -> list[tuple[Any, Node]]:
-        """What is ready and may run, but waitables; node by node, in rclpy's order."""
-        found: list[tuple[Any, Node]] = []
-        for node in nodes:
-            for entities in (node.timers, node.subscriptions, node.guards, node.clients, node.services):
-                found += [(one, node) for one in entities if one._is_ready() and self.can_execute(one)]
-        return found
-
-    def _ready_waitables(self, nodes: Iterable[Node]) -> list[tuple[Any, Node]]:
-        """Asked once a pass, because that may change them."""
-        found: list[tuple[Any, Node]] = []
-        wait_set = WaitSet()
-        for node in nodes:
-            for waitable in [one for one in node.waitables if self.can_execute(one)]:
-                try:
-                    with waitable:
-                        waitable.add_to_wait_set(wait_set)
-                        if waitable.is_ready(wait_set):
-                            found.append((waitable, node))
-                except InvalidHandle:
-                    continue
-        return found
-
     def _can_go_on(self, nodes: Iterable[Node]) -> bool:
         with self._tasks_lock:
             return any(task._can_go_on() and (node is None or node in nodes) for task, _, node in self._tasks)
 
-    def _sleep_s(self, nodes: Iterable[Node]) -> float | None:
-        """How long until a timer is due."""
-        left = [timer.handle.seconds_left() for node in nodes for timer in node.timers if self.can_execute(timer)]
-        return min((one for one in left if one is not None), default=None)
-
-    def _wait(self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]) -> list[tuple[Any, Node]]:
+    def _wait(
+        self, nodes: list[Node] | None, end: float | None, condition: Callable[[], bool]
+    ) -> list[tuple[Any, Node]]:
         """What is ready as soon as something is; nothing when something else ends the wait."""
         handle, chosen = self.__handle, self.get_nodes() if nodes is None else nodes
         try:
-            if end is not None or self._can_go_on(chosen) or self._ready_entities(chosen):
+            if end is not None or self._can_go_on(chosen) or ready_entities(chosen, self.can_execute):
                 handle.driver.wait(timeout_s=0)  # what arrived meanwhile counts, too
             while True:
                 seen = handle.news
                 chosen = self.get_nodes() if nodes is None else nodes
-                ready = self._ready_waitables(chosen) + self._ready_entities(chosen)
+                ready = ready_waitables(chosen, self.can_execute) + ready_entities(chosen, self.can_execute)
                 if ready or self._is_shutdown or not handle.ok() or condition() or self._can_go_on(chosen):
                     return ready
-                left = None if end is None else end - time.monotonic()
+                left = None if end is None else end - self._now_s()
                 if left is not None and left <= 0:
                     return []
-                limits = [one for one in (left, self._sleep_s(chosen)) if one is not None]
+                limits = [one for one in (left, seconds_to_timer(chosen, self.can_execute)) if one is not None]
 
                 def has_changed(seen: object = seen) -> bool:
                     return handle.news is not seen or self._is_shutdown or condition()
 
-                handle.driver.wait(has_changed, min(limits, default=None))
+                limit = min(limits, default=None)
+                handle.driver.wait(has_changed, 0 if limit is not None and limit < _SELECTORS_S else limit)
+                if limit is not None and limit < _SELECTORS_S and not has_changed():
+                    time.sleep(min(limit, _NAP_S))
         except runtime.ClosedError:  # shut down meanwhile
             return []
 
@@ -297,13 +284,13 @@ class Executor:
         self, timeout_sec: _Timeout = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = _never
     ) -> Iterator[_Work]:
         limit = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
-        end = None if limit is None or limit < 0 else time.monotonic() + float(limit)
+        end = None if limit is None or limit < 0 else self._now_s() + float(limit)
         yielded = False
         while not yielded and not self._is_shutdown and not condition():
             for work in self._resumable(self.get_nodes() if nodes is None else nodes):
                 yielded = True
                 yield work
-            ready = self._wait(nodes, time.monotonic() if yielded else end, condition)
+            ready = self._wait(nodes, self._now_s() if yielded else end, condition)
             if self._is_shutdown:
                 raise ShutdownException
             if not self._context.ok():
@@ -312,7 +299,7 @@ class Executor:
                 if self.can_execute(entity) and (entity._is_ready() if isinstance(entity, Timer) else True):
                     yielded = True
                     yield self._make_handler(entity, node), entity, node
-            if not yielded and end is not None and time.monotonic() >= end:
+            if not yielded and end is not None and self._now_s() >= end:
                 raise TimeoutException
         if self._is_shutdown:
             raise ShutdownException

@@ -61,7 +61,10 @@ class Destroyable:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None = None, error: BaseException | None = None, trace: TracebackType | None = None
+        self,
+        kind: type[BaseException] | None = None,
+        error: BaseException | None = None,
+        trace: TracebackType | None = None,
     ) -> None:
         with self._users_lock:
             self._users -= 1
@@ -99,6 +102,10 @@ class ContextHandle(Destroyable):
             raise
         self.news: object = None
         """Another object whenever something happened that an executor may wait for."""
+        self.creating = threading.RLock()
+        """Held while an endpoint is created, and while endpoints are counted: the graph shows one before it is connected
+        with those that are there, and what is published in between would be lost.
+        """
         self._is_ok = True
         self._lock = threading.Lock()
         self._is_closed = False
@@ -173,6 +180,7 @@ class Handle(Destroyable, Generic[C]):
         self.logger_name = logger_name
         self.events: dict[int, deque[Any]] = {}
         self._ask: Callable[[], bool] = _never
+        self._may_be_ready = False
 
     def set_ready(self, is_ready: Callable[[], bool]) -> None:
         """Say how to know whether something can be taken."""
@@ -180,7 +188,17 @@ class Handle(Destroyable, Generic[C]):
 
     def is_ready(self) -> bool:
         """Whether something can be taken."""
-        return self.is_valid and self._ask()
+        if not self._may_be_ready or self._is_destroyed:
+            return False
+        self._may_be_ready = False  # before it is asked: it may arrive meanwhile
+        if self._ask():
+            self._may_be_ready = True
+        return self._may_be_ready
+
+    def arrived(self) -> None:
+        """Something may be taken; on the loop."""
+        self._may_be_ready = True
+        self.context.arrived()
 
     def _destroy(self) -> None:
         self.entity.close()

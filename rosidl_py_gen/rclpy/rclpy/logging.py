@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rclpy._rclpy_pybind11 import RCUtilsError
 from rclpy.impl.logging_severity import LoggingSeverity
-from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.impl.rcutils_logger import RcutilsLogger, as_severity, set_level
 from rosidl_py_gen import runtime
 
 _root_logger = RcutilsLogger()
@@ -38,26 +37,26 @@ def clear_config() -> None:
 
 def set_logger_level(name: str, level: int | LoggingSeverity, detailed_error: bool = False) -> None:
     """Set the level of a logger, and of those below it that have none; ValueError for an unknown level."""
-    runtime.set_logger_level(name, int(LoggingSeverity(level)))
+    set_level(name, level)
 
 
 def get_logger_effective_level(name: str) -> LoggingSeverity:
     """From which severity on a logger logs."""
-    return LoggingSeverity(runtime.get_logger(name).getEffectiveLevel())
+    return as_severity(runtime.get_logger(name).getEffectiveLevel())
 
 
 def get_logger_level(name: str) -> LoggingSeverity:
     """The level that was set; UNSET when none was."""
-    return LoggingSeverity(runtime.get_logger_level(name))
+    return as_severity(runtime.get_logger_level(name))
 
 
 def get_logging_severity_from_string(log_severity: str) -> LoggingSeverity:
-    """``INFO`` or ``info`` as a severity; RCUtilsError, a RuntimeError, for an unknown one."""
+    """``INFO`` or ``info`` as a severity; RuntimeError for an unknown one."""
     try:
         return LoggingSeverity[log_severity.upper()]
     except KeyError:
         known = ", ".join(LoggingSeverity.__members__)
-        raise RCUtilsError(f"unknown severity {log_severity!r:.100}; expected one of {known}") from None
+        raise RuntimeError(f"unknown severity {log_severity!r:.100}; expected one of {known}") from None
 
 
 def get_logging_directory() -> Path:

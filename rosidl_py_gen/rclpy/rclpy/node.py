@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import weakref
-from collections import deque
-from collections.abc import Callable, Iterator
-from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
+
+from rcl_interfaces.msg import FloatingPointRange as FloatingPointRange
+from rcl_interfaces.msg import IntegerRange as IntegerRange
+from rcl_interfaces.msg import ListParametersResult as ListParametersResult
+from rcl_interfaces.msg import Parameter as ParameterMsg  # noqa: F401  imported from here by programs
+from rcl_interfaces.msg import ParameterDescriptor as ParameterDescriptor
+from rcl_interfaces.msg import ParameterEvent as ParameterEvent
+from rcl_interfaces.msg import ParameterType as ParameterType
+from rcl_interfaces.msg import ParameterValue as ParameterValue
+from rcl_interfaces.msg import SetParametersResult as SetParametersResult
+from rcl_interfaces.srv import ListParameters as ListParameters
 
 from rclpy._rclpy_pybind11 import NodeNameNonExistentError as NodeNameNonExistentError
 from rclpy._rclpy_pybind11 import RCLError
@@ -21,26 +29,36 @@ from rclpy.clock import Clock as Clock
 from rclpy.clock import ROSClock as ROSClock
 from rclpy.constants import S_TO_NS as S_TO_NS
 from rclpy.context import Context as Context
+from rclpy.context import refused_arguments
 from rclpy.event_handler import PublisherEventCallbacks as PublisherEventCallbacks
 from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
-from rclpy.event_handler import UnsupportedEventTypeError
 from rclpy.exceptions import InvalidHandle as InvalidHandle
+from rclpy.exceptions import InvalidParameterTypeException as InvalidParameterTypeException
+from rclpy.exceptions import InvalidParameterValueException as InvalidParameterValueException
+from rclpy.exceptions import InvalidTopicNameException as InvalidTopicNameException
 from rclpy.exceptions import NotInitializedException as NotInitializedException
+from rclpy.exceptions import ParameterAlreadyDeclaredException as ParameterAlreadyDeclaredException
+from rclpy.exceptions import ParameterImmutableException as ParameterImmutableException
+from rclpy.exceptions import ParameterNotDeclaredException as ParameterNotDeclaredException
+from rclpy.exceptions import ParameterUninitializedException as ParameterUninitializedException
 from rclpy.executors import Executor as Executor
 from rclpy.expand_topic_name import expand_topic_name as expand_topic_name
 from rclpy.guard_condition import GuardCondition as GuardCondition
-from rclpy.handles import ContextHandle, Handle
+from rclpy.handles import Handle
 from rclpy.logging import get_logger as get_logger
 from rclpy.logging_service import LoggingService as LoggingService
+from rclpy.node_entities import NodeEntities
 from rclpy.node_graph import NodeGraph
 from rclpy.node_parameters import NodeParameters
+from rclpy.parameter import PARAMETER_SEPARATOR_STRING as PARAMETER_SEPARATOR_STRING
 from rclpy.parameter import Parameter as Parameter
+from rclpy.parameter_service import ParameterService as ParameterService
 from rclpy.publisher import MsgType as MsgType
 from rclpy.publisher import Publisher as Publisher
 from rclpy.qos import QoSProfile as QoSProfile
+from rclpy.qos import qos_profile_parameter_events as qos_profile_parameter_events
 from rclpy.qos import qos_profile_services_default as qos_profile_services_default
 from rclpy.qos_overriding_options import QoSOverridingOptions as QoSOverridingOptions
-from rclpy.qos_overriding_options import _declare_qos_parameters
 from rclpy.service import Service as Service
 from rclpy.subscription import Subscription as Subscription
 from rclpy.time_source import TimeSource as TimeSource
@@ -54,6 +72,7 @@ from rclpy.utilities import get_default_context as get_default_context
 from rclpy.validate_full_topic_name import validate_full_topic_name as validate_full_topic_name
 from rclpy.validate_namespace import validate_namespace as validate_namespace
 from rclpy.validate_node_name import validate_node_name as validate_node_name
+from rclpy.validate_parameter_name import validate_parameter_name as validate_parameter_name
 from rclpy.validate_topic_name import validate_topic_name as validate_topic_name
 from rclpy.waitable import Waitable as Waitable
 from rosidl_py_gen import runtime
@@ -62,10 +81,9 @@ if TYPE_CHECKING:
     from rclpy.impl.rcutils_logger import RcutilsLogger
 
 HIDDEN_NODE_PREFIX = "_"
-_E = TypeVar("_E", Publisher, Subscription, Client, Service, Timer, GuardCondition)
 
 
-class Node(NodeGraph, NodeParameters):
+class Node(NodeEntities, NodeGraph, NodeParameters):
     """A member of the graph of ROS, with publishers, subscriptions, services, clients, timers and parameters.
 
     Args:
@@ -83,7 +101,8 @@ class Node(NodeGraph, NodeParameters):
 
     Raises:
         NotInitializedException: `rclpy.init` was not called, or the context is shut down.
-        InvalidNodeNameException, InvalidNamespaceException: as their names say.
+        InvalidNodeNameException, InvalidNamespaceException, UnknownROSArgsError, RCLInvalidROSArgsError: as their names
+            say.
     """
 
     def __init__(
@@ -102,16 +121,7 @@ class Node(NodeGraph, NodeParameters):
         enable_logger_service: bool = False,
     ) -> None:
         self.__context = get_default_context() if context is None else context
-        self.__publishers: list[Publisher] = []
-        self.__subscriptions: list[Subscription] = []
-        self.__clients: list[Client] = []
-        self.__services: list[Service] = []
-        self.__timers: list[Timer] = []
-        self.__guards: list[GuardCondition] = []
-        self.__waitables: list[Waitable] = []
         self.__executor: weakref.ref[Executor] | None = None
-        self.__group = MutuallyExclusiveCallbackGroup()
-        self.__rate_group = ReentrantCallbackGroup()
         opened = self.__context.handle
         if opened is None or not opened.ok():
             raise NotInitializedException("cannot create node")
@@ -132,12 +142,15 @@ class Node(NodeGraph, NodeParameters):
                 cli_args=cli_args,
                 use_global_arguments=use_global_arguments,
             )
-        except (runtime.RosArgumentError, runtime.ClosedError) as error:
+        except runtime.RosArgumentError as error:
+            raise refused_arguments(error) from error
+        except runtime.ClosedError as error:
             raise RCLError(str(error)) from error
         logger_name = made.fully_qualified_name[1:].replace("/", ".")
         self.__node: Handle[runtime.Node] = Handle(opened, made, opened, logger_name=logger_name)
         self.__logger = get_logger(logger_name)
         self.__clock = ROSClock()
+        self._init_entities()
         self._init_parameters(
             parameter_overrides, allow_undeclared_parameters, automatically_declare_parameters_from_overrides
         )
@@ -148,37 +161,6 @@ class Node(NodeGraph, NodeParameters):
         if enable_logger_service:
             self.__logger_service = LoggingService(self)
         TypeDescriptionService(self)
-
-    # ---------------------------------------------------------------------------------------------------- what it has
-
-    @property
-    def publishers(self) -> Iterator[Publisher]:
-        """All that were created with this node, as the following ones."""
-        yield from self.__publishers
-
-    @property
-    def subscriptions(self) -> Iterator[Subscription]:
-        yield from self.__subscriptions
-
-    @property
-    def clients(self) -> Iterator[Client]:
-        yield from self.__clients
-
-    @property
-    def services(self) -> Iterator[Service]:
-        yield from self.__services
-
-    @property
-    def timers(self) -> Iterator[Timer]:
-        yield from self.__timers
-
-    @property
-    def guards(self) -> Iterator[GuardCondition]:
-        yield from self.__guards
-
-    @property
-    def waitables(self) -> Iterator[Waitable]:
-        yield from self.__waitables
 
     @property
     def executor(self) -> Executor | None:
@@ -202,11 +184,6 @@ class Node(NodeGraph, NodeParameters):
     def context(self) -> Context:
         """The context it belongs to."""
         return self.__context
-
-    @property
-    def default_callback_group(self) -> CallbackGroup:
-        """The group of all that is created without one: one callback at a time."""
-        return self.__group
 
     @property
     def handle(self) -> Handle[runtime.Node]:
@@ -240,17 +217,6 @@ class Node(NodeGraph, NodeParameters):
         """The logger of the node's name."""
         return self.__logger
 
-    # -------------------------------------------------------------------------------------------------------- creating
-
-    def _validate_qos_or_depth_parameter(self, qos_or_depth: QoSProfile | int) -> QoSProfile:
-        if isinstance(qos_or_depth, QoSProfile):
-            return qos_or_depth
-        if not isinstance(qos_or_depth, int):
-            raise TypeError(f"Expected QoSProfile or int, but received {type(qos_or_depth)!r}")
-        if qos_or_depth < 0:
-            raise ValueError("history depth must be greater than or equal to zero")
-        return QoSProfile(depth=qos_or_depth)
-
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
         """The full name of a topic, after remapping unless `only_expand`. Raises InvalidTopicNameException."""
         return self.__resolved(topic, only_expand, is_service=False)
@@ -269,268 +235,8 @@ class Node(NodeGraph, NodeParameters):
                 return expanded
             return node.resolve_service_name(name) if is_service else node.resolve_topic_name(name)
 
-    def __open(self) -> tuple[ContextHandle, runtime.Node]:
-        """Raises RCLError after shutdown."""
-        handle = self.handle
-        if not handle.context.ok():
-            raise RCLError("failed to create: the node's context is shut down")
-        return handle.context, handle.entity
-
-    def __handle_of(self, entity: Any) -> Handle[Any]:
-        handle: Handle[Any] = Handle(self.handle.context, entity, self.handle, logger_name=self.handle.logger_name)
-        if hasattr(entity, "on_ready"):
-            entity.on_ready(handle.context.arrived)
-            handle.set_ready(partial(_is_ready, entity))
-        return handle
-
-    def __keep(self, entity: _E, group: CallbackGroup | None, kept: list[_E]) -> _E:
-        if group is not None:
-            group.add_entity(entity)
-        kept.append(entity)
-        self._wake_executor()
-        return entity
-
-    def _wake_executor(self) -> None:
-        self.handle.context.notify()
-
-    def create_publisher(
-        self,
-        msg_type: type[Any],
-        topic: str,
-        qos_profile: QoSProfile | int,
-        *,
-        callback_group: CallbackGroup | None = None,
-        event_callbacks: PublisherEventCallbacks | None = None,
-        qos_overriding_options: QoSOverridingOptions | None = None,
-        publisher_class: type[Publisher] = Publisher,
-    ) -> Publisher:
-        """Publish on a topic; `qos_profile` may be a depth.
-
-        Raises:
-            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: as their names say.
-            TypeError, ValueError: `qos_profile` is no profile or depth. RCLError: the context is shut down.
-        """
-        profile = self._validate_qos_or_depth_parameter(qos_profile)
-        group = callback_group or self.default_callback_group
-        full = self.resolve_topic_name(topic)
-        options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
-        _declare_qos_parameters(Publisher, self, full, profile, options)
-        check_is_valid_msg_type(msg_type)
-        callbacks = PublisherEventCallbacks() if event_callbacks is None else event_callbacks
-        with self.handle:
-            context, node = self.__open()
-            queues, told = callbacks._queues(context)
-            events = runtime.PublisherEventCallbacks(**told) if told else None
-            make = partial(node.create_publisher, msg_type, topic, profile.get_c_qos_profile(), event_callbacks=events)
-            handle = self.__with_events(make, queues)
-        publisher = publisher_class(
-            handle,
-            msg_type,
-            topic,
-            profile,
-            event_callbacks=callbacks.create_event_handlers(group, handle, topic),
-            callback_group=group,
-        )
-        for handler in publisher.event_handlers:
-            self.add_waitable(handler)
-        return self.__keep(publisher, None, self.__publishers)
-
-    def __with_events(self, make: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
-        try:
-            handle = self.__handle_of(make())
-        except runtime.UnsupportedEventError as error:
-            raise UnsupportedEventTypeError(str(error)) from error
-        handle.events = queues
-        return handle
-
-    def create_subscription(
-        self,
-        msg_type: type[Any],
-        topic: str,
-        callback: Callable[..., Any],
-        qos_profile: QoSProfile | int,
-        *,
-        callback_group: CallbackGroup | None = None,
-        event_callbacks: SubscriptionEventCallbacks | None = None,
-        qos_overriding_options: QoSOverridingOptions | None = None,
-        raw: bool = False,
-    ) -> Subscription:
-        """Subscribe to a topic; `qos_profile` may be a depth. The callback gets the message, bytes with `raw`; one of two
-        arguments a dict of its times and numbers as well.
-
-        Raises:
-            InvalidTopicNameException, NoTypeSupportImportedException, UnsupportedEventTypeError: as their names say.
-            TypeError, ValueError: `qos_profile` is no profile or depth. RCLError: the context is shut down.
-            RuntimeError: the callback takes neither one argument nor two.
-        """
-        profile = self._validate_qos_or_depth_parameter(qos_profile)
-        group = callback_group or self.default_callback_group
-        full = self.resolve_topic_name(topic)
-        options = QoSOverridingOptions([]) if qos_overriding_options is None else qos_overriding_options
-        _declare_qos_parameters(Subscription, self, full, profile, options)
-        check_is_valid_msg_type(msg_type)
-        callbacks = SubscriptionEventCallbacks() if event_callbacks is None else event_callbacks
-        with self.handle:
-            context, node = self.__open()
-            queues, told = callbacks._queues(context)
-            events = runtime.SubscriptionEventCallbacks(**told) if told else None
-            qos = profile.get_c_qos_profile()
-            make: Callable[[], Any] = partial(
-                node.create_subscription, msg_type, topic, None, qos, raw=raw, event_callbacks=events
-            )
-            handle = self.__with_events(make, queues)
-        handlers = callbacks.create_event_handlers(group, handle, topic)
-        try:
-            made = Subscription(handle, msg_type, topic, callback, group, profile, raw, event_callbacks=handlers)
-        except Exception:
-            handle.destroy_when_not_in_use()
-            raise
-        for handler in handlers:
-            self.add_waitable(handler)
-        return self.__keep(made, group, self.__subscriptions)
-
-    def create_client(
-        self,
-        srv_type: Any,
-        srv_name: str,
-        *,
-        qos_profile: QoSProfile = qos_profile_services_default,
-        callback_group: CallbackGroup | None = None,
-    ) -> Client:
-        """Call a service. Raises InvalidServiceNameException, NoTypeSupportImportedException, RCLError."""
-        group = self.default_callback_group if callback_group is None else callback_group
-        check_is_valid_srv_type(srv_type)
-        self.resolve_service_name(srv_name)
-        with self.handle:
-            _, node = self.__open()
-            handle = self.__handle_of(node.create_client(srv_type, srv_name, qos_profile.get_c_qos_profile()))
-        made = Client(self.context, handle, srv_type, srv_name, qos_profile, group)
-        return self.__keep(made, group, self.__clients)
-
-    def create_service(
-        self,
-        srv_type: Any,
-        srv_name: str,
-        callback: Callable[[Any, Any], Any],
-        *,
-        qos_profile: QoSProfile = qos_profile_services_default,
-        callback_group: CallbackGroup | None = None,
-    ) -> Service:
-        """Serve: the callback gets the request and an empty response, and answers the response. Raises
-        InvalidServiceNameException, NoTypeSupportImportedException, RCLError.
-        """
-        group = self.default_callback_group if callback_group is None else callback_group
-        check_is_valid_srv_type(srv_type)
-        self.resolve_service_name(srv_name)
-        with self.handle:
-            _, node = self.__open()
-            handle = self.__handle_of(node.create_service(srv_type, srv_name, None, qos_profile.get_c_qos_profile()))
-        made = Service(handle, srv_type, srv_name, callback, group, qos_profile)
-        return self.__keep(made, group, self.__services)
-
-    def create_timer(
-        self,
-        timer_period_sec: float,
-        callback: Callable[[], Any] | None,
-        callback_group: CallbackGroup | None = None,
-        clock: Clock | None = None,
-        autostart: bool = True,
-    ) -> Timer:
-        """Call a function every `timer_period_sec` seconds of the node's clock, or of `clock`; periods that were missed
-        are skipped. Without `autostart` it begins with `Timer.reset`.
-        """
-        period_ns = int(float(timer_period_sec) * S_TO_NS)
-        group = self.default_callback_group if callback_group is None else callback_group
-        with self.handle:
-            self.__open()
-            clock = self.__clock if clock is None else clock
-            timer = Timer(callback, group, period_ns, clock, context=self.context, autostart=autostart)
-        return self.__keep(timer, group, self.__timers)
-
-    def create_guard_condition(
-        self, callback: Callable[[], Any], callback_group: CallbackGroup | None = None
-    ) -> GuardCondition:
-        """Call a function after each `GuardCondition.trigger`."""
-        group = self.default_callback_group if callback_group is None else callback_group
-        with self.handle:
-            self.__open()
-            guard = GuardCondition(callback, group, context=self.context)
-        return self.__keep(guard, group, self.__guards)
-
-    def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
-        """``rate.sleep()`` keeps a loop at this frequency, in hertz, while an executor spins in another thread.
-
-        Raises ValueError unless the frequency is positive.
-        """
-        if frequency <= 0:
-            raise ValueError("frequency must be > 0")
-        return Rate(self.create_timer(1.0 / frequency, None, self.__rate_group, clock), context=self.context)
-
-    def add_waitable(self, waitable: Waitable) -> None:
-        """Have the executor wait for something of the program's own."""
-        self.__waitables.append(waitable)
-        self._wake_executor()
-
-    def remove_waitable(self, waitable: Waitable) -> None:
-        """Wait for it no more."""
-        self.__waitables.remove(waitable)
-        self._wake_executor()
-
-    # ------------------------------------------------------------------------------------------------------ destroying
-
-    def __destroy(self, entity: _E, kept: list[_E]) -> bool:
-        if entity not in kept:
-            return False
-        kept.remove(entity)
-        for handler in getattr(entity, "event_handlers", ()):
-            self.__waitables.remove(handler)
-        try:
-            entity.destroy()
-        except InvalidHandle:
-            return False
-        self._wake_executor()
-        return True
-
-    def destroy_publisher(self, publisher: Publisher) -> bool:
-        """End it, after uses under way; False when it is not of this node (any more). So do the following ones."""
-        return self.__destroy(publisher, self.__publishers)
-
-    def destroy_subscription(self, subscription: Subscription) -> bool:
-        return self.__destroy(subscription, self.__subscriptions)
-
-    def destroy_client(self, client: Client) -> bool:
-        return self.__destroy(client, self.__clients)
-
-    def destroy_service(self, service: Service) -> bool:
-        return self.__destroy(service, self.__services)
-
-    def destroy_timer(self, timer: Timer) -> bool:
-        return self.__destroy(timer, self.__timers)
-
-    def destroy_guard_condition(self, guard: GuardCondition) -> bool:
-        return self.__destroy(guard, self.__guards)
-
-    def destroy_rate(self, rate: Rate) -> bool:
-        """End it, and wake all that sleep; False when it is not of this node (any more)."""
-        was_there = self.destroy_timer(rate._timer)
-        rate.destroy()
-        return was_there
-
     def destroy_node(self) -> None:
-        """End all that was created with the node, then the node. Uses afterwards raise InvalidHandle."""
-        for kept in (
-            self.__publishers,
-            self.__subscriptions,
-            self.__clients,
-            self.__services,
-            self.__timers,
-            self.__guards,
-        ):
-            while kept:
-                self.__destroy(kept[0], kept)  # type: ignore[misc,arg-type]
+        """End all that was created with the node, then the node. Uses afterwards raise InvalidHandle, but for this."""
+        self._destroy_entities()
         self.__node.destroy_when_not_in_use()
         self._wake_executor()
-
-
-def _is_ready(entity: Any) -> bool:
-    return bool(entity.is_ready)

@@ -99,7 +99,7 @@ class NodeGraph:
                 (f"{prefix}{name}{part}", [f"{_mangled(one)}{suffix}" for one in types])
                 for name, types in self._of_node(end, node_name, node_namespace)
             ]
-        return mangled
+        return sorted(mangled)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
         """Services a node offers. Raises NodeNameNonExistentError for a node that is not in the graph."""
@@ -128,7 +128,7 @@ class NodeGraph:
 
     def _count(self, what: str, name: str) -> int:
         full = self._full_name(name, is_service=what in ("clients", "services"))
-        with self.handle.in_use() as node:
+        with self.handle.in_use() as node, self.handle.context.creating:
             count: int = getattr(node, f"count_{what}")(full)
             return count
 

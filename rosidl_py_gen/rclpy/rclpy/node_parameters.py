@@ -10,7 +10,6 @@ from rcl_interfaces.msg import (
     ListParametersResult,
     ParameterDescriptor,
     ParameterEvent,
-    ParameterValue,
     SetParametersResult,
 )
 from rcl_interfaces.msg import Parameter as ParameterMsg
@@ -24,12 +23,11 @@ from rclpy.exceptions import (
     ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
-from rclpy.impl.parameter_rules import PARAM_REL_TOL, refusal
+from rclpy.impl.parameter_rules import PARAM_REL_TOL, read_declaration, refusal
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter
 from rclpy.parameter_service import ParameterService
 from rclpy.qos import qos_profile_parameter_events
 from rclpy.type_description_service import START_TYPE_DESCRIPTION_SERVICE_PARAM
-from rclpy.validate_parameter_name import validate_parameter_name
 
 if TYPE_CHECKING:
     from rclpy.clock import Clock
@@ -40,11 +38,6 @@ if TYPE_CHECKING:
     PreSetCallback = Callable[[list[Parameter]], list[Parameter]]
     OnSetCallback = Callable[[list[Parameter]], Any]
     PostSetCallback = Callable[[list[Parameter]], Any]
-
-_NAME_ONLY = (
-    "when declaring parameter named '{}', declaring a parameter only providing its name is deprecated; pass a default "
-    "value, a Parameter.Type, or a descriptor with dynamic_typing=True"
-)
 
 
 class NodeParameters:
@@ -124,7 +117,7 @@ class NodeParameters:
         wanted: list[Parameter] = []
         descriptors: dict[str, Any] = {}
         for index, given in enumerate(parameters):
-            name, value, descriptor = self.__read_declaration(namespace, index, given)
+            name, value, descriptor = read_declaration(namespace, index, given)
             if not ignore_override and name in self.__overrides:
                 value = self.__overrides[name].value
             wanted.append(Parameter(name, value=value))
@@ -141,43 +134,6 @@ class NodeParameters:
                 raise InvalidParameterTypeException(parameter, expected)
             raise InvalidParameterValueException(parameter.name, parameter.value, result.reason)
         return [self.__values[parameter.name] for parameter in wanted]
-
-    def __read_declaration(self, namespace: str, index: int, given: tuple[Any, ...]) -> tuple[str, Any, Any]:
-        """Name, value and completed descriptor."""
-        if not 1 <= len(given) <= 3:
-            raise TypeError(
-                f"Invalid parameter tuple length at index {index} in parameters list: {given}; "
-                "expecting length between 1 and 3"
-            )
-        name, value, descriptor = (*given, None, None)[:3]
-        if not isinstance(name, str):
-            raise TypeError(f"First element {name} at index {index} in parameters list is not a str.")
-        name = f"{namespace}.{name}" if namespace else name
-        validate_parameter_name(name)
-        descriptor = ParameterDescriptor() if len(given) < 3 else descriptor
-        if not isinstance(descriptor, ParameterDescriptor):
-            text = f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor."
-            raise TypeError(text)
-        if len(given) == 1:
-            warnings.warn(_NAME_ONLY.format(name), stacklevel=4)
-            descriptor.dynamic_typing = True
-        if isinstance(value, Parameter.Type):
-            if value is Parameter.Type.NOT_SET:
-                raise ValueError(f"Cannot declare parameter {{{name}}} as statically typed of type NOT_SET")
-            if descriptor.dynamic_typing:
-                raise ValueError(
-                    f"When declaring parameter {{{name}}} passing a descriptor with"
-                    "`dynamic_typing=True` is not allowed when the parameter type is provided"
-                )
-            descriptor.type = value.value
-            return name, None, descriptor
-        if not descriptor.dynamic_typing:
-            is_message = isinstance(value, ParameterValue)
-            descriptor.type = value.type if is_message else Parameter.Type.from_parameter_value(value).value
-            if descriptor.type == Parameter.Type.NOT_SET.value:
-                text = "Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET"
-                raise ValueError(text)
-        return name, value, descriptor
 
     def undeclare_parameter(self, name: str) -> None:
         """Forget it. ParameterNotDeclaredException, or ParameterImmutableException for a read-only one."""

@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.duration import Duration
+from rclpy.event_handler import EventHandler as EventHandler
+from rclpy.event_handler import PublisherEventCallbacks as PublisherEventCallbacks
+from rclpy.qos import QoSProfile as QoSProfile
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
-    from rclpy.callback_groups import CallbackGroup
-    from rclpy.event_handler import EventHandler
     from rclpy.handles import Handle
-    from rclpy.qos import QoSProfile
 
 MsgType = TypeVar("MsgType")
 
@@ -48,13 +49,16 @@ class Publisher:
             TypeError: it is of another class. InvalidHandle: the publisher was destroyed. RCLError: the context was
             shut down. `rosidl_py_gen.runtime.EncodeError`: a field does not fit its type.
         """
-        with self.handle.in_use() as publisher:
-            if isinstance(msg, self.msg_type):
-                publisher.publish(msg)
-            elif isinstance(msg, bytes):
-                publisher.publish_raw(msg)
-            else:
-                raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
+        with self.__publisher as handle:
+            try:
+                if isinstance(msg, self.msg_type):
+                    handle.entity.publish(msg)
+                elif isinstance(msg, bytes):
+                    handle.entity.publish_raw(msg)
+                else:
+                    raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
+            except runtime.ClosedError as error:
+                raise RCLError(str(error)) from error
 
     def get_subscription_count(self) -> int:
         """How many subscriptions receive what is published."""

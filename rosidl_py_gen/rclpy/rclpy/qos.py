@@ -156,6 +156,17 @@ def _same(value: _T) -> _T:
     return value
 
 
+class _RuntimeProfile(runtime.QoSProfile):
+    """A profile for the runtime that can tell what it was made of."""
+
+    __slots__ = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The arguments of `QoSProfile`."""
+        made = QoSProfile._from_runtime(self)
+        return {name: getattr(made, name) for name in _FIELDS}
+
+
 _FIELDS = (
     "history",  # before depth, which looks at it
     "depth",
@@ -226,12 +237,12 @@ class QoSProfile:
             warnings.warn(text, stacklevel=2)
         self._depth = value
 
-    def get_c_qos_profile(self) -> runtime.QoSProfile:
+    def get_c_qos_profile(self) -> _RuntimeProfile:
         """The profile as rosidl_py_gen has it: there is no C structure here.
 
         Raises `rosidl_py_gen.runtime.InvalidQoSError`, a ValueError, for numbers out of range.
         """
-        return runtime.QoSProfile(
+        return _RuntimeProfile(
             history=runtime.History(self.history),
             depth=int(self.depth),
             reliability=runtime.Reliability(self.reliability),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 
 from rclpy.duration import Duration
 from rclpy.exceptions import ParameterAlreadyDeclaredException
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription
 
-QosCallbackResult = Any
-"""An rcl_interfaces/SetParametersResult."""
-QosCallbackType = Callable[[QoSProfile], QosCallbackResult]
+QosCallbackResult = SetParametersResult
+QosCallbackType = Callable[[QoSProfile], Any]
+"""Answers such a result."""
 
 
 class InvalidQosOverridesError(Exception):
@@ -103,7 +103,7 @@ def _declare_qos_parameters(
         name = f"qos_overrides.{topic_name}.{kind}{suffix}.{field}"
         descriptor = ParameterDescriptor(description=f"{field} {where}", read_only=True)
         try:
-            parameter = node.declare_parameter(name, _as_parameter_value(qos, field), descriptor)
+            parameter = node.declare_parameter(name, _get_qos_policy_parameter(qos, policy), descriptor)
         except ParameterAlreadyDeclaredException:
             parameter = node.get_parameter(name)
         setattr(qos, field, _as_policy(field, parameter))
@@ -113,8 +113,8 @@ def _declare_qos_parameters(
             raise InvalidQosOverridesError(f"Provided QoS overrides {where}, are not valid: {result.reason}")
 
 
-def _as_parameter_value(qos: QoSProfile, field: str) -> str | int | bool:
-    value = getattr(qos, field)
+def _get_qos_policy_parameter(qos: QoSProfile, policy: QoSPolicyKind) -> str | int | bool:
+    value = getattr(qos, policy.name.lower())
     if isinstance(value, QoSPolicyEnum):
         if value.name == "UNKNOWN":
             raise ValueError("User provided QoS profile is invalid")

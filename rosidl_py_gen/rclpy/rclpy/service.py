@@ -5,17 +5,17 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.clock import Clock as Clock
+from rclpy.qos import QoSProfile as QoSProfile
+from rclpy.service_introspection import ServiceIntrospectionState as ServiceIntrospectionState
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
-    from rclpy.clock import Clock
     from rclpy.executors import Executor
     from rclpy.handles import Handle
-    from rclpy.qos import QoSProfile
-    from rclpy.service_introspection import ServiceIntrospectionState
 
 SrvType = TypeVar("SrvType")
 SrvTypeRequest = TypeVar("SrvTypeRequest")
@@ -63,7 +63,9 @@ class Service:
         """Publish requests and responses on ``<service>/_service_event``, as far as the state says."""
         with self.handle.in_use() as service:
             profile = service_event_qos_profile.get_c_qos_profile()
-            service.configure_introspection(clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state)))
+            service.configure_introspection(
+                clock.handle.clock, profile, runtime.IntrospectionState(int(introspection_state))
+            )
 
     @property
     def handle(self) -> Handle[runtime.ServiceServer[Any, Any]]:

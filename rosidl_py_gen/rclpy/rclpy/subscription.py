@@ -7,14 +7,16 @@ from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.event_handler import EventHandler as EventHandler
+from rclpy.event_handler import SubscriptionEventCallbacks as SubscriptionEventCallbacks
+from rclpy.qos import QoSProfile as QoSProfile
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
-    from rclpy.event_handler import EventHandler
     from rclpy.executors import Executor
     from rclpy.handles import Handle
-    from rclpy.qos import QoSProfile
     from rosidl_py_gen import runtime
 
 MsgType = TypeVar("MsgType")

@@ -6,8 +6,12 @@ import threading
 import weakref
 from typing import TYPE_CHECKING, Any
 
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.callback_groups import CallbackGroup as CallbackGroup
+from rclpy.clock import Clock as Clock
 from rclpy.clock import JumpThreshold
 from rclpy.clock_type import ClockType
+from rclpy.context import Context as Context
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidHandle, NotInitializedException, ROSInterruptException
 from rclpy.handles import ContextHandle, Destroyable
@@ -16,9 +20,7 @@ from rclpy.utilities import get_default_context
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rclpy.callback_groups import CallbackGroup
     from rclpy.clock import Clock, TimeJump
-    from rclpy.context import Context
     from rclpy.executors import Executor
 
 
@@ -28,7 +30,7 @@ class TimerHandle(Destroyable):
     def __init__(self, context: ContextHandle, clock: Clock, period_ns: int, autostart: bool) -> None:
         super().__init__()
         if period_ns < 0:
-            raise ValueError("timer period must be non-negative")
+            raise RCLError("failed to create timer: timer period must be non-negative")
         self._context = context
         self._clock = clock
         self._lock = threading.Lock()
@@ -72,7 +74,9 @@ class TimerHandle(Destroyable):
             self._next_ns += self.period_ns
             if self._next_ns < now_ns:
                 late_ns = now_ns - self._next_ns
-                self._next_ns = now_ns if self.period_ns == 0 else self._next_ns + -(-late_ns // self.period_ns) * self.period_ns
+                self._next_ns = (
+                    now_ns if self.period_ns == 0 else self._next_ns + -(-late_ns // self.period_ns) * self.period_ns
+                )
 
     def is_ready(self) -> bool:
         """Whether a call is due."""
@@ -92,7 +96,7 @@ class TimerHandle(Destroyable):
     def change_timer_period(self, period_ns: int) -> None:
         """From the next call on; what is due already stays where it is."""
         if period_ns < 0:
-            raise ValueError("timer period must be non-negative")
+            raise RCLError("failed to exchange timer period: timer period must be non-negative")
         self.period_ns = period_ns
 
     def cancel_timer(self) -> None:

@@ -33,6 +33,10 @@ class TopicEndpointInfo:
         "_topic_type_hash",
     )
 
+    _node_name: str
+    _node_namespace: str
+    _topic_type: str
+
     def __init__(self, **kwargs: Any) -> None:
         if not all(f"_{key}" in self.__slots__ for key in kwargs):
             raise AssertionError(f"Invalid arguments passed to constructor: {kwargs.keys()!r}")
@@ -91,7 +95,9 @@ class TopicEndpointInfo:
 
     @topic_type_hash.setter
     def topic_type_hash(self, value: TypeHash | dict[str, Any]) -> None:
-        self._topic_type_hash = TypeHash(**value) if isinstance(value, dict) else _checked("topic_type_hash", value, TypeHash)
+        self._topic_type_hash = (
+            TypeHash(**value) if isinstance(value, dict) else _checked("topic_type_hash", value, TypeHash)
+        )
 
     @property
     def endpoint_type(self) -> TopicEndpointTypeEnum:
@@ -120,7 +126,9 @@ class TopicEndpointInfo:
 
     @qos_profile.setter
     def qos_profile(self, value: QoSProfile | dict[str, Any]) -> None:
-        self._qos_profile = QoSProfile(**value) if isinstance(value, dict) else _checked("qos_profile", value, QoSProfile)
+        self._qos_profile = (
+            QoSProfile(**value) if isinstance(value, dict) else _checked("qos_profile", value, QoSProfile)
+        )
 
     __hash__ = None  # type: ignore[assignment]  # as in rclpy
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from rclpy.node import Node as Node
 from rclpy.qos import QoSProfile
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
+from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondition
+from rclpy.utilities import timeout_sec_to_nsec as timeout_sec_to_nsec
 
 
 def wait_for_message(

@@ -9,6 +9,7 @@ Source: docs/internals/protocol.md 9.7, 10.6.
 from __future__ import annotations
 
 import logging
+import os
 import re
 import sys
 from dataclasses import dataclass
@@ -91,6 +92,15 @@ class ConsoleHandler(logging.Handler):
 
 
 _handler = ConsoleHandler()
+
+
+def print_logs() -> None:
+    """Print what loggers say on the console from now on, as ``RCUTILS_...`` variables say.
+
+    The first open context does that anyway; this is for programs that log before there is one. A context with
+    ``--disable-stdout-logs`` ends it.
+    """
+    install_console(read_console_environment(os.environ))
 
 
 def install_console(settings: ConsoleSettings, *, prints: bool = True) -> None:

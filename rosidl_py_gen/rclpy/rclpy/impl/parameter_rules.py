@@ -1,11 +1,20 @@
-"""Whether a descriptor lets a parameter have a value. Texts are rclpy's: programs and tools show them."""
+"""How parameters are declared, and whether a descriptor lets one have a value. Texts are rclpy's: programs show."""
 
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Any
 
+from rcl_interfaces.msg import ParameterDescriptor, ParameterValue
+
 from rclpy.parameter import Parameter
+from rclpy.validate_parameter_name import validate_parameter_name
+
+_NAME_ONLY = (
+    "when declaring parameter named '{}', declaring a parameter only providing its name is deprecated; pass a default "
+    "value, a Parameter.Type, or a descriptor with dynamic_typing=True"
+)
 
 PARAM_REL_TOL = 1e-6
 """How far a DOUBLE may be off a step or a limit, in proportion."""
@@ -63,3 +72,41 @@ def _out_of_numbers(parameter: Parameter, given: Any) -> str:
                 f"Min: {least}, max: {most}, value: {value}, step: {given.step}"
             )
     return ""
+
+
+def read_declaration(namespace: str, index: int, given: tuple[Any, ...]) -> tuple[str, Any, Any]:
+    """Name, value and completed descriptor of a tuple that `Node.declare_parameters` was given, and which."""
+    if not 1 <= len(given) <= 3:
+        raise TypeError(
+            f"Invalid parameter tuple length at index {index} in parameters list: {given}; "
+            "expecting length between 1 and 3"
+        )
+    name, value, descriptor = (*given, None, None)[:3]
+    if not isinstance(name, str):
+        raise TypeError(f"First element {name} at index {index} in parameters list is not a str.")
+    name = f"{namespace}.{name}" if namespace else name
+    validate_parameter_name(name)
+    descriptor = ParameterDescriptor() if len(given) < 3 else descriptor
+    if not isinstance(descriptor, ParameterDescriptor):
+        text = f"Third element {descriptor} at index {index} in parameters list is not a ParameterDescriptor."
+        raise TypeError(text)
+    if len(given) == 1:
+        warnings.warn(_NAME_ONLY.format(name), stacklevel=5)
+        descriptor.dynamic_typing = True
+    if isinstance(value, Parameter.Type):
+        if value is Parameter.Type.NOT_SET:
+            raise ValueError(f"Cannot declare parameter {{{name}}} as statically typed of type NOT_SET")
+        if descriptor.dynamic_typing:
+            raise ValueError(
+                f"When declaring parameter {{{name}}} passing a descriptor with"
+                "`dynamic_typing=True` is not allowed when the parameter type is provided"
+            )
+        descriptor.type = value.value
+        return name, None, descriptor
+    if not descriptor.dynamic_typing:
+        is_message = isinstance(value, ParameterValue)
+        descriptor.type = value.type if is_message else Parameter.Type.from_parameter_value(value).value
+        if descriptor.type == Parameter.Type.NOT_SET.value:
+            text = "Cannot declare a statically typed parameter with default value of type PARAMETER_NOT_SET"
+            raise ValueError(text)
+    return name, value, descriptor

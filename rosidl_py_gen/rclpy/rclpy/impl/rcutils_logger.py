@@ -12,8 +12,24 @@ from rclpy.clock import Clock
 from rclpy.impl.logging_severity import LoggingSeverity
 from rosidl_py_gen import runtime
 
+runtime.print_logs()  # rclpy's loggers print before `rclpy.init`, too
+
 _internal_callers = [__file__, os.path.join(os.path.dirname(os.path.dirname(__file__)), "logging.py")]
 """Parts of file names whose calls are not the call sites: what wraps loggers may add its own."""
+
+
+def set_level(name: str, level: int) -> None:
+    """Of a logger; the root, without a level, logs everything. ValueError for an unknown level."""
+    severity = LoggingSeverity(level)
+    if name or severity:
+        runtime.set_logger_level(name, int(severity))
+    else:
+        runtime.get_logger("").setLevel(1)  # 0 would be that of Python's root logger
+
+
+def as_severity(level: int) -> LoggingSeverity:
+    """The one that a level counts as; programs may have set others by Python's `logging`."""
+    return max(severity for severity in LoggingSeverity if severity <= level)
 
 
 def _find_caller(frame: FrameType) -> tuple[FrameType, int]:
@@ -159,11 +175,11 @@ class RcutilsLogger:
 
     def set_level(self, level: int) -> None:
         """Log from this severity on; UNSET for that of the logger above. ValueError for other numbers."""
-        runtime.set_logger_level(self.name, int(LoggingSeverity(level)))
+        set_level(self.name, level)
 
     def get_effective_level(self) -> LoggingSeverity:
         """From which severity on records are logged."""
-        return LoggingSeverity(runtime.get_logger(self.name).getEffectiveLevel())
+        return as_severity(runtime.get_logger(self.name).getEffectiveLevel())
 
     def is_enabled_for(self, severity: int) -> bool:
         """Whether a record of this severity would be logged; ValueError for a number that is none."""
@@ -179,6 +195,8 @@ class RcutilsLogger:
         frame, depth = _find_caller(sys._getframe())
         if not self._passes(CallerId(frame), name, severity, filters, kwargs):
             return False
+        if message is None:
+            message = "(null)"  # which is what C makes of it
         if not isinstance(message, str):
             raise TypeError(f"a log message must be a str, got {type(message).__name__} {message!r:.100}")
         if severity:

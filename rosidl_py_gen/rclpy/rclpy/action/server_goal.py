@@ -1,0 +1,109 @@
+"""Goals, as servers of actions have them."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from rclpy._rclpy_pybind11 import RCLError
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from rclpy.action.server import ActionServer
+
+GoalEvent = runtime.GoalEvent
+
+
+class ServerGoalHandle:
+    """An accepted goal. `succeed`, `abort` and `canceled` end it at once; its result is what the callback returns."""
+
+    def __init__(self, action_server: ActionServer, goal_info: Any, goal_request: Any) -> None:
+        self._action_server = action_server
+        self._goal_info = goal_info
+        self._goal_request = goal_request
+        self._status: runtime.GoalStatus = runtime.GoalStatus.ACCEPTED
+        self._is_destroyed = False
+        self._lock = threading.RLock()
+
+    __hash__ = None  # type: ignore[assignment]  # as in rclpy
+
+    def __eq__(self, other: object) -> bool:
+        return bool(self.goal_id == other.goal_id) if isinstance(other, ServerGoalHandle) else NotImplemented
+
+    def __ne__(self, other: object) -> bool:
+        return not self == other
+
+    @property
+    def request(self) -> Any:
+        """The goal, as the client sent it."""
+        return self._goal_request
+
+    @property
+    def goal_id(self) -> Any:
+        """A unique_identifier_msgs/UUID."""
+        return self._goal_info.goal_id
+
+    def _is_active(self) -> bool:
+        return not self._is_destroyed and self._status.is_active
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it has not ended."""
+        with self._lock:
+            return self._is_active()
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """Whether it is to be cancelled; the callback ends it then, by `canceled`."""
+        return self.status == runtime.GoalStatus.CANCELING
+
+    @property
+    def status(self) -> int:
+        """A number of action_msgs/GoalStatus; STATUS_UNKNOWN once it was destroyed."""
+        with self._lock:
+            return int(runtime.GoalStatus.UNKNOWN if self._is_destroyed else self._status)
+
+    def _update_state(self, event: runtime.GoalEvent) -> None:
+        with self._lock:
+            if self._is_destroyed:
+                return
+            try:
+                self._status = runtime.next_goal_status(self._status, event)
+            except runtime.GoalTransitionError as error:
+                raise RCLError(f"Failed to update goal state: {error}") from error
+            ended = not self._is_active()
+        self._action_server._publish_status()
+        if ended:
+            self._action_server.notify_goal_done()
+
+    def execute(self, execute_callback: Callable[[ServerGoalHandle], Any] | None = None) -> None:
+        """Have the executor execute it, by this callback or that of the server."""
+        if not self.is_cancel_requested:
+            self._update_state(GoalEvent.EXECUTE)
+        self._action_server.notify_execute(self, execute_callback)
+
+    def publish_feedback(self, feedback: Any) -> None:
+        """Tell clients how far it is; TypeError for what is no feedback of the action."""
+        expected = self._action_server.action_type.Feedback
+        if not isinstance(feedback, expected):
+            raise TypeError(f"Expected type {expected.__name__} but received {type(feedback)}")
+        if not self._is_destroyed:
+            self._action_server._publish_feedback(self.goal_id, feedback)
+
+    def succeed(self) -> None:
+        """End it as reached. RCLError when it cannot, as when it ended before; so the following two."""
+        self._update_state(GoalEvent.SUCCEED)
+
+    def abort(self) -> None:
+        """End it as failed."""
+        self._update_state(GoalEvent.ABORT)
+
+    def canceled(self) -> None:
+        """End it as cancelled; a client has to have asked for that."""
+        self._update_state(GoalEvent.CANCELED)
+
+    def destroy(self) -> None:
+        """Forget it."""
+        with self._lock:
+            self._is_destroyed = True

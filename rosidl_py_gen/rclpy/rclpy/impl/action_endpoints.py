@@ -1,0 +1,65 @@
+"""The five endpoints behind an action client or server: three services and two topics."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+from rclpy.handles import ContextHandle, Destroyable
+from rosidl_py_gen import runtime
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from rclpy.handles import Handle
+
+
+class ActionEndpoints(Destroyable):
+    """Those of one action, made in the runtime's node and closed together."""
+
+    def __init__(self, node: Handle[runtime.Node], name: str) -> None:
+        if not name:
+            raise ValueError("the name of an action must not be empty")
+        super().__init__(node)
+        self.context: ContextHandle = node.context
+        self._node = node.entity
+        self._name = name
+        self._made: list[Any] = []
+
+    def client(self, srv_type: Any, part: str, qos: runtime.QoSProfile) -> Any:
+        """A client of one of the services."""
+        return self._kept(self._node.create_client(srv_type, f"{self._name}/_action/{part}", qos))
+
+    def service(self, srv_type: Any, part: str, qos: runtime.QoSProfile) -> Any:
+        """One of the services; requests are taken."""
+        return self._told(self._node.create_service(srv_type, f"{self._name}/_action/{part}", None, qos))
+
+    def subscription(self, msg_type: Any, part: str, qos: runtime.QoSProfile) -> Any:
+        """A subscription to one of the topics; messages are taken."""
+        return self._told(self._node.create_subscription(msg_type, f"{self._name}/_action/{part}", qos=qos))
+
+    def publisher(self, msg_type: Any, part: str, qos: runtime.QoSProfile) -> Any:
+        """A publisher of one of the topics."""
+        return self._kept(self._node.create_publisher(msg_type, f"{self._name}/_action/{part}", qos))
+
+    def _kept(self, endpoint: Any) -> Any:
+        self._made.append(endpoint)
+        return endpoint
+
+    def _told(self, endpoint: Any) -> Any:
+        endpoint.on_ready(self.context.arrived)
+        return self._kept(endpoint)
+
+    @contextlib.contextmanager
+    def being_made(self) -> Iterator[ActionEndpoints]:
+        """A block that makes them; closes those there are when one cannot be made."""
+        try:
+            yield self
+        except BaseException:
+            self.destroy_when_not_in_use()
+            raise
+
+    def _destroy(self) -> None:
+        for endpoint in reversed(self._made):
+            endpoint.close()
+        self.context.notify()

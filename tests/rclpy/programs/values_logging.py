@@ -1,0 +1,64 @@
+"""Loggers. Each call is a place of its own for the filters."""
+# ruff: noqa
+# fmt: off
+
+import rclpy.logging as L
+from rclpy.logging import LoggingSeverity as S
+root = L._root_logger
+n = L.get_logger("a")
+
+L.get_logger_level("")
+root.get_effective_level()
+n.info(5)  # text
+n.info('x')
+n.debug(5)
+n.info('x',bogus=1)
+n.info('x',throttle_time_source_type=5)
+n.info('x',throttle_duration_sec=1,throttle_time_source_type='s')
+n.log('x',15)
+n.log('x',0)
+n.set_level(15)
+n.set_level('info')
+L.set_logger_level('a',99)
+L.get_logger('')
+n.get_child('')
+n.get_child('b').name
+n.is_enabled_for(10)
+n.is_enabled_for(20)
+n.is_enabled_for(99)
+n.info('%s %d')
+n.info('x', name='other')
+n.info()
+n.info('a',once=False)
+n.info('a',once=True)
+n.info('a',skip_first=True)
+n.info(None)
+n.warn('w')
+n.log('x', S.FATAL)
+n.info('multi\nline')
+n.info('')
+n.fatal('x',throttle_duration_sec=0.0)
+n.info(message='kw')
+n.error('e',exc_info=True)
+[n.info("x", once=True) for _ in range(3)]
+[n.info("x", skip_first=True) for _ in range(3)]
+[n.info("x", throttle_duration_sec=100) for _ in range(3)]
+[n.info("x", throttle_duration_sec=0.0) for _ in range(3)]
+[n.log("x", s) for s in (20, 30)]
+[n.info("x", name=x) for x in "ab"]
+[n.info("x", once=x) for x in (True, False)]
+[n.info("x", throttle_duration_sec=x) for x in (1, 2)]
+L.get_logging_severity_from_string("warn")
+L.get_logging_severity_from_string("x")  # text
+L.get_logger_level("a.b")
+n.set_level(S.DEBUG)
+L.get_logger_effective_level("a.b")
+L.get_logger("a.b").is_enabled_for(S.DEBUG)
+n.set_level(S.UNSET)
+n.get_effective_level()
+root.set_level(S.UNSET)
+(root.get_effective_level(), L.get_logger_level(""), n.get_effective_level())
+root.set_level(S.ERROR)
+n.info("no")
+L.clear_config()
+(L.get_logger_level(""), n.get_effective_level())

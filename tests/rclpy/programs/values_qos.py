@@ -1,0 +1,60 @@
+"""Quality of service."""
+# ruff: noqa
+# fmt: off
+
+from rclpy.duration import Duration
+from rclpy.qos import *
+from rclpy.qos import QoSCompatibility
+
+QoSProfile()
+QoSProfile(depth=-1)
+QoSProfile(depth=1.0)  # text
+QoSProfile(history=1)
+QoSProfile(history=9,depth=1)
+QoSProfile(history="a",depth=1)  # text
+QoSProfile(depth=0)
+QoSProfile(history=QoSHistoryPolicy.KEEP_ALL)
+str(QoSProfile(history=QoSHistoryPolicy.KEEP_ALL))
+QoSProfile(depth=1,foo=2)
+QoSProfile(5)
+QoSProfile(depth=1,deadline=5)  # text
+str(QoSProfile(depth=1,reliability=QoSReliabilityPolicy.BEST_EFFORT))
+repr(QoSProfile(depth=1))
+hash(QoSProfile(depth=1))
+QoSProfile(depth=True)
+QoSProfile(depth=1,avoid_ros_namespace_conventions=1)  # text
+[(k,v.value) for k,v in QoSPresetProfiles.__members__.items()][0]
+list(QoSPresetProfiles.__members__)
+QoSPresetProfiles.short_keys()
+QoSPresetProfiles.get_from_short_key("sensor_data")
+QoSCompatibility.OK.name
+int(QoSCompatibility.ERROR)
+QoSCompatibility(1)
+list(QoSPolicyKind)
+qos_policy_name_from_kind(3)
+qos_policy_name_from_kind(8)
+qos_check_compatible(QoSProfile(depth=1,reliability=2),QoSProfile(depth=1))
+qos_check_compatible(qos_profile_system_default,qos_profile_system_default)
+qos_check_compatible(qos_profile_unknown,QoSProfile(depth=1))
+qos_check_compatible(QoSProfile(depth=1,deadline=Duration(seconds=2), durability=2,liveliness=1),QoSProfile(depth=1,deadline=Duration(seconds=1),durability=1,liveliness=3,liveliness_lease_duration=Duration(seconds=1)))
+qos_profile_best_available==QoSProfile(depth=10)
+qos_check_compatible(QoSProfile(depth=1,deadline=Duration(seconds=-2)),QoSProfile(depth=1))  # ours: a negative period
+list(LivelinessPolicy.__members__.items())
+list(DurabilityPolicy.__members__.items())
+list(ReliabilityPolicy.__members__.items())
+list(HistoryPolicy.__members__.items())
+DurabilityPolicy.short_keys()
+DurabilityPolicy.get_from_short_key("volatile")
+type(DurabilityPolicy.get_from_short_key("volatile"))
+InvalidQoSProfileException("x","y")
+str(InvalidQoSProfileException("x","y"))
+DeadlineBestAvailable
+LivelinessLeaseDurationeBestAvailable
+QoSProfile(depth=1)==5
+[str(preset.value) for preset in QoSPresetProfiles]
+int(QoSCompatibility(2))
+DurabilityPolicy.VOLATILE.short_key
+LivelinessPolicy.RMW_QOS_POLICY_LIVELINESS_AUTOMATIC
+QoSHistoryPolicy.RMW_QOS_POLICY_HISTORY_KEEP_ALL
+LivelinessPolicy.RMW_QOS_POLICY_DURABILITY_UNKNOWN
+str(QoSProfile(**QoSProfile(depth=7, deadline=Duration(seconds=1)).get_c_qos_profile().to_dict()))

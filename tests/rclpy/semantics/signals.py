@@ -1,0 +1,121 @@
+"""What signals and shutdowns do under rclpy; the argument is the case. Run under both rclpys."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions as O
+from rclpy.signals import get_current_signal_handlers_options as g
+from rclpy.signals import uninstall_signal_handlers
+from std_msgs.msg import String
+
+mode = sys.argv[1]
+rclpy.init()
+node = Node("sig")
+
+
+def later(n):
+    def f():
+        time.sleep(0.5)
+        os.kill(os.getpid(), n)
+
+    threading.Thread(target=f, daemon=True).start()
+
+
+def show(f):
+    try:
+        r = f()
+        print("returned", r)
+    except BaseException as e:
+        print("raised", type(e).__name__)
+    print("ok", rclpy.ok())
+
+
+if mode == "int_spin":
+    later(signal.SIGINT)
+    show(lambda: rclpy.spin(node))
+    show(node.destroy_node)
+    show(rclpy.shutdown)
+    show(rclpy.try_shutdown)
+if mode == "term_spin":
+    later(signal.SIGTERM)
+    show(lambda: rclpy.spin(node))
+    show(rclpy.try_shutdown)
+if mode == "int_sleep":
+    later(signal.SIGINT)
+    show(lambda: time.sleep(5))
+    show(rclpy.shutdown)
+if mode == "int_thread":
+    out = []
+
+    def run():
+        e = SingleThreadedExecutor()
+        e.add_node(node)
+        try:
+            e.spin()
+            out.append("returned")
+        except BaseException as x:
+            out.append(type(x).__name__)
+
+    t = threading.Thread(target=run)
+    t.start()
+    later(signal.SIGINT)
+    show(lambda: time.sleep(5))
+    t.join(5)
+    print(out, t.is_alive())
+if mode == "multi_term":
+    e = MultiThreadedExecutor(2)
+    e.add_node(node)
+    later(signal.SIGTERM)
+    show(e.spin)
+if mode == "reinit":
+    rclpy.shutdown()
+    rclpy.init()
+    n = Node("two")
+    show(lambda: rclpy.spin_once(n, timeout_sec=0.1))
+    n.destroy_node()
+    rclpy.shutdown()
+    show(rclpy.shutdown)
+    show(rclpy.try_shutdown)
+if mode == "after":
+    p = node.create_publisher(String, "x", 1)
+    rclpy.shutdown()
+    show(lambda: node.create_publisher(p.msg_type, "y", 1))
+    show(lambda: p.publish(p.msg_type()))
+    show(lambda: node.get_name())
+    show(lambda: Node("z"))
+    show(node.destroy_node)
+    show(lambda: node.get_name())
+    show(node.destroy_node)
+    show(lambda: node.create_timer(1.0, print))
+if mode == "shutdown_in_callback":
+    node.create_timer(0.1, rclpy.shutdown)
+    show(lambda: rclpy.spin(node))
+    show(node.destroy_node)
+if mode == "options":
+    print(g() == O.ALL)
+    uninstall_signal_handlers()
+    print(g() == O.NO)
+    rclpy.shutdown()
+    rclpy.init(signal_handler_options=O.SIGTERM)
+    print(g() == O.SIGTERM)
+    hits = []
+    signal.signal(signal.SIGTERM, lambda *a: hits.append(1))
+    os.kill(os.getpid(), signal.SIGTERM)
+    print(hits, rclpy.ok())
+    rclpy.shutdown()
+if mode == "chained":
+    rclpy.shutdown()
+    hits = []
+    signal.signal(signal.SIGINT, lambda *a: hits.append(1))
+    rclpy.init()
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.2)
+    print(hits, rclpy.ok())

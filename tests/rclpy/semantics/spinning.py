@@ -1,0 +1,561 @@
+"""What executors, futures, services, timers and the graph of rclpy do, case by case: run under both rclpys.
+
+Arguments: names of cases. What a case prints stands behind a line with its name.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import sys
+import threading
+import time
+import warnings
+import weakref
+from typing import Any
+
+import rclpy
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from rclpy.wait_for_message import wait_for_message
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+node: Any = None
+
+
+def show(f):
+    try:
+        r = f()
+        print("returned", r)
+    except BaseException as e:
+        print("raised", type(e).__name__)
+
+
+def quietly(f):
+    with contextlib.suppress(ExternalShutdownException):
+        f()
+
+
+def connected(pub, n=1):
+    end = time.time() + 10
+    while pub.get_subscription_count() < n and time.time() < end:
+        time.sleep(0.02)
+
+
+def spin_until(cond, ex=None, limit=10.0):
+    end = time.time() + limit
+    while not cond() and time.time() < end:
+        rclpy.spin_once(node, executor=ex, timeout_sec=0.05)
+
+
+def nobody_spins():
+    got = []
+    node.create_subscription(String, "t", lambda m: got.append(m.data), 3)
+    pub = node.create_publisher(String, "t", 10)
+    connected(pub)
+    for i in range(6):
+        pub.publish(String(data=str(i)))
+    time.sleep(0.3)
+    print(got)
+    spin_until(lambda: len(got) >= 3)
+    rclpy.spin_once(node, timeout_sec=0.1)
+    print(got)
+
+
+def one_at_a_time():
+    got = []
+    node.create_subscription(String, "t", lambda m: got.append(m.data), 10)
+    pub = node.create_publisher(String, "t", 10)
+    connected(pub)
+    for i in range(3):
+        pub.publish(String(data=str(i)))
+    time.sleep(0.3)
+    sizes = []
+    for _ in range(20):
+        before = len(got)
+        rclpy.spin_once(node, timeout_sec=0.05)
+        sizes.append(len(got) - before)
+    print(max(sizes), got)
+
+
+def order():
+    got = []
+    group = ReentrantCallbackGroup()
+    node.create_subscription(String, "t", lambda m: got.append("sub"), 10, callback_group=group)
+    guard = node.create_guard_condition(lambda: got.append("guard"), group)
+    node.create_service(SetBool, "add", lambda q, r: (got.append("service"), r)[1], callback_group=group)
+    cli = node.create_client(SetBool, "add", callback_group=group)
+    cli.wait_for_service(10)
+    pub = node.create_publisher(String, "t", 10)
+    connected(pub)
+    spin_until(lambda: False, limit=0.3)
+    timer = node.create_timer(0.05, lambda: (got.append("timer"), timer.cancel()), group)
+    pub.publish(String())
+    cli.call_async(SetBool.Request())
+    guard.trigger()
+    time.sleep(0.4)
+    spin_until(lambda: len(got) >= 4)
+    print(got)
+
+
+def callback_raises():
+    def cb(m):
+        raise KeyError("x")
+
+    node.create_subscription(String, "t", cb, 10)
+    pub = node.create_publisher(String, "t", 10)
+    connected(pub)
+    pub.publish(String())
+    show(lambda: spin_until(lambda: False, limit=2))
+    pub.publish(String())
+    show(lambda: spin_until(lambda: False, limit=2))
+    print(node.get_name())
+
+
+def multi_raises():
+    ex = MultiThreadedExecutor(2)
+    ex.add_node(node)
+
+    def cb():
+        raise KeyError("x")
+
+    node.create_timer(0.1, cb)
+
+    def go():
+        end = time.time() + 5
+        while time.time() < end:
+            ex.spin_once(timeout_sec=0.2)
+
+    show(go)
+
+
+def service_raises():
+    def serve(q, r):
+        raise ValueError("no")
+
+    node.create_service(SetBool, "add", serve)
+    cli = node.create_client(SetBool, "add")
+    cli.wait_for_service(10)
+    f = cli.call_async(SetBool.Request())
+    show(lambda: rclpy.spin_until_future_complete(node, f, timeout_sec=3))
+    rclpy.spin_until_future_complete(node, f, timeout_sec=0.5)
+    print(f.done(), f.result())
+
+
+def service_none():
+    node.create_service(SetBool, "add", lambda q, r: None)
+    cli = node.create_client(SetBool, "add")
+    cli.wait_for_service(10)
+    f = cli.call_async(SetBool.Request())
+    show(lambda: rclpy.spin_until_future_complete(node, f, timeout_sec=3))
+
+
+def service_async():
+    async def serve(q, r):
+        r.message = str(q.data)
+        return r
+
+    node.create_service(SetBool, "add", serve)
+    cli = node.create_client(SetBool, "add")
+    cli.wait_for_service(10)
+    f = cli.call_async(SetBool.Request(data=True))
+    rclpy.spin_until_future_complete(node, f, timeout_sec=3)
+    print(f.result().message)
+
+
+def call_without_server():
+    cli = node.create_client(SetBool, "none")
+    print(cli.service_is_ready(), cli.wait_for_service(0.3))
+    f = cli.call_async(SetBool.Request())
+    rclpy.spin_until_future_complete(node, f, timeout_sec=0.3)
+    print(f.done(), f.result())
+    cli.remove_pending_request(f)
+    show(lambda: cli.call_async(String()))
+    show(lambda: cli.call(String()))
+    show(lambda: cli.call(SetBool.Request(), timeout_sec=0.2))
+
+
+def nested():
+    cli = node.create_client(SetBool, "add", callback_group=MutuallyExclusiveCallbackGroup())
+    node.create_service(SetBool, "add", lambda q, r: r, callback_group=ReentrantCallbackGroup())
+    cli.wait_for_service(10)
+    out = []
+
+    def tick():
+        timer.cancel()
+        f = cli.call_async(SetBool.Request())
+        rclpy.spin_until_future_complete(node, f, timeout_sec=5)
+        out.append(f.done())
+
+    timer = node.create_timer(0.05, tick)
+    spin_until(lambda: out)
+    print(out)
+
+
+def nested_same_group():
+    cli = node.create_client(SetBool, "add")
+    node.create_service(SetBool, "add", lambda q, r: r, callback_group=ReentrantCallbackGroup())
+    cli.wait_for_service(10)
+    out = []
+
+    def tick():
+        timer.cancel()
+        f = cli.call_async(SetBool.Request())
+        rclpy.spin_until_future_complete(node, f, timeout_sec=1)
+        out.append(f.done())
+
+    timer = node.create_timer(0.05, tick)
+    spin_until(lambda: out)
+    print(out)
+
+
+def blocking_call():
+    group = ReentrantCallbackGroup()
+    ex = MultiThreadedExecutor(4)
+    ex.add_node(node)
+    out = []
+    node.create_service(SetBool, "add", lambda q, r: (setattr(r, "message", str(q.data)), r)[1], callback_group=group)
+    cli = node.create_client(SetBool, "add", callback_group=group)
+    cli.wait_for_service(10)
+
+    def tick():
+        timer.cancel()
+        out.append(cli.call(SetBool.Request(data=True)).message)
+
+    timer = node.create_timer(0.05, tick, group)
+    end = time.time() + 5
+    while not out and time.time() < end:
+        ex.spin_once(timeout_sec=0.1)
+    print(out)
+
+
+def futures():
+    f = Future()
+    print(f.done(), f.cancelled(), f.result(), f.exception())
+    f.cancel()
+    print(f.done(), f.cancelled(), f.result())
+    f = Future()
+    seen = []
+    f.add_done_callback(lambda x: seen.append(x.result()))
+    f.set_result(3)
+    print(seen)
+    f.add_done_callback(lambda x: seen.append("late"))
+    print(seen)
+    f = Future()
+    f.set_exception(ValueError("v"))
+    show(f.result)
+    f = Future()
+    f.add_done_callback(lambda x: 1 / 0)
+    with warnings.catch_warnings(record=True) as w:
+        warnings.simplefilter("always")
+        f.set_result(1)
+        print([str(x.message) for x in w])
+    f = Future()
+    c = seen.append
+    f.add_done_callback(c)
+    print(f.remove_done_callback(c), f.remove_done_callback(c))
+
+
+def tasks():
+    ex = SingleThreadedExecutor()
+    ex.add_node(node)
+    f = Future()
+    log = []
+
+    async def co(x):
+        log.append(x)
+        r = await f
+        log.append(r)
+        return r * 2
+
+    t = ex.create_task(co, "begin")
+    ex.spin_once(timeout_sec=0.5)
+    print(log, t.done())
+    f.set_result(21)
+    ex.spin_until_future_complete(t, 2.0)
+    print(log, t.done(), t.result())
+    t = ex.create_task(lambda a, b=1: a + b, 1, b=5)
+    ex.spin_until_future_complete(t, 2.0)
+    print(t.result())
+    t = ex.create_task(lambda: 1 / 0)
+    show(lambda: ex.spin_until_future_complete(t, 2.0))
+    print(type(t.exception()).__name__)
+    t = ex.create_task(co, "again")
+    t.cancel()
+    ex.spin_once(timeout_sec=0.1)
+    print(t.cancelled(), t.done())
+
+    async def sleeper():
+        await asyncio.sleep(0.1)
+
+    t = ex.create_task(sleeper)
+    show(lambda: ex.spin_until_future_complete(t, 2.0))
+
+
+def async_group():
+    f = Future()
+    log = []
+
+    async def first():
+        t1.cancel()
+        log.append("in")
+        await f
+        log.append("out")
+
+    t1 = node.create_timer(0.05, first)
+    node.create_timer(0.1, lambda: log.append("tick"))
+    spin_until(lambda: "in" in log)
+    spin_until(lambda: False, limit=0.5)
+    held = list(log)
+    f.set_result(1)
+    spin_until(lambda: "out" in log and "tick" in log)
+    print(held, log[:2], "tick" in log)
+
+
+def executors():
+    a, b = SingleThreadedExecutor(), SingleThreadedExecutor()
+    print(a.add_node(node), a.add_node(node), node.executor is a)
+    print(b.add_node(node), node.executor is b, a.get_nodes(), len(b.get_nodes()))
+    b.remove_node(node)
+    b.remove_node(node)
+    print(len(b.get_nodes()))
+    print(b.shutdown())
+    show(lambda: b.spin_once(timeout_sec=0.1))
+    show(b.spin)
+    begin = time.time()
+    a.spin_once(timeout_sec=0)
+    a.spin_once(timeout_sec=0.3)
+    print(0.2 < time.time() - begin < 1)
+    show(lambda: a.wait_for_ready_callbacks(timeout_sec=0.1))
+    show(lambda: a.wait_for_ready_callbacks(timeout_sec=0.1, condition=lambda: True))
+    with SingleThreadedExecutor() as c:
+        c.add_node(node)
+    print(c.get_nodes())
+    show(lambda: c.wait_for_ready_callbacks(timeout_sec=0.1))
+    print(type(rclpy.get_global_executor()).__name__, rclpy.get_global_executor() is rclpy.get_global_executor())
+
+
+def timers():
+    hits = []
+    t = node.create_timer(0.1, lambda: hits.append(1))
+    print(
+        t.timer_period_ns, t.is_ready(), t.is_canceled(), t.time_until_next_call() > 0, t.time_since_last_call() < 10**8
+    )
+    time.sleep(0.35)
+    print(t.is_ready(), t.time_until_next_call() < 0)
+    rclpy.spin_once(node, timeout_sec=0)
+    rclpy.spin_once(node, timeout_sec=0)
+    print(len(hits), t.is_ready(), t.time_until_next_call() > 0)
+    t.cancel()
+    print(t.is_canceled(), t.is_ready(), t.time_until_next_call())
+    time.sleep(0.15)
+    rclpy.spin_once(node, timeout_sec=0.1)
+    print(len(hits))
+    t.reset()
+    print(t.is_canceled(), t.time_until_next_call() > 5 * 10**7)
+    t.timer_period_ns = 2 * 10**8
+    print(t.timer_period_ns)
+    print(node.destroy_timer(t), node.destroy_timer(t))
+    show(t.is_ready)
+    show(lambda: t.timer_period_ns)
+    t = node.create_timer(0.0, lambda: hits.append(2))
+    rclpy.spin_once(node, timeout_sec=0.1)
+    print(hits[-1])
+    node.destroy_timer(t)
+    t = node.create_timer(0.01, lambda: None, autostart=False)
+    print(t.is_canceled())
+    show(lambda: node.create_timer(-1.0, print))
+    show(lambda: node.create_timer("x", print))
+    print(t.clock is node.get_clock())
+
+
+def rates():
+    show(lambda: node.create_rate(0))
+    r = node.create_rate(50)
+    ex = SingleThreadedExecutor()
+    ex.add_node(node)
+    th = threading.Thread(target=quietly, args=(ex.spin,))
+    th.start()
+    begin = time.time()
+    [r.sleep() for _ in range(10)]
+    print(0.15 < time.time() - begin < 1)
+    print(node.destroy_rate(r))
+    show(r.sleep)
+    r = node.create_rate(0.1)
+    threading.Timer(0.3, rclpy.shutdown).start()
+    show(r.sleep)
+    show(r.sleep)
+    th.join()
+
+
+def topics():
+    for qos in (-1, "x", None, 1.5):
+        show(lambda qos=qos: node.create_publisher(String, "t", qos) and None)
+    show(lambda: node.create_publisher(String, "1bad", 1))
+    show(lambda: node.create_publisher(int, "x", 1))
+    show(lambda: node.create_client(SetBool, "b ad"))
+    show(lambda: node.create_subscription(String, "t", lambda a, b, c: 1, 1))
+    p = node.create_publisher(String, "rel", 1)
+    print(p.topic, p.topic_name)
+    p = node.create_publisher(String, "~/p", 1)
+    print(p.topic, p.topic_name, node.resolve_topic_name("~/x"), node.resolve_service_name("s"))
+    show(lambda: p.publish("x"))
+    got = []
+    infos = []
+
+    def two(m, info):
+        got.append(m)
+        infos.append(sorted(info))
+
+    s = node.create_subscription(String, "u", two, 10)
+    node.create_subscription(String, "u", lambda m: got.append(type(m)), 10, raw=True)
+    p = node.create_publisher(String, "u", 10)
+    connected(p, 2)
+    p.publish(String(data="a"))
+    spin_until(lambda: len(got) == 2)
+    print(sorted(map(str, got), key=len)[0], infos, s.get_publisher_count(), p.get_subscription_count())
+    print(node.destroy_subscription(s), node.destroy_subscription(s))
+    show(lambda: s.get_publisher_count())
+    print(node.destroy_publisher(p))
+    show(lambda: p.publish(String()))
+    show(p.destroy)
+    s = node.create_subscription(String, "u", two, 10)
+    s.callback = lambda m: got.append("new")
+    p = node.create_publisher(String, "u", 10)
+    connected(p)
+    p.publish(b"\x00\x01\x00\x00\x02\x00\x00\x00a\x00")
+    spin_until(lambda: "new" in got)
+    print("new" in got)
+    print(p.wait_for_all_acked(Duration(seconds=2)))
+
+
+def groups():
+    g = node.default_callback_group
+    print(type(g).__name__)
+    s = node.create_subscription(String, "u", print, 1)
+    print(g.has_entity(s), g.can_execute(s))
+    h = ReentrantCallbackGroup()
+    t = node.create_timer(1.0, print, h)
+    print(h.has_entity(t), g.has_entity(t))
+    print(g.beginning_execution(s), g.can_execute(s), g.beginning_execution(s))
+    g.ending_execution(s)
+    print(g.can_execute(s))
+
+
+def guards():
+    hits = []
+    g = node.create_guard_condition(lambda: hits.append(1))
+    g.trigger()
+    g.trigger()
+    spin_until(lambda: hits)
+    rclpy.spin_once(node, timeout_sec=0.1)
+    print(len(hits))
+    print(node.destroy_guard_condition(g), node.destroy_guard_condition(g))
+    show(g.trigger)
+
+
+def graph():
+    other = Node("other", namespace="/ns", start_parameter_services=False, enable_rosout=False)
+    other.create_publisher(String, "gt", 1)
+    other.create_service(SetBool, "gs", print)
+    other.create_client(SetBool, "gc")
+    time.sleep(0.5)
+    print(
+        sorted(n for n in node.get_node_names() if n in ("sem", "other")),
+        ("other", "/ns") in node.get_node_names_and_namespaces(),
+        "/ns/other" in node.get_fully_qualified_node_names(),
+    )
+    print(
+        [x for x in node.get_publisher_names_and_types_by_node("other", "/ns") if "gt" in x[0]],
+        [x for x in node.get_service_names_and_types_by_node("other", "/ns") if "gs" in x[0]],
+        node.get_client_names_and_types_by_node("other", "/ns"),
+    )
+    print([x for x in node.get_publisher_names_and_types_by_node("other", "/ns", no_demangle=True) if "/g" in x[0]])
+    show(lambda: node.get_publisher_names_and_types_by_node("nobody", "/"))
+    print(
+        node.count_publishers("/ns/gt"),
+        node.count_subscribers("/ns/gt"),
+        node.count_services("/ns/gs"),
+        node.count_clients("/ns/gc"),
+    )
+    show(lambda: node.count_publishers("1"))
+    i = node.get_publishers_info_by_topic("/ns/gt")[0]
+    print(
+        i.node_name,
+        i.node_namespace,
+        i.topic_type,
+        i.endpoint_type,
+        i.topic_type_hash,
+        i.qos_profile.reliability,
+        i.qos_profile.durability,
+        len(i.endpoint_gid),
+    )
+    print(node.wait_for_node("/ns/other", 1), node.wait_for_node("nope", 0.2))
+    other.destroy_node()
+    other.destroy_node()
+    show(other.get_name)
+    show(lambda: other.create_publisher(String, "x", 1))
+    print(len(list(other.publishers)))
+
+
+def waiting():
+    print(wait_for_message(String, node, "wm", time_to_wait=0.2))
+    p = node.create_publisher(String, "wm", 1)
+    t = node.create_timer(0.05, lambda: None)
+    w = threading.Timer(0.3, lambda: [p.publish(String(data="z")) or time.sleep(0.05) for _ in range(10)])
+    w.start()
+    print(wait_for_message(String, node, "wm", time_to_wait=5)[1].data)
+    w.join()
+    print(t.time_since_last_call() > 2 * 10**8)
+
+
+def weak_nodes():
+    n = Node("weak", start_parameter_services=False)
+    r = weakref.ref(n)
+    n.destroy_node()
+    del n
+    gc.collect()
+    print(r() is None)
+
+
+def created_while_spinning():
+    ex = SingleThreadedExecutor()
+    ex.add_node(node)
+    th = threading.Thread(target=ex.spin)
+    th.start()
+    time.sleep(0.3)
+    hit = threading.Event()
+    node.create_timer(0.05, hit.set)
+    print(hit.wait(5))
+    f = Future()
+    threading.Timer(0.2, lambda: f.set_result(1)).start()
+    b = time.time()
+    other = Node("o2")
+    rclpy.spin_until_future_complete(other, f, timeout_sec=5)
+    print(f.done(), time.time() - b < 2)
+    ex.create_task(hit.clear)
+    time.sleep(0.3)
+    print(hit.is_set())
+    ex.shutdown()
+    th.join()
+
+
+def main() -> None:
+    global node
+    warnings.simplefilter("ignore")
+    for name in sys.argv[1:]:
+        print("==", name)
+        rclpy.init()
+        node = Node("sem", start_parameter_services=False)
+        globals()[name]()
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

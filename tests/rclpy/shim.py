@@ -1,0 +1,14 @@
+"""Our rclpy, importable in a process: what `rosidl-py run` does for programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import rosidl_py_gen
+
+FOLDER = Path(rosidl_py_gen.__file__).parent / "rclpy"
+INTERFACES = Path(__file__).resolve().parents[1] / "interfaces"
+
+
+def install() -> None:
+    rosidl_py_gen.install_import_hook(flavour="rclpy", shadow=True, path=str(INTERFACES))
