@@ -27,7 +27,9 @@ from rosidl_py_gen.types.by_name import compile_text as compile_text
 from rosidl_py_gen.types.by_name import get_action as get_action
 from rosidl_py_gen.types.by_name import get_message as get_message
 from rosidl_py_gen.types.by_name import get_service as get_service
+from rosidl_py_gen.types.import_hook import FoundPackage as FoundPackage
 from rosidl_py_gen.types.import_hook import ImportHookWarning as ImportHookWarning
+from rosidl_py_gen.types.import_hook import found_packages as found_packages
 from rosidl_py_gen.types.import_hook import install_import_hook as install_import_hook
 
 __version__: str

@@ -62,6 +62,7 @@ PARTS: dict[str, tuple[str, ...]] = {
         "numpy",
     ),
     "top": ("base", "support", "types"),
+    "shim": ("top", "runtime", "tf", "sync", "numpy"),
 }
 # What has a method for something that stands above it, and loads that when the method is called.
 OFFERED = {("bags.reader", "tables.reading"), ("bags.writer", "tables.writing")}
@@ -86,6 +87,7 @@ OWNERS = {
     "mcap": "bags",
     "tables": "tables",
     "tools": "tools",
+    "rclpy": "shim",
     "__main__": "cli",
 }
 # The rooms of the runtime, and which others each may import. "" are the files above all rooms.
@@ -107,7 +109,7 @@ ROOMS: dict[str, tuple[str, ...]] = {
 }
 # These use what the runtime shows to everybody: `rosidl_py_gen.runtime` and `rosidl_py_gen.runtime.qos`.
 ABOVE_THE_RUNTIME = ("numpy", "sync", "tf", "bags", "tables", "tools")
-MOST_MODULES = 18
+MOST_MODULES = 20
 # What each folder of the command line may import of the others; all may import what lies beside the folders.
 TOOLS: dict[str, tuple[str, ...]] = {
     "commands": (),
@@ -125,6 +127,7 @@ TOOLS: dict[str, tuple[str, ...]] = {
     "lifecycle": (),
     "tf": ("commands",),
     "log": ("commands",),
+    "run": (),
 }
 # Names with an underscore that other modules may use: what generated classes have for the code that calls them,
 # what is public in every named tuple, and what bags have for tables.
@@ -166,7 +169,7 @@ SEAMS = {
     "rich": ("tools",),
     "zenoh": ("runtime.transport.zenoh",),
     "xxhash": ("runtime.transport.zenoh.tokens",),
-    "yaml": ("runtime.parameters.files", "tools.messages", "tools.bag.yaml_tree", "bags.metadata"),
+    "yaml": ("rclpy", "runtime.parameters.files", "tools.messages", "tools.bag.yaml_tree", "bags.metadata"),
     "mcap": ("bags",),
     "zstandard": ("bags.chunks", "bags.compressed", "bags.parts"),
     "lz4": ("bags.chunks",),
@@ -207,6 +210,11 @@ APART = [("spec", "runtime"), ("codegen", "runtime"), ("runtime", "spec"), ("run
 # Generated code needs the middle and numpy, nothing else.
 GENERATED_MAY_IMPORT = {"__future__", "builtins", "dataclasses", "struct", "typing", "numpy", NAME}
 MOST_LINES = 400
+# A folder of packages that have no part in `rosidl_py_gen`: `rclpy` and its companions, made importable by the hook.
+SHIM = "rclpy"
+SHIM_PACKAGES = {path.name for path in (PACKAGE / SHIM).iterdir() if (path / "__init__.py").is_file()}
+# All of ours that they may import, for type checkers, too.
+FOR_THE_SHIM = ("", "runtime", "tf", "sync", "numpy")
 
 
 @dataclass(frozen=True)
@@ -285,7 +293,7 @@ def where(path: Path, one: Import) -> str:
 def test_the_rules_cover_every_module_and_name_only_what_exists() -> None:
     assert len(FILES) > 80
     for name in OWNERS:
-        assert name in ("", "__main__") or _is_module(f"{NAME}.{name}"), f"{name} is not a module"
+        assert name in ("", "__main__", SHIM) or _is_module(f"{NAME}.{name}"), f"{name} is not a module"
     assert {part for uses in PARTS.values() for part in uses} <= set(PARTS)
 
 
@@ -334,10 +342,15 @@ def _allowed(module: str, foreign: str, seams: tuple[str, ...]) -> bool:
 
 def test_every_foreign_import_is_a_declared_dependency() -> None:
     known = {*sys.stdlib_module_names, *SEAMS, "numpy", "typing_extensions", NAME}
+    interfaces = {path.name for path in (PACKAGE.parent / "interfaces").iterdir()}
     wrong = [
         where(path, one)
         for path, imports in IMPORTS.items()
         for one in imports
+        if not (
+            part_of(module_of(path)) == "shim"
+            and one.module.split(".")[0] in {*SHIM_PACKAGES, *interfaces, "rosidl_parser"}
+        )
         if (top := one.module.split(".")[0]) not in known or (top == "typing_extensions" and not one.for_typing)
     ]
     assert wrong == []
@@ -353,6 +366,25 @@ def test_what_stands_above_the_runtime_uses_its_public_names() -> None:
         and one.module != f"{NAME}.runtime.qos"
     ]
     assert wrong == []
+
+
+def test_the_shim_imports_public_names() -> None:
+    wrong = [
+        where(path, one)
+        for path, imports in IMPORTS.items()
+        for one in imports
+        if part_of(module_of(path)) == "shim" and (target := ours(one)) is not None and target not in FOR_THE_SHIM
+    ]
+    assert wrong == []
+
+
+def test_packages_of_the_shim_form_no_circle() -> None:
+    modules = {module_of(path).removeprefix(f"{SHIM}."): path for path in FILES if part_of(module_of(path)) == "shim"}
+    edges = {
+        name: {one.module for one in IMPORTS[path] if one.module in modules and not one.for_typing} - {name}
+        for name, path in modules.items()
+    }
+    assert edges and circles(edges) == []
 
 
 @pytest.mark.parametrize("path", WRITTEN, ids=module_of)

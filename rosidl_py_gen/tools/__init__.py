@@ -6,7 +6,7 @@ module beside this one, loaded when it runs.
 
 Exit codes: 0 done, 1 it could not be done (the reason is on standard error), 2 a wrong command line, 130 interrupted,
 141 nobody reads the output any more.
-Commands that go on until they are interrupted end with 0 then.
+Commands that go on until they are interrupted end with 0 then. A program that `run` started ends as with python.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from rosidl_py_gen.base.resources import extra_missing
 from rosidl_py_gen.errors import RosidlError, printable
 
 if TYPE_CHECKING:
-    from collections.abc import Coroutine, Iterator
+    from collections.abc import Callable, Coroutine, Iterator
     from contextlib import AbstractContextManager
 
 _GROUPS = {
@@ -44,6 +44,7 @@ _GROUPS = {
     "log": "Follow what all nodes log.",
     "node": "Nodes: list, info.",
     "param": "Parameters: list, get, set, describe, dump, load, delete.",
+    "run": "Run a program written for rclpy as it is.",
     "service": "Services: list, type, call, info, echo.",
     "tf": "Transforms: the tree of frames, one transform, rates and delays.",
     "topic": "Topics: list, info, echo, pub, hz, bw, delay, type, find.",
@@ -148,6 +149,17 @@ def run_command(module: str, **arguments: Any) -> None:
         raise click.exceptions.Exit(code)
 
 
+def start_program(**arguments: Any) -> Callable[[], None] | None:
+    """What `run` is to run: it is called when nothing of ours is around it any more, and may end as it likes."""
+    answer = import_module(f"{__name__}.run.run").run(**arguments)
+    if isinstance(answer, int):
+        if answer:
+            raise click.exceptions.Exit(answer)
+        return None
+    assert callable(answer)
+    return answer  # type: ignore[no-any-return]
+
+
 def run_job(job: Job) -> int:
     """Run it; the exit code it returns, or what a signal makes of it."""
     from rosidl_py_gen.runtime import run
@@ -160,7 +172,25 @@ def run_job(job: Job) -> int:
 
 def main(arguments: list[str] | None = None) -> None:
     """The console script; see the head of this file for exit codes."""
-    if arguments is None:
+    given = sys.argv[1:] if arguments is None else arguments
+    if given[:1] != ["run"]:
+        _settle(arguments is None)
+    shown = warnings.showwarning
+    program = None
+    with reporting():
+        warnings.showwarning = _show_warning
+        answer = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
+        if isinstance(answer, int) and answer:
+            sys.exit(answer)
+        program = answer if callable(answer) else None
+    if program is not None:
+        warnings.showwarning = shown
+        program()
+
+
+def _settle(is_process: bool) -> None:
+    """What is good for our own commands, and not for programs of others."""
+    if is_process:
         # Looking for garbage in what is imported, and once more at the end, takes a tenth of a short command.
         gc.set_threshold(200_000)
         atexit.register(gc.freeze)
@@ -169,11 +199,6 @@ def main(arguments: list[str] | None = None) -> None:
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # closed; a socket would get its number
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
-    warnings.showwarning = _show_warning
-    with reporting():
-        code = _cli.main(arguments, prog_name="rosidl-py", standalone_mode=False)
-        if isinstance(code, int) and code:
-            sys.exit(code)
 
 
 @contextmanager

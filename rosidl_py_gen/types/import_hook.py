@@ -1,7 +1,8 @@
 """``from x_msgs.msg import X`` without generating: one finder that makes message packages of definitions.
 
-Nothing installs it but `install_import_hook`. Decides which packages are ours to give: never one whose message modules
-can be imported already, unless that was asked for, and then with a warning that says so.
+With rclpy's flavour the same finder has the shim: `rclpy` and its companions, which lie in a folder that is not on
+`sys.path`. Nothing installs it but `install_import_hook`. Decides which packages are ours to give: never one that can
+be imported already, unless that was asked for, and then with a warning that says so.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ import os
 import sys
 import threading
 import warnings
+from dataclasses import dataclass
 from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import spec_from_file_location
 from pathlib import Path
 from types import ModuleType
@@ -24,15 +26,33 @@ from rosidl_py_gen.base.registration import Registration
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from rosidl_py_gen.compiler.spec.workspace import Workspace
     from rosidl_py_gen.types.by_name import Folders
     from rosidl_py_gen.types.interface_modules import Interfaces
 
 _PARSER = ("rosidl_parser", "rosidl_parser.definition")
 """What the `SLOT_TYPES` of rclpy's messages come from; ours stands in where it is not there."""
+SHIM = Path(__file__).parents[1] / "rclpy"
+"""What is imported by its own names where rclpy's flavour is: `rclpy`, `tf2_ros` and so on, as in site-packages."""
 
 
 class ImportHookWarning(UserWarning):
     """Two packages of one name are there, and one of them is not used; the text says which."""
+
+
+@dataclass(frozen=True)
+class FoundPackage:
+    """A package that the import hook knows.
+
+    Attributes:
+        name: the package name.
+        folder: the source folder, or ``share/<package>`` of a package that is installed.
+        interfaces: files below `folder` that define messages, services and actions, such as ``msg/String.msg``.
+    """
+
+    name: str
+    folder: Path
+    interfaces: tuple[str, ...]
 
 
 _lock = threading.Lock()
@@ -54,12 +74,14 @@ def install_import_hook(
 
     Args:
         flavour: ``native`` gives the classes of `get_message`; ``rclpy`` gives classes that behave as those of a ROS
-            installation: `array.array` for sequences of numbers, bytes for `byte`, rclpy's `repr` and checks.
+            installation: `array.array` for sequences of numbers, bytes for `byte`, rclpy's `repr` and checks; and
+            with them `rclpy` itself and its companions.
         path: package folders, folders of packages or workspaces' `src`.
         around: a script or folder; upwards from it a folder with a package.xml is looked for, and the workspace that
-            is in. A package that has Python modules, too, can then be imported with them.
-        shadow: take our classes also for packages whose message modules can be imported already, such as those of a
-            sourced ROS installation. Otherwise such packages stay what they are. Either way a warning says so.
+            is in. A folder that is in no package is a workspace itself. Python packages of the workspace, which are
+            called as the ROS package that has them, can then be imported, too.
+        shadow: take ours also for packages that can be imported already, such as those of a sourced ROS installation.
+            Otherwise such packages stay what they are. Either way a warning says so.
 
     Returns:
         `close`, or the end of a ``with`` block, takes the hook away, and the modules it made out of `sys.modules`.
@@ -78,10 +100,21 @@ def install_import_hook(
         if _installed is None:
             _installed = _Finder(*settings)
             sys.meta_path.insert(0, _installed)
+            sys.meta_path.extend(_installed.last)
         elif _installed.settings != settings:
             raise RuntimeError("an import hook with other settings is installed; close that one first")
         finder = _installed
     return Registration(lambda: _remove(finder))
+
+
+def found_packages() -> dict[str, FoundPackage]:
+    """The packages that the import hook knows, by name: all with definitions, and all others of its workspace.
+
+    Returns:
+        Nothing without a hook.
+    """
+    finder = _installed
+    return {} if finder is None else finder.found()
 
 
 def _remove(finder: _Finder) -> None:
@@ -90,31 +123,55 @@ def _remove(finder: _Finder) -> None:
         if finder is not _installed:
             return
         _installed = None
-        sys.meta_path.remove(finder)
+        for one in (finder, *finder.last):
+            sys.meta_path.remove(one)
     for name, module in list(sys.modules.items()):
-        if getattr(getattr(module, "__spec__", None), "loader", None) is finder:
+        spec = getattr(module, "__spec__", None)
+        if spec is not None and (spec.loader is finder or _is_of_shim(spec)):
             del sys.modules[name]
             parent, _, child = name.rpartition(".")
             if parent in sys.modules and getattr(sys.modules[parent], child, None) is module:
                 delattr(sys.modules[parent], child)
 
 
+def _is_of_shim(spec: ModuleSpec) -> bool:
+    return spec.origin is not None and Path(spec.origin).is_relative_to(SHIM)
+
+
+class _Last(MetaPathFinder):
+    """Asked when nobody else knows a module: Python packages of the workspace."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """What `import` asks."""
+        if path is not None or fullname not in self._workspace.packages:
+            return None
+        found = PathFinder.find_spec(fullname, [str(self._workspace.packages[fullname])])
+        return found if found is not None and found.origin is not None else None
+
+
 class _Finder(MetaPathFinder, Loader):
     """A finder and loader of `sys.meta_path`."""
 
     def __init__(self, flavour: str, path: Sequence[str], around: str | None, shadow: bool) -> None:
-        from rosidl_py_gen.compiler.spec.find import holds_packages, search_path, workspace_around
+        from rosidl_py_gen.compiler.spec.find import holds_packages, search_path
+        from rosidl_py_gen.compiler.spec.workspace import workspace_around
         from rosidl_py_gen.types.interface_modules import Interfaces
 
         self.settings = (flavour, tuple(path), around, shadow)
         self._is_rclpy, self._shadow = flavour == "rclpy", shadow
         folders = [*path]
         self._sources = [Path(entry).resolve() for entry in path]
-        place = None if around is None else workspace_around(Path(around).resolve())
-        if place is not None:
-            self._sources.append(place[1])
-            if holds_packages(place[1]):
-                folders.append(str(place[1]))
+        self._workspace = None if around is None else workspace_around(Path(around).resolve())
+        if self._workspace is not None:
+            self._sources.append(self._workspace.folder)
+            folders += [str(place) for place in self._workspace.roots if holds_packages(place)]
+        self.last = [_Last(self._workspace)] if self._workspace is not None else []
+        self._shim = {entry.name for entry in os.scandir(SHIM)} if self._is_rclpy else set()
         self._interfaces: Interfaces = Interfaces(search_path(folders), folders)
         self._others_of: dict[str, str] = {}
         self._looking = threading.local()
@@ -128,6 +185,8 @@ class _Finder(MetaPathFinder, Loader):
         package, _, rest = fullname.partition(".")
         if fullname in _PARSER and self._is_rclpy:
             return None if self._others(fullname, path) else self._parser(fullname)
+        if fullname in self._shim:
+            return self._of_shim(fullname)
         if package not in self._interfaces.search.packages:
             return None
         kind, _, module = rest.partition(".")
@@ -140,6 +199,30 @@ class _Finder(MetaPathFinder, Loader):
         parent = sys.modules.get(f"{package}.{kind}")
         is_ours = parent is not None and getattr(parent.__spec__, "loader", None) is self
         return ModuleSpec(fullname, self) if is_ours and module in self._interfaces.modules(package, kind) else None
+
+    def found(self) -> dict[str, FoundPackage]:
+        """What `found_packages` says."""
+        sources = self._workspace.packages if self._workspace is not None else {}
+        found = {name: FoundPackage(name, folder, ()) for name, folder in sources.items()}
+        for name, package in self._interfaces.search.packages.items():
+            files = (os.path.relpath(file, package.folder).replace(os.sep, "/") for file in package.files.values())
+            found[name] = FoundPackage(name, package.folder, tuple(sorted(files)))
+        return dict(sorted(found.items()))
+
+    def _of_shim(self, name: str) -> ModuleSpec | None:
+        """A package of the shim, unless a real one stays."""
+        other, ours = self._others(name, None), PathFinder.find_spec(name, [str(SHIM)])
+        if ours is None or other is None or other.origin is None:
+            return ours
+        self._tell(name, name, other.origin, str(SHIM / name))
+        return ours if self._shadow else None
+
+    def _tell(self, package: str, name: str, other: str, ours: str) -> None:
+        """Warn once that there are two of a package."""
+        if package not in self._others_of:
+            self._others_of[package] = other
+            used, unused = (ours, other) if self._shadow else (other, ours)
+            warnings.warn(ImportHookWarning(f"{name}: taken is {used}, not {unused}"), stacklevel=2)
 
     def _package(self, package: str) -> ModuleSpec | None:
         """A package: that of others, which then gets our folders; that in the workspace; or one of ours."""
@@ -163,12 +246,8 @@ class _Finder(MetaPathFinder, Loader):
             return False
         if owns(Path(other.origin)) and not self._is_rclpy:
             return True  # generated by this tool, in the same flavour
-        if package not in self._others_of:
-            self._others_of[package] = other.origin
-            used, unused = other.origin, f"the definitions in {self._interfaces.search.packages[package].folder}"
-            if self._shadow:
-                used, unused = unused, used
-            warnings.warn(ImportHookWarning(f"{name}: taken is {used}, not {unused}"), stacklevel=2)
+        folder = self._interfaces.search.packages[package].folder
+        self._tell(package, name, other.origin, f"the definitions in {folder}")
         return not self._shadow
 
     def _others(self, fullname: str, path: Sequence[str] | None) -> ModuleSpec | None:

@@ -69,7 +69,7 @@ class Word:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """One call: where, whether it is outside of all blocks, and behind the target name what each argument brings."""
+    """One call: where, whether it is outside of all blocks, and what each argument brings (behind the target name)."""
 
     offset: int
     certain: bool
@@ -115,6 +115,7 @@ class Script:
 
     Attributes:
         calls: in the order they stand there.
+        installs: calls of ``install(PROGRAMS ...)``, with all their arguments.
     """
 
     def __init__(self, folder: Path, text: str) -> None:
@@ -131,16 +132,18 @@ class Script:
         everything = list(commands(text))
         self._own = {words[index].text for name, _, words in everything for index in _sets(name, words)}
         self.calls: list[Call] = []
+        self.installs: list[Call] = []
         for name, offset, words in everything:
             self._level = max(0, self._level + (name in _BLOCKS) - (name[:3] == "end" and name[3:] in _BLOCKS))
             self._read(name, offset, words)
 
     def _read(self, name: str, offset: int, words: list[Word]) -> None:
         first = words[0].text if words else ""
-        if name == GENERATE:
-            arguments = tuple((word, dict(self._expanded(word))) for word in words[1:])
+        if name == GENERATE or (name == "install" and first == "PROGRAMS"):
+            arguments = tuple((word, dict(self._expanded(word))) for word in words[name == GENERATE :])
             self._spend(_LOOK // 5 * sum(len(values) for _, values in arguments))
-            self.calls.append(Call(offset, self._level == 0, arguments))
+            calls = self.calls if name == GENERATE else self.installs
+            calls.append(Call(offset, self._level == 0, arguments))
         elif name == "project":
             self._values.update({"PROJECT_NAME": {first: True}, f"{first}_SOURCE_DIR": {ROOT: True}})
         elif name == "set" and self._level == 0 and words[-1:] and words[-1].text == "PARENT_SCOPE":

@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from rosidl_py_gen.compiler.spec.listed import Listing
 
 _NAME_TAG = re.compile(r"<name>\s*([^<>]*?)\s*</name>")
-_IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
-_MADE_BY_TOOLS = ("pyvenv.cfg", "CMakeCache.txt")
+IGNORE_MARKS = ("COLCON_IGNORE", "AMENT_IGNORE", "CATKIN_IGNORE")
+MADE_BY_TOOLS = ("pyvenv.cfg", "CMakeCache.txt")
 """Files of folders that hold copies: of a virtual environment, and of a build."""
 _SUFFIXES = (".idl", *(f".{kind}" for kind in KINDS))
 INSTALLED = "installed"
 """The origin of packages that were installed by pip."""
-_MAX_DEPTH = 12
+MAX_DEPTH = 12
 _MAX_XML_BYTES = 1 << 20
 
 
@@ -142,22 +142,6 @@ def search_path(
     return SearchPath(dict(sorted(found.packages.items())), found.hidden, found.searched, found.refused)
 
 
-def workspace_around(file: Path) -> tuple[Path, Path] | None:
-    """The package that a file belongs to, and the workspace around that: the folder ``src`` above, else the package.
-
-    Args:
-        file: a script, or a folder.
-
-    Returns:
-        The folders; None when no folder from there upwards has a package.xml.
-    """
-    above = [file, *file.parents] if file.is_dir() else [*file.parents]
-    package = next((folder for folder in above if os.path.isfile(folder / "package.xml")), None)
-    if package is None:
-        return None
-    return package, next((folder for folder in package.parents if folder.name == "src"), package)
-
-
 def holds_packages(folder: Path) -> bool:
     """Whether there is a package with interfaces in a folder; errors as of `search_path`."""
     found: list[Package] = []
@@ -248,9 +232,9 @@ def _descend(
     folder: Path, origin: str, found: list[Package], refused: dict[str, Problem], visited: set[str], depth: int
 ) -> None:
     real = os.path.realpath(folder)  # links may form loops
-    if real in visited or depth > _MAX_DEPTH or any(os.path.exists(folder / mark) for mark in _IGNORE_MARKS):
+    if real in visited or depth > MAX_DEPTH or any(os.path.exists(folder / mark) for mark in IGNORE_MARKS):
         return
-    if depth and any(os.path.isfile(folder / mark) for mark in _MADE_BY_TOOLS):
+    if depth and any(os.path.isfile(folder / mark) for mark in MADE_BY_TOOLS):
         return
     visited.add(real)
     manifest = folder / "package.xml"
@@ -260,7 +244,7 @@ def _descend(
 
         holds = _holds_interfaces(folder)
         if holds or mentions_interfaces(folder):
-            name = _package_name(manifest, folder)
+            name = package_name(manifest, folder)
             package = Package(name, folder, origin, is_package)
             if not holds and not (package.listing and package.listing.files):
                 return
@@ -276,7 +260,7 @@ def _descend(
             _descend(Path(entry.path), origin, found, refused, visited, depth + 1)
 
 
-def _package_name(manifest: Path, folder: Path) -> str:
+def package_name(manifest: Path, folder: Path) -> str:
     """What package.xml calls the package, else the folder's name."""
     try:
         with manifest.open("rb") as file:

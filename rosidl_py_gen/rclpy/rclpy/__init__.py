@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from typing import TYPE_CHECKING, Any
 
-import rclpy.impl.implementation_singleton  # programs find it without importing it
+import rclpy.impl.implementation_singleton  # noqa: F401  programs find it without importing it
 from rclpy.context import Context as Context
 from rclpy.parameter import Parameter as Parameter
 from rclpy.signals import SignalHandlerOptions as SignalHandlerOptions

@@ -100,7 +100,8 @@ class Client:
         if sent.cancelled() or isinstance(sent.exception(), (runtime.ServerLostError, runtime.ClosedError)):
             return  # in rclpy such a future is pending for ever
         self._arrived.append((number, sent))
-        self.__client.context.notify()
+        self.__client.arrived()
+        self.__client.context.driver.wake()
 
     def get_pending_request(self, sequence_number: int) -> Future[Any]:
         """The future of a request that was not answered; KeyError for others."""

@@ -78,7 +78,7 @@ async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
 
 _SELECTORS_S = 0.001
 """A selector waits for whole milliseconds; what is shorter is slept through, in naps."""
-_NAP_S = 0.0001
+_NAP_S = 0.0005
 
 
 def _never() -> bool:

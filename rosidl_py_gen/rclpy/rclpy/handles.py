@@ -176,6 +176,7 @@ class Handle(Destroyable, Generic[C]):
         self.logger_name = logger_name
         self.events: dict[int, deque[Any]] = {}
         self._ask: Callable[[], bool] = _never
+        self._may_be_ready = False
 
     def set_ready(self, is_ready: Callable[[], bool]) -> None:
         """Say how to know whether something can be taken."""
@@ -183,7 +184,17 @@ class Handle(Destroyable, Generic[C]):
 
     def is_ready(self) -> bool:
         """Whether something can be taken."""
-        return self.is_valid and self._ask()
+        if not self._may_be_ready or self._is_destroyed:
+            return False
+        self._may_be_ready = False  # before it is asked: it may arrive meanwhile
+        if self._ask():
+            self._may_be_ready = True
+        return self._may_be_ready
+
+    def arrived(self) -> None:
+        """Something may be taken; on the loop."""
+        self._may_be_ready = True
+        self.context.arrived()
 
     def _destroy(self) -> None:
         self.entity.close()

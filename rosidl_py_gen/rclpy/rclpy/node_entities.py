@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -112,8 +113,8 @@ class NodeEntities:
     def __handle_of(self, entity: Any) -> Handle[Any]:
         handle: Handle[Any] = Handle(self.handle.context, entity, self.handle, logger_name=self.handle.logger_name)
         if hasattr(entity, "on_ready"):
-            entity.on_ready(handle.context.arrived)
             handle.set_ready(partial(_is_ready, entity))
+            entity.on_ready(_teller(handle))
         return handle
 
     def __keep(self, entity: _E, group: CallbackGroup | None, kept: list[_E]) -> _E:
@@ -360,6 +361,18 @@ class NodeEntities:
         ):
             while kept:
                 self.__destroy(kept[0], kept)  # type: ignore[misc]
+
+
+def _teller(handle: Handle[Any]) -> Callable[[], None]:
+    """What an endpoint calls when something arrived; it does not keep the handle."""
+    itself = weakref.ref(handle)
+
+    def tell() -> None:
+        told = itself()
+        if told is not None:
+            told.arrived()
+
+    return tell
 
 
 def _is_ready(entity: Any) -> bool:

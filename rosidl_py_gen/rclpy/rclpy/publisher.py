@@ -49,13 +49,16 @@ class Publisher:
             TypeError: it is of another class. InvalidHandle: the publisher was destroyed. RCLError: the context was
             shut down. `rosidl_py_gen.runtime.EncodeError`: a field does not fit its type.
         """
-        with self.handle.in_use() as publisher:
-            if isinstance(msg, self.msg_type):
-                publisher.publish(msg)
-            elif isinstance(msg, bytes):
-                publisher.publish_raw(msg)
-            else:
-                raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
+        with self.__publisher as handle:
+            try:
+                if isinstance(msg, self.msg_type):
+                    handle.entity.publish(msg)
+                elif isinstance(msg, bytes):
+                    handle.entity.publish_raw(msg)
+                else:
+                    raise TypeError(f"Expected {self.msg_type}, got {type(msg)}")
+            except runtime.ClosedError as error:
+                raise RCLError(str(error)) from error
 
     def get_subscription_count(self) -> int:
         """How many subscriptions receive what is published."""

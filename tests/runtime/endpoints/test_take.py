@@ -369,6 +369,40 @@ def test_who_asks_is_told_when_something_can_be_taken(world: World, driver: Driv
 
 
 @pytest.mark.every_transport
+def test_it_is_ready_until_all_was_taken(world: World, driver: Driver) -> None:
+    node = world.node("n", context=world.context(driver=driver))
+    publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
+    server, client = node.create_service(AddTwoInts, "add"), node.create_client(AddTwoInts, "add")
+    driver.wait(lambda: publisher.subscription_count and client.service_is_available(), timeout_s=10)
+    assert not subscription.is_ready and not server.is_ready
+    for text in "ab":
+        publisher.publish(String(data=text))
+    client.send_request(AddTwoInts.Request())
+    assert driver.wait(lambda: subscription.is_ready and server.is_ready, timeout_s=10)
+    assert server.take() is not None and not server.is_ready
+    for text in "ab":
+        assert subscription.is_ready
+        assert driver.wait(subscription.take, timeout_s=10) == String(data=text)
+    assert not subscription.is_ready
+    publisher.publish(String(data="c"))
+    assert driver.wait(lambda: subscription.is_ready, timeout_s=10)
+    subscription.close()
+    server.close()
+    assert not subscription.is_ready and not server.is_ready
+
+
+@pytest.mark.every_transport
+async def test_it_is_ready_on_an_asyncio_loop_as_well(world: World) -> None:
+    node = world.node("n")
+    publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")
+    await publisher.wait_for_subscribers(timeout_s=10)
+    await subscription.wait_for_publishers(timeout_s=10)
+    publisher.publish(String(data="a"))
+    await until(lambda: subscription.is_ready)
+    assert subscription.take() == String(data="a") and not subscription.is_ready
+
+
+@pytest.mark.every_transport
 async def test_on_ready_is_told_on_an_asyncio_loop_as_well(world: World) -> None:
     node = world.node("n")
     publisher, subscription = node.create_publisher(String, "t"), node.create_subscription(String, "t")

@@ -1,0 +1,26 @@
+"""Classes by what `SLOT_TYPES` say."""
+
+import importlib
+import warnings
+from typing import Any
+
+from rosidl_parser.definition import NamespacedType
+
+_FEEDBACK = "_FeedbackMessage"
+
+
+def import_message_from_namespaced_type(message_type: Any) -> Any:
+    """The class that a `NamespacedType` names; that of ``X_FeedbackMessage`` is ``X.Impl.FeedbackMessage``.
+
+    Raises:
+        ImportError, AttributeError: there is none.
+    """
+    if not isinstance(message_type, NamespacedType) and hasattr(message_type, "value_type"):
+        message_type = message_type.value_type
+        text = "Passing objects containing a NamespacedType is deprecated, please pass a NamespacedType object directly"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+    module = importlib.import_module(".".join(message_type.namespaces))
+    name: str = message_type.name
+    if name.endswith(_FEEDBACK):
+        return getattr(module, name.removesuffix(_FEEDBACK)).Impl.FeedbackMessage
+    return getattr(module, name)

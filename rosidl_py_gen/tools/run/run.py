@@ -1,0 +1,161 @@
+"""What ``rosidl-py run`` is given: a file, a module, or a package and an executable; and what makes it run here."""
+
+from __future__ import annotations
+
+import ast
+import os
+import warnings
+from collections.abc import Callable, Sequence
+from importlib.machinery import PathFinder
+from itertools import takewhile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rosidl_py_gen.base.names import did_you_mean
+from rosidl_py_gen.compiler.spec.workspace import Workspace, workspace_around
+from rosidl_py_gen.errors import printable
+from rosidl_py_gen.tools import ToolError
+from rosidl_py_gen.tools.run.program import Program
+from rosidl_py_gen.types.import_hook import ImportHookWarning, install_import_hook
+
+if TYPE_CHECKING:
+    from rosidl_py_gen.tools.run.executables import Executable
+
+
+def run(words: Sequence[str], paths: Sequence[str], check: bool, listed: bool) -> Callable[[], None] | int:
+    """What is to be called, or the exit code of what was asked instead."""
+    if listed:
+        return _list(words, paths)
+    program = _program(words, paths)
+    _make_importable(program.place, paths)
+    if check:
+        from rosidl_py_gen.tools.run.check import check as checked
+
+        return checked(program)
+    return program.start
+
+
+def _make_importable(place: Path, paths: Sequence[str]) -> None:
+    """Install the hook; say in one line when that takes the place of a real rclpy."""
+    real = PathFinder.find_spec("rclpy")
+    if real is not None and real.origin is not None:
+        text = f"rclpy is {_shim()}, not {Path(real.origin).parent}; so are its companions and all messages"
+        click.echo(f"warning: {printable(text)}", err=True)
+        warnings.filterwarnings("ignore", category=ImportHookWarning)
+    install_import_hook(flavour="rclpy", path=paths, around=place, shadow=True)
+
+
+def _shim() -> str:
+    from rosidl_py_gen import __version__
+
+    return f"that of rosidl-py-gen {__version__}"
+
+
+def _program(words: Sequence[str], paths: Sequence[str]) -> Program:
+    if not words:
+        raise click.UsageError("expected a file, -m and a module, or a package and an executable")
+    first, *rest = words
+    here = Path.cwd()
+    if first == "-m":
+        if not rest:
+            raise click.UsageError("expected a module after -m")
+        return Program("-m", tuple(rest[1:]), str(here), here, module=rest[0])
+    path = Path(first)
+    if path.is_file():
+        return _of_file(path, tuple(rest))
+    if first.endswith(".py") or "/" in first or os.sep in first:
+        kind = "it is a folder" if path.is_dir() else "no such file"
+        raise ToolError(f"{first}: expected a Python file, {kind}")
+    return _of_package(first, rest, paths)
+
+
+def _of_file(path: Path, arguments: tuple[str, ...]) -> Program:
+    """A file; one that has relative imports, and so cannot run alone, is run as the module it is."""
+    real = path.resolve()
+    inside = [*takewhile(lambda folder: (folder / "__init__.py").is_file(), real.parents)]
+    if inside and _has_relative_imports(real):
+        names = [*(folder.name for folder in reversed(inside)), real.stem]
+        if all(name.isidentifier() for name in names):
+            return Program(str(path), arguments, str(inside[-1].parent), real, module=".".join(names))
+    return Program(str(path), arguments, str(real.parent), real, file=path)
+
+
+def _has_relative_imports(file: Path) -> bool:
+    try:
+        tree = ast.parse(file.read_bytes())
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return False  # running it says what is wrong
+    return any(isinstance(node, ast.ImportFrom) and node.level for node in ast.walk(tree))
+
+
+# --- package and executable -------------------------------------------------------------------------------------------
+
+
+def _workspaces(paths: Sequence[str]) -> list[Workspace]:
+    around = workspace_around(Path.cwd())
+    return [*(Workspace(Path(path).resolve()) for path in paths), *([around] if around else [])]
+
+
+def _executables(package: str, paths: Sequence[str]) -> tuple[dict[str, Executable], list[str]]:
+    """The executables of a package: of its sources, else of pip's, else of a prefix; and where that is."""
+    from rosidl_py_gen.tools.run import executables
+
+    places: list[str] = []
+    for workspace in _workspaces(paths):
+        if folder := workspace.packages.get(package):
+            places.append(str(folder))
+            if found := executables.of_sources(folder):
+                return found, places
+    for look in (executables.of_distribution, executables.of_prefixes):
+        if found := look(package):
+            return found, [str(next(iter(found.values())).source)]
+    return {}, places
+
+
+def _of_package(package: str, words: Sequence[str], paths: Sequence[str]) -> Program:
+    found, places = _executables(package, paths)
+    if not found and not places:
+        looked = ", ".join(str(one.folder) for one in _workspaces(paths))
+        known = {name for workspace in _workspaces(paths) for name in workspace.packages}
+        text = f'no file and no package "{package}"{did_you_mean(package, known)}'
+        raise ToolError(f"{text}; looked for a package in {looked}, in what pip installed, and in AMENT_PREFIX_PATH")
+    names = ", ".join(sorted(found)) or "none that are Python"
+    if not words:
+        raise ToolError(f"expected an executable of {package} ({places[0]}); it has: {names}")
+    name, *arguments = words
+    if name not in found:
+        raise ToolError(
+            f'{package} ({places[0]}) has no executable "{name}"{did_you_mean(name, found)}; it has: {names}'
+        )
+    one = found[name]
+    place = one.folder if one.file is None else one.file
+    if one.file is not None:
+        if not _is_python(one.file):
+            raise ToolError(f"{one.file} is no Python program")
+        return Program(str(one.file), tuple(arguments), str(one.file.resolve().parent), place, file=one.file)
+    argv0 = str(one.folder / one.name)
+    return Program(argv0, tuple(arguments), str(one.folder), place, module=one.module, function=one.function)
+
+
+def _is_python(file: Path) -> bool:
+    if file.suffix == ".py":
+        return True
+    with file.open("rb") as opened:
+        line = opened.readline(200)
+    return line.startswith(b"#!") and b"python" in line
+
+
+def _list(words: Sequence[str], paths: Sequence[str]) -> int:
+    """Print ``package executable`` lines, as `ros2 pkg executables` does."""
+    if len(words) > 1:
+        raise click.UsageError("expected at most a package")
+    packages = words or sorted({name for workspace in _workspaces(paths) for name in workspace.packages})
+    for package in packages:
+        found, places = _executables(package, paths)
+        if words and not found and not places:
+            _of_package(package, (), paths)
+        for name in sorted(found):
+            click.echo(f"{package} {name}")
+    return 0

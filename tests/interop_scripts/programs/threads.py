@@ -1,0 +1,24 @@
+"""A thread that spins, rates, and a main thread that publishes."""
+
+import threading
+
+import rclpy
+from rclpy.node import Node
+from std_msgs.msg import Int32
+
+rclpy.init()
+node = Node("threads")
+publisher = node.create_publisher(Int32, "count", 10)
+thread = threading.Thread(target=rclpy.spin, args=(node,), daemon=True)
+thread.start()
+rate = node.create_rate(20)
+number = 0
+try:
+    while rclpy.ok():
+        if publisher.get_subscription_count() and number < 3:
+            publisher.publish(Int32(data=number))
+            number += 1
+        rate.sleep()
+except (KeyboardInterrupt, rclpy.exceptions.ROSInterruptException):
+    thread.join()
+    print("ended", number)

@@ -1,0 +1,347 @@
+"""One program under real rclpy (Fast DDS) and under ours, given the same traffic: what each lets be seen of it.
+
+A program is started, and a node of this process, which both middlewares know, does what the steps of its case say:
+publishes to it, listens to it, calls its services, looks at the graph, interrupts it. All that is seen goes into an
+`Observation`; two of them are compared as a whole. What no two runs have in common is left out: times of log lines,
+the inner frames of tracebacks, stamps.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import difflib
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from pprint import pformat
+from typing import Any
+
+from worlds import World
+
+from rosidl_py_gen.runtime import Node, ParameterNotDeclaredError, QoSProfile
+
+PROGRAMS = Path(__file__).parent / "programs"
+PATIENCE_S = 30
+_DIFFERS = (
+    (re.compile(r"^(\[\w+\] )\[\d+\.\d+\] ", re.MULTILINE), r"\1"),
+    (
+        re.compile(r"^Traceback \(most recent call last\):\n(?: .*\n|\n|During .*\n|The above .*\n)*", re.MULTILINE),
+        "Traceback\n",
+    ),
+    (re.compile(r"[\w/.\-]*/(?=programs/)"), ""),
+    (re.compile(r"0x[0-9a-f]+"), "0x"),
+    (re.compile(r"^.*RuntimeWarning: Failed to fini .*\n.*\n", re.MULTILINE), ""),  # what rcl says of itself
+)
+"""Times of log lines, frames of tracebacks, paths, addresses, and what they become."""
+
+
+@dataclass(frozen=True)
+class Publish:
+    """Send messages once the program listens to the topic."""
+
+    topic: str
+    type: str
+    messages: tuple[dict[str, Any], ...]
+    qos: QoSProfile = field(default_factory=lambda: QoSProfile().keep_last(100))
+
+
+@dataclass(frozen=True)
+class Receive:
+    """Wait until the program has published so many messages since it was started; they are observed."""
+
+    topic: str
+    type: str
+    count: int
+    qos: QoSProfile = field(default_factory=lambda: QoSProfile().keep_last(100))
+
+
+@dataclass(frozen=True)
+class Call:
+    """Call a service of the program; the response is observed."""
+
+    service: str
+    type: str
+    request: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Printed:
+    """Wait until the program has printed something, on either stream."""
+
+    text: str
+    count: int = 1
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Observe the program's nodes, topics, services and the quality of service of each endpoint."""
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Observe names, types, values and descriptors of a node's parameters."""
+
+    node: str
+
+
+@dataclass(frozen=True)
+class Interrupt:
+    """Send a signal."""
+
+    signal: int = signal.SIGINT
+
+
+Step = Publish | Receive | Call | Printed | Graph | Parameters | Interrupt
+
+
+@dataclass(frozen=True)
+class Case:
+    """A program and what happens to it; it has to end by itself after the last step."""
+
+    program: str
+    steps: tuple[Step, ...] = ()
+    arguments: tuple[str, ...] = ()
+    unordered: bool = False
+    """Threads of the program print in an order that is not told."""
+
+
+@dataclass
+class Observation:
+    """What was seen, in the order of the steps."""
+
+    seen: list[Any] = field(default_factory=list)
+    output: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    code: int | None = None
+
+
+def difference(expected: Observation, found: Observation) -> str:
+    """The lines that differ; empty when nothing does."""
+    texts = [pformat(asdict(one), width=110, sort_dicts=True).splitlines() for one in (expected, found)]
+    return "\n".join(difflib.unified_diff(*texts, "real rclpy", "ours", lineterm="", n=1))
+
+
+class _Process:
+    """The program; its output is read as it comes."""
+
+    def __init__(self, command: list[str], settings: dict[str, str], changed: Callable[[], None]) -> None:
+        kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RCUTILS_", "PYTHON"))}
+        environment = {**kept, "PYTHONUNBUFFERED": "1", **settings}
+        pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        self.process = subprocess.Popen(command, env=environment, text=True, cwd=PROGRAMS.parent, **pipes)  # type: ignore[call-overload]
+        self._texts: dict[str, list[str]] = {"stdout": [], "stderr": []}
+        self._changed = changed
+        self.ended = threading.Event()
+        readers = [threading.Thread(target=self._read, args=(name,), daemon=True) for name in self._texts]
+        for reader in readers:
+            reader.start()
+        threading.Thread(target=self._wait, args=(readers,), daemon=True).start()
+
+    def _read(self, name: str) -> None:
+        for line in getattr(self.process, name):
+            self._texts[name].append(line)
+            self._changed()
+
+    def _wait(self, readers: list[threading.Thread]) -> None:
+        for reader in readers:
+            reader.join()
+        self.process.wait()
+        self.ended.set()
+        self._changed()
+
+    def text(self, name: str) -> str:
+        return "".join(self._texts[name])
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+
+class Observer:
+    """Runs a case once."""
+
+    def __init__(self, world: World, case: Case) -> None:
+        self._node: Node = world.node("observer")
+        self._own = self._node.fully_qualified_name
+        self._case = case
+        self._something = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self._received: dict[tuple[str, str], list[Any]] = {}
+
+    async def run(self, command: list[str], settings: dict[str, str], like: Observation | None = None) -> Observation:
+        """Start the program and do all steps.
+
+        Args:
+            like: what was seen under the other rclpy: graphs are waited for until they are the same, because they
+                become known bit by bit.
+        """
+        for step in self._case.steps:
+            if isinstance(step, Receive) and (step.topic, step.type) not in self._received:
+                got = self._received.setdefault((step.topic, step.type), [])
+                self._node.create_subscription(step.type, step.topic, self._keep(got), step.qos)
+        found = Observation()
+        process = _Process([*command, *self._case.arguments], settings, self._wake)
+        try:
+            for number, step in enumerate(self._case.steps):
+                expected = like.seen[number] if like is not None and number < len(like.seen) else None
+                try:
+                    found.seen.append(await self._do(step, process, expected))
+                except TimeoutError:
+                    found.seen.append(f"nothing within {PATIENCE_S} seconds")
+                    break
+            try:
+                await self._until(process.ended.is_set)
+                found.code = process.process.returncode
+            except TimeoutError:
+                found.seen.append(f"not ended within {PATIENCE_S} seconds")
+        finally:
+            process.close()
+        found.output = _plain(process.text("stdout")).splitlines()
+        found.errors = _plain(process.text("stderr")).splitlines()
+        if self._case.unordered:
+            found.output.sort()
+            found.errors.sort()
+        return found
+
+    def _keep(self, got: list[Any]) -> Callable[[Any], None]:
+        def keep(message: Any) -> None:
+            got.append(message)
+            self._something.set()
+
+        return keep
+
+    def _wake(self) -> None:
+        self._loop.call_soon_threadsafe(self._something.set)
+
+    async def _until(self, condition: Callable[[], object], timeout_s: float = PATIENCE_S) -> None:
+        async with _timeout(timeout_s):
+            while not condition():
+                self._something.clear()
+                await self._something.wait()
+
+    async def _do(self, step: Step, process: _Process, expected: Any) -> Any:
+        match step:
+            case Publish(topic, type_, messages, qos):
+                publisher = self._node.create_publisher(type_, topic, qos)
+                if not await publisher.wait_for_subscribers(timeout_s=PATIENCE_S):
+                    raise TimeoutError
+                for message in messages:
+                    publisher.publish(message)
+                return len(messages)
+            case Receive(topic, type_, count):
+                got = self._received[topic, type_]
+                await self._until(lambda: len(got) >= count or process.ended.is_set())
+                return _without_stamps(got[:count])
+            case Call(service, type_, request):
+                client = self._node.create_client(type_, service)
+                return _without_stamps(await client.call(request, timeout_s=PATIENCE_S))
+            case Printed(text, count):
+                streams = ("stdout", "stderr")
+                await self._until(lambda: sum(process.text(name).count(text) for name in streams) >= count)
+                return None
+            case Graph():
+                return await self._settled(self._graph, expected)
+            case Parameters(node):
+                return await self._parameters(node)
+            case Interrupt(number):
+                process.process.send_signal(number)
+                return None
+
+    async def _settled(self, look: Callable[[], Any], expected: Any) -> Any:
+        """What is seen when it is as expected, or when nothing of it changed for a second."""
+        seen, since = look(), self._loop.time()
+        while seen != expected and self._loop.time() < since + (1 if expected is None else 5):
+            await asyncio.sleep(0.05)
+            now = look()
+            if now != seen:
+                seen, since = now, self._loop.time()
+        return seen
+
+    def _graph(self) -> Any:
+        node = self._node
+        found: dict[str, Any] = {}
+        for info in node.get_nodes():
+            if info.fully_qualified_name == self._own:
+                continue
+            where = info.name, info.namespace
+            found[info.fully_qualified_name] = {
+                "publishers": node.get_publisher_names_and_types_by_node(*where),
+                "subscribers": node.get_subscriber_names_and_types_by_node(*where),
+                "services": node.get_service_names_and_types_by_node(*where),
+                "clients": node.get_client_names_and_types_by_node(*where),
+            }
+        endpoints = []
+        for topic, _ in node.get_topic_names_and_types():
+            for kind, infos in (
+                ("publisher", node.get_publishers_info_by_topic(topic)),
+                ("subscription", node.get_subscriptions_info_by_topic(topic)),
+            ):
+                for info in infos:
+                    name = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+                    if name != self._own:
+                        endpoints.append(
+                            (topic, kind, name, info.topic_type, str(info.topic_type_hash), _qos(info.qos_profile))
+                        )
+        return found, sorted(endpoints)
+
+    async def _parameters(self, name: str) -> Any:
+        client = self._node.create_parameter_client(name)
+        names = sorted((await client.list(timeout_s=PATIENCE_S)).names)
+        described = await client.describe(names, timeout_s=PATIENCE_S)
+        found = {}
+        for one, text in zip(names, described, strict=True):
+            try:
+                value = repr(await client.get(one, timeout_s=PATIENCE_S))
+            except ParameterNotDeclaredError:  # what rclpy's service answers for one without a value
+                value = "no answer"
+            found[one] = value, repr(text)
+        return found
+
+
+def _timeout(seconds: float) -> Any:
+    if sys.version_info >= (3, 11):
+        return asyncio.timeout(seconds)
+    from contextlib import asynccontextmanager
+
+    @asynccontextmanager
+    async def limited() -> Any:
+        task = asyncio.current_task()
+        assert task is not None
+        handle = asyncio.get_running_loop().call_later(seconds, task.cancel)
+        try:
+            yield
+        except asyncio.CancelledError:
+            raise TimeoutError from None
+        finally:
+            handle.cancel()
+
+    return limited()
+
+
+def _qos(qos: QoSProfile) -> dict[str, Any]:
+    """What peers are told; history and depth are not."""
+    names = ("reliability", "durability", "deadline_ns", "lifespan_ns", "liveliness", "liveliness_lease_ns")
+    return {name: str(getattr(qos, name)) for name in names}
+
+
+def _plain(text: str) -> str:
+    for pattern, short in _DIFFERS:
+        text = pattern.sub(short, text)
+    return text
+
+
+def _without_stamps(value: Any) -> Any:
+    if isinstance(value, dict):
+        names = value.keys()
+        if names == {"sec", "nanosec"}:
+            return "some time" if any(value.values()) else "no time"
+        return {name: _without_stamps(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_without_stamps(one) for one in value]
+    return value.tolist() if hasattr(value, "tolist") else value

@@ -1,0 +1,22 @@
+"""``rosidl-py run`` and python itself as processes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+RUN = [sys.executable, "-m", "rosidl_py_gen.tools", "run"]
+PACKAGE_XML = "<package><name>{}</name></package>"
+
+
+def started(*command: str | Path, cwd: Path | None = None, **settings: str) -> subprocess.CompletedProcess[str]:
+    """A process that ended."""
+    environment = {**os.environ, **settings}
+    return subprocess.run([*map(str, command)], capture_output=True, text=True, cwd=cwd, env=environment, timeout=120)
+
+
+def run(*arguments: str | Path, cwd: Path | None = None, **settings: str) -> subprocess.CompletedProcess[str]:
+    """A ``rosidl-py run`` that ended."""
+    return started(*RUN, *arguments, cwd=cwd, **settings)

@@ -1,0 +1,329 @@
+"""``rosidl-py run``: a program ends and finds things as with python itself."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+from compiler_worlds import write
+from run_programs import PACKAGE_XML, RUN, run, started
+
+pytestmark = pytest.mark.real_time("programs are processes")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    os.environ["ROSIDL_PY_GEN_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+
+
+# --- as python --------------------------------------------------------------------------------------------------------
+
+PROGRAMS = {
+    "what it is": """
+        import sys
+        main = sys.modules["__main__"]
+        names = ("__name__", "__file__", "__spec__", "__package__", "__cached__", "__doc__", "__builtins__")
+        print([getattr(main, name) for name in names], type(main.__loader__).__name__, main.__dict__ is globals())
+        print(sys.argv, sys.path[0], __annotations__)
+    """,
+    "siblings": "import sibling\nprint(sibling.__file__)",
+    "exit code": "import sys\nsys.exit(7)",
+    "exit text": "import sys\nsys.exit('gone')",
+    "exception": "def f():\n    raise ValueError('x')\n\nf()",
+    "chained": "try:\n    1 / 0\nexcept ZeroDivisionError as error:\n    raise ValueError('x') from error",
+    "in another module": "import sibling\nsibling.fail()",
+    "not there": "import nothing_of_that_name",
+    "syntax": "print('x'\nx = = 3",
+    "not utf-8": "# coding: latin-1\nprint('\\xe4')",
+    "hook of its own": "import sys\nsys.excepthook = lambda *given: print('hook', given[0].__name__)\n1 / 0",
+    "at the end": "import atexit, sys\natexit.register(print, 'end')\nsys.exit(3)",
+    "at the end of an error": "import atexit\natexit.register(print, 'end')\n1 / 0",
+    "threads go on": """
+        import threading
+        event = threading.Event()
+        threading.Thread(target=lambda: (event.wait(), print('thread'))).start()
+        event.set()
+        1 / 0
+    """,
+    "interrupted": "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nwhile True: pass",
+    "terminated": "import os, signal\nos.kill(os.getpid(), signal.SIGTERM)\nwhile True: pass",
+    "handlers": """
+        import signal
+        names = ("SIGINT", "SIGTERM", "SIGPIPE", "SIGHUP")
+        print([str(signal.getsignal(getattr(signal, name))) for name in names])
+    """,
+    "system settings": """
+        import gc, os, sys, warnings
+        print(gc.get_threshold(), os.environ.get("OPENBLAS_NUM_THREADS"), sys.flags, sys.stdout.line_buffering)
+        warnings.warn("seen")
+    """,
+    "pickled": """
+        import pickle
+        class A: pass
+        print(type(pickle.loads(pickle.dumps(A()))) is A)
+    """,
+    "a process of its own": """
+        import multiprocessing
+        def work(queue): queue.put("worked")
+        if __name__ == "__main__":
+            context = multiprocessing.get_context("fork")
+            queue = context.Queue()
+            process = context.Process(target=work, args=(queue,))
+            process.start()
+            print(queue.get())
+            process.join()
+    """,
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_file_runs_as_with_python(name: str, tmp_path: Path) -> None:
+    files = {"folder/program.py": textwrap.dedent(PROGRAMS[name]), "folder/sibling.py": "def fail():\n    1 / 0\n"}
+    write(tmp_path, files)
+    program = Path("folder/program.py")
+    arguments = ["a", "--help", "--check", "--", "--ros-args", "-r", "x:=y", "-m"]
+    expected = started(sys.executable, program, *arguments, cwd=tmp_path)
+    found = run(program, *arguments, cwd=tmp_path)
+    assert (found.stdout, found.stderr, found.returncode) == (expected.stdout, expected.stderr, expected.returncode)
+    assert name in ("exit code",) or found.stdout or found.stderr or found.returncode < 0
+
+
+@pytest.mark.parametrize(
+    "name", ["pack", "pack.tool", "pack.nothing", "pack.wrong", "pack.inner", "a-b", "json.nothing"]
+)
+def test_a_module_runs_as_with_python(name: str, tmp_path: Path) -> None:
+    files = {
+        "pack/__init__.py": "",
+        "pack/__main__.py": "from pack.tool import main\nmain()\nprint(__name__, __spec__.name, __package__)",
+        "pack/tool.py": """
+            import sys
+            from . import other
+
+            def main(): print(other.A, sys.argv, sys.path[0], __name__, __package__)
+
+            if __name__ == "__main__":
+                main()
+        """,
+        "pack/other.py": "A = 5",
+        "pack/wrong.py": "from .other import B",
+        "pack/inner/__init__.py": "",
+    }
+    write(tmp_path, {path: textwrap.dedent(text) for path, text in files.items()})
+    expected = started(sys.executable, "-m", name, "a", "--help", cwd=tmp_path)
+    found = run("-m", name, "a", "--help", cwd=tmp_path)
+    assert found.returncode == expected.returncode
+    assert found.stdout == expected.stdout
+    if name == "pack.wrong":
+        assert found.stderr == "\n".join(line for line in expected.stderr.split("\n") if "<frozen runpy>" not in line)
+    elif expected.returncode:
+        assert found.stderr.startswith("error: ") and name.split(".")[0] in found.stderr
+
+
+def test_ctrl_c_ends_it_as_python_does(tmp_path: Path) -> None:
+    write(tmp_path, {"program.py": "print('ready', flush=True)\nimport threading\nthreading.Event().wait()"})
+    ends = []
+    for command in ([sys.executable], RUN):
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        process = subprocess.Popen([*command, "program.py"], cwd=tmp_path, text=True, **pipes)  # type: ignore[call-overload]
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
+        ends.append((process.communicate(timeout=60)[1].splitlines()[-1], process.returncode))
+    assert ends[0] == ends[1] == ("KeyboardInterrupt", -signal.SIGINT)
+
+
+# --- what is there ----------------------------------------------------------------------------------------------------
+
+
+def test_messages_are_there_in_rclpy_s_flavour(tmp_path: Path) -> None:
+    write(tmp_path, {"program.py": "from std_msgs.msg import String\nprint(repr(String(data='x')))"})
+    assert run(tmp_path / "program.py").stdout == "std_msgs.msg.String(data='x')\n"
+
+
+def test_definitions_of_path(tmp_path: Path) -> None:
+    write(tmp_path, {"more/own_msgs/msg/A.msg": "int32 a", "program.py": "from own_msgs.msg import A\nprint(A(a=3).a)"})
+    assert run("--path", tmp_path / "more", tmp_path / "program.py").stdout == "3\n"
+    assert run(f"--path={tmp_path / 'more'}", tmp_path / "program.py").stdout == "3\n"
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Path:
+    """A workspace nobody built: its folder."""
+    files = {
+        "src/talker/package.xml": PACKAGE_XML.format("talker"),
+        "src/talker/setup.py": """
+            import os
+            from setuptools import setup
+
+            package_name = "talker"
+            open(os.path.join(os.path.dirname(__file__), "was_run"), "w")
+            setup(
+                name=package_name,
+                entry_points={
+                    "console_scripts": [
+                        "talk = talker.talk:main",
+                        package_name + "_two = " + package_name + ".talk:Other.main",
+                        f"three = {package_name}.sub.three:main",
+                        "four = {0}.talk:fail".format(package_name),
+                        "five = %s.talk:main" % package_name,
+                    ],
+                },
+            )
+        """,
+        "src/talker/talker/__init__.py": "",
+        "src/talker/talker/talk.py": """
+            import sys
+            from ament_index_python.packages import get_package_share_directory
+            from near_msgs.msg import A
+            from near_msgs.tools import triple
+            from .other import NAME
+
+            def main():
+                print(NAME, triple(A(a=5).a), sys.argv[1:], __name__, sys.modules["__main__"].__name__)
+                with open(get_package_share_directory("talker") + "/config/a.yaml") as file:
+                    print(file.read())
+                return 4
+
+            class Other:
+                @staticmethod
+                def main(): print("two")
+
+            def fail():
+                raise ValueError("failed")
+
+            if __name__ == "__main__":
+                main()
+        """,
+        "src/talker/talker/other.py": "NAME = 'talker'",
+        "src/talker/talker/sub/__init__.py": "",
+        "src/talker/talker/sub/three.py": "from ..other import NAME\n\ndef main(): print('three', NAME)\n",
+        "src/talker/config/a.yaml": "a: 1",
+        "src/group/near_msgs/package.xml": PACKAGE_XML.format("near_msgs"),
+        "src/group/near_msgs/msg/A.msg": "int32 a",
+        "src/group/near_msgs/near_msgs/__init__.py": "",
+        "src/group/near_msgs/near_msgs/tools.py": "def triple(x): return 3 * x",
+        "src/group/near_msgs/CMakeLists.txt": """
+            project(near_msgs)
+            set(SCRIPTS scripts/one.py "scripts/two")
+            install(PROGRAMS ${SCRIPTS} DESTINATION lib/${PROJECT_NAME})
+            install(PROGRAMS scripts/long_name.py DESTINATION lib/${PROJECT_NAME} RENAME short)
+            install(PROGRAMS scripts/binary DESTINATION lib/${PROJECT_NAME})
+        """,
+        "src/group/near_msgs/scripts/one.py": "from near_msgs.tools import triple\nprint('one', triple(1))",
+        "src/group/near_msgs/scripts/two": "#!/usr/bin/env python3\nprint('two', __file__.endswith('two'))",
+        "src/group/near_msgs/scripts/long_name.py": "print('long')",
+        "src/group/near_msgs/scripts/binary": "\\x7fELF",
+        "src/ignored/COLCON_IGNORE": "",
+        "src/ignored/talker/package.xml": PACKAGE_XML.format("ignored"),
+    }
+    return write(tmp_path / "ws", {path: textwrap.dedent(text) for path, text in files.items()})
+
+
+@pytest.mark.parametrize("place", ["", "src", "src/talker", "src/talker/talker", "src/group"])
+def test_an_executable_of_a_workspace(workspace: Path, place: str) -> None:
+    found = run("talker", "talk", "a", "--ros-args", "-p", "x:=1", cwd=workspace / place)
+    if place == "src/group":  # src is above a package only
+        assert found.returncode == 1 and 'no package "talker"' in found.stderr
+        return
+    assert found.stderr == ""
+    text = "talker 15 ['a', '--ros-args', '-p', 'x:=1'] talker.talk __main__\na: 1\n"
+    assert (found.stdout, found.returncode) == (text, 4)
+    assert not (workspace / "src/talker/was_run").exists()
+
+
+@pytest.mark.parametrize(
+    ("package", "name", "output"),
+    [
+        ("talker", "talker_two", "two\n"),
+        ("talker", "three", "three talker\n"),
+        ("near_msgs", "one.py", "one 3\n"),
+        ("near_msgs", "two", "two True\n"),
+        ("near_msgs", "short", "long\n"),
+    ],
+)
+def test_executables_however_they_are_declared(workspace: Path, package: str, name: str, output: str) -> None:
+    found = run(package, name, cwd=workspace)
+    assert (found.stdout, found.stderr, found.returncode) == (output, "", 0)
+
+
+def test_a_console_script_that_fails_shows_its_own_frames(workspace: Path) -> None:
+    found = run("talker", "four", cwd=workspace)
+    assert found.returncode == 1 and found.stderr.count('File "') == 1
+    assert found.stderr.endswith("ValueError: failed\n")
+
+
+@pytest.mark.parametrize(
+    "way", [["src/talker/talker/talk.py"], ["-m", "talker.talk"], ["--path", "src", "-m", "talker.talk"]]
+)
+def test_files_and_modules_of_packages(workspace: Path, way: list[str]) -> None:
+    found = run(*way, "b", cwd=workspace)
+    assert (found.stdout, found.stderr) == ("talker 15 ['b'] __main__ __main__\na: 1\n", "")
+
+
+def test_the_executables_are_listed(workspace: Path) -> None:
+    listed = run("--list", cwd=workspace).stdout.splitlines()
+    names = ["binary", "one.py", "short", "two"]
+    assert listed == [
+        *(f"near_msgs {name}" for name in names),
+        *(f"talker {name}" for name in ["five", "four", "talk", "talker_two", "three"]),
+    ]
+    assert run("--list", "talker", cwd=workspace).stdout.splitlines() == listed[4:]
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["talker"], "expected an executable of talker"),
+        (["talker", "tolk"], 'has no executable "tolk"; did you mean "talk"?'),
+        (["tolker", "talk"], 'no package "tolker"; did you mean "talker"?'),
+        (["near_msgs", "binary"], "is no Python program"),
+        (["nothing.py"], "nothing.py: expected a Python file, no such file"),
+        (["./src"], "src: expected a Python file, it is a folder"),
+        (["-m", "talker"], '"talker" is a package without a module __main__'),
+        (["-m", "talker..talk"], "talker"),
+        (["-m"], "expected a module after -m"),
+        ([], "expected a file"),
+        (["--nothing", "talker"], "--nothing"),
+        (["--path", "nowhere", "src/talker/talker/talk.py"], "nowhere: expected a folder"),
+    ],
+)
+def test_what_cannot_be_run_is_told(workspace: Path, words: list[str], text: str) -> None:
+    found = run(*words, cwd=workspace)
+    if not words:
+        assert "Usage:" in found.stdout + found.stderr
+        return
+    assert found.returncode in (1, 2) and text in found.stderr and "Traceback" not in found.stderr
+
+
+def test_executables_of_a_prefix(tmp_path: Path) -> None:
+    write(
+        tmp_path,
+        {"lib/installed/node": "#!/usr/bin/python3\nimport sys\nprint(sys.argv[1:])", "lib/installed/data": ""},
+    )
+    (tmp_path / "lib/installed/node").chmod(0o755)
+    settings = {"AMENT_PREFIX_PATH": str(tmp_path), "cwd": tmp_path}
+    assert run("installed", "node", "a", **settings).stdout == "['a']\n"  # type: ignore[arg-type]
+    assert run("--list", "installed", **settings).stdout == "installed node\n"  # type: ignore[arg-type]
+
+
+def test_console_scripts_that_pip_installed(tmp_path: Path) -> None:
+    found = run("pytest", "py.test", "--version", cwd=tmp_path)
+    assert found.returncode == 0 and "pytest" in found.stdout
+
+
+def test_a_real_rclpy_is_named_in_one_line(tmp_path: Path) -> None:
+    files = {
+        "real/rclpy/__init__.py": "WHICH = 'real'",
+        "real/std_msgs/__init__.py": "",
+        "real/std_msgs/msg/__init__.py": "",
+        "program.py": "import ament_index_python, rclpy, std_msgs.msg\nprint(rclpy.__file__, std_msgs.msg.String())",
+    }
+    write(tmp_path, files)
+    found = run(tmp_path / "program.py", PYTHONPATH=str(tmp_path / "real"))
+    assert found.stderr.startswith("warning: rclpy is that of rosidl-py-gen") and found.stderr.count("\n") == 1
+    assert str(tmp_path / "real/rclpy") in found.stderr
+    assert "rosidl_py_gen" in found.stdout and "String(data='')" in found.stdout

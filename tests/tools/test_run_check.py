@@ -1,0 +1,118 @@
+"""``rosidl-py run --check``: what a program lacks, without running it."""
+
+from __future__ import annotations
+
+import textwrap
+from pathlib import Path
+
+import pytest
+from compiler_worlds import write
+from run_programs import PACKAGE_XML, run
+
+pytestmark = pytest.mark.real_time("programs are processes")
+
+
+def checked(folder: Path, **files: str) -> list[str]:
+    """The lines that are printed of ``program.py``."""
+    write(folder, {f"{name}.py": textwrap.dedent(text) for name, text in files.items()})
+    found = run("--check", "program.py", cwd=folder)
+    assert found.stderr == ""
+    *lines, last = found.stdout.splitlines()
+    assert found.returncode == (1 if lines else 0)
+    assert last.split()[0] == (str(len(lines)) if lines else "nothing")
+    return lines
+
+
+def test_a_program_that_has_all_it_needs(tmp_path: Path) -> None:
+    text = """
+        import os.path
+        import sys, numpy as np
+        import rclpy.qos
+        from rclpy import qos as quality, time
+        from rclpy.duration import *
+        from rclpy.exceptions import InvalidHandle
+        from std_msgs.msg import String, _string
+        import sensor_msgs.msg
+        from std_srvs.srv._set_bool import SetBool_Request
+        import helper
+        from ament_index_python.packages import get_package_share_directory
+        try:
+            import surely_not_there
+            from rclpy.qos import Nothing
+        except ImportError:
+            import nor_that = 5
+    """.replace("import nor_that = 5", "import nor_that")
+    text += """
+        from typing import TYPE_CHECKING
+        if TYPE_CHECKING:
+            from rclpy.nothing import Types
+
+        raise SystemExit("run")
+
+        class Profile(rclpy.qos.QoSProfile):
+            own: int
+            def use(self):
+                self.later, self.depth, self.method(), self.own, self.__class__
+                setattr(self, "later", 3)
+            def method(self): return String(data="a").data, sensor_msgs.msg.LaserScan().ranges
+        print(quality.HistoryPolicy.KEEP_ALL, rclpy.qos.QoSProfile.depth)
+        print(String.get_fields_and_field_types, os.path.join)
+    """
+    assert checked(tmp_path, program=text, helper="print('run')") == []
+
+
+def test_what_is_missing_is_told_by_its_place(tmp_path: Path) -> None:
+    text = """\
+        import surely_not_there.inside
+        import rclpy.nothing
+        from rclpy.qos import QoSProfile, QoSReliablityPolicy
+        from std_msgs.msg import Strin
+        from surely_not_msgs.msg import A
+        import helper, rclpy
+
+        class Profile(QoSProfile):
+            def use(self): return self.dept, self.depth
+
+        print(rclpy.qos.HistoryPolicy.KEEP, rclpy.qos.Nothing, rclpy.nothing_else)
+    """
+    helper = "def f():\n    from rclpy.time import Tim\n"
+    assert checked(tmp_path, program=text, helper=helper) == [
+        'helper.py:2: rclpy.time has no Tim; did you mean "Time"?',
+        "program.py:1: no package surely_not_there; it is not installed",
+        "program.py:2: rclpy.nothing is not here",
+        'program.py:3: rclpy.qos has no QoSReliablityPolicy; did you mean "QoSReliabilityPolicy"?',
+        'program.py:4: std_msgs.msg has no Strin; did you mean "String"?',
+        "program.py:5: no package surely_not_msgs; its definitions can be given with --path",
+        'program.py:9: QoSProfile has no dept; did you mean "depth"?',
+        "program.py:11: rclpy has no nothing_else",
+        "program.py:11: rclpy.qos has no Nothing",
+        "program.py:11: rclpy.qos.HistoryPolicy has no KEEP",
+    ]
+
+
+def test_modules_of_a_package_are_looked_into(tmp_path: Path) -> None:
+    files = {
+        "src/talker/package.xml": PACKAGE_XML.format("talker"),
+        "src/talker/setup.py": "setup(entry_points={'console_scripts': ['talk = talker.talk:main']})",
+        "src/talker/talker/__init__.py": "",
+        "src/talker/talker/talk.py": "from . import one\nfrom .two import Two\nimport talker.sub.three, near",
+        "src/talker/talker/one.py": "import missing_one",
+        "src/talker/talker/two.py": "from .sub import three\nimport missing_two",
+        "src/talker/talker/sub/__init__.py": "",
+        "src/talker/talker/sub/three.py": "from ..one import y\nimport missing_three",
+        "src/near/package.xml": PACKAGE_XML.format("near"),
+        "src/near/near/__init__.py": "import missing_near",
+    }
+    write(tmp_path, files)
+    for words in (["talker", "talk"], ["-m", "talker.talk"], ["src/talker/talker/talk.py"]):
+        found = run("--check", *words, cwd=tmp_path)
+        names = sorted(line.split("no package ")[1].split(";")[0] for line in found.stdout.splitlines()[:-1])
+        assert names == ["missing_near", "missing_one", "missing_three", "missing_two"], (words, found)
+
+
+@pytest.mark.parametrize("text", ["x = = 3", "x = '\0'", "(" * 100_000])
+def test_what_is_no_python_is_told(tmp_path: Path, text: str) -> None:
+    write(tmp_path, {"program.py": text})
+    found = run("--check", "program.py", cwd=tmp_path)
+    assert found.returncode == 1 and "Traceback" not in found.stderr
+    assert "program.py" in found.stdout + found.stderr

@@ -1,0 +1,103 @@
+"""The import hook gives our rclpy and its companions, and never in the place of real ones without a word."""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from compiler_worlds import write
+
+from rosidl_py_gen import ImportHookWarning, found_packages, install_import_hook
+from rosidl_py_gen.types.import_hook import SHIM
+
+NAME = "ament_index_python"
+PACKAGE_XML = "<package><name>{}</name></package>"
+
+
+@pytest.fixture(autouse=True)
+def _modules(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is imported here is forgotten."""
+    for name in [name for name in sys.modules if name.split(".")[0] == NAME]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "path", [entry for entry in sys.path if not entry.endswith("rosidl_py_gen/rclpy")])
+    monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", "off")
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+
+
+@pytest.fixture
+def real(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A real one that can be imported."""
+    write(tmp_path, {f"{NAME}/__init__.py": "", f"{NAME}/packages.py": "REAL = True"})
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def test_ours_are_there_while_the_hook_is() -> None:
+    with install_import_hook(flavour="rclpy"):
+        assert Path(str(import_module(f"{NAME}.packages").__file__)).is_relative_to(SHIM)
+    assert not [name for name in sys.modules if name.split(".")[0] == NAME]
+    with pytest.raises(ModuleNotFoundError):
+        import_module(NAME)
+
+
+def test_native_messages_bring_none() -> None:
+    with install_import_hook(), pytest.raises(ModuleNotFoundError):
+        import_module(NAME)
+
+
+def test_a_real_one_stays_with_a_warning(real: Path) -> None:
+    with install_import_hook(flavour="rclpy"):
+        with pytest.warns(ImportHookWarning, match=f"{NAME}: taken is {real}.*, not {SHIM}"):
+            found = import_module(f"{NAME}.packages")
+        assert found.REAL
+    assert sys.modules[f"{NAME}.packages"] is found
+    del sys.modules[f"{NAME}.packages"], sys.modules[NAME]
+
+
+def test_a_real_one_is_shadowed_with_a_warning(real: Path) -> None:
+    with install_import_hook(flavour="rclpy", shadow=True):
+        with pytest.warns(ImportHookWarning, match=f"{NAME}: taken is {SHIM}.*, not {real}"):
+            found = import_module(f"{NAME}.packages")
+        assert Path(str(found.__file__)).is_relative_to(SHIM)
+
+
+def test_every_package_of_the_shim_can_be_imported() -> None:
+    names = [path.name for path in SHIM.iterdir() if (path / "__init__.py").is_file()]
+    assert NAME in names and "rclpy" in names
+    before = set(sys.modules)
+    with install_import_hook(flavour="rclpy", shadow=True):
+        for name in names:
+            assert import_module(name).__spec__.origin == str(SHIM / name / "__init__.py")  # type: ignore[union-attr]
+    assert not [name for name in set(sys.modules) - before if name.split(".")[0] in names]
+
+
+def test_packages_of_the_workspace(tmp_path: Path) -> None:
+    files = {
+        "src/one/package.xml": PACKAGE_XML.format("one_package"),
+        "src/one/one_package/__init__.py": "from two_package import TWO",
+        "src/one/other_name/__init__.py": "",
+        "src/two/package.xml": PACKAGE_XML.format("two_package"),
+        "src/two/two_package/__init__.py": "TWO = 2",
+        "src/three/package.xml": PACKAGE_XML.format("three_msgs"),
+        "src/three/msg/A.msg": "int32 a",
+        "src/json/package.xml": PACKAGE_XML.format("json"),
+        "src/json/json/__init__.py": "raise AssertionError",
+        "src/empty/package.xml": PACKAGE_XML.format("empty_package"),
+    }
+    write(tmp_path, files)
+    with install_import_hook(flavour="rclpy", around=tmp_path):
+        assert import_module("one_package").TWO == 2
+        for name in ("other_name", "empty_package"):
+            with pytest.raises(ModuleNotFoundError):
+                import_module(name)
+        found = found_packages()
+        assert {"one_package", "two_package", "three_msgs", "empty_package", "std_msgs"} <= found.keys()
+        assert found["three_msgs"].interfaces == ("msg/A.msg",)
+        assert (
+            found["three_msgs"].folder == (tmp_path / "src/three").resolve() and found["one_package"].interfaces == ()
+        )
+    assert found_packages() == {}
+    for name in ("one_package", "two_package"):
+        sys.modules.pop(name)
