@@ -123,7 +123,7 @@ done(cancel.call_async(CancelGoal.Request(goal_info=GoalInfo(goal_id=UUID(uuid=[
 done(cancel.call_async(CancelGoal.Request()))
 c.send_goal_async(5)  # text
 c.send_goal(5)  # text
-c._cancel_goal_async(5)  # text
+c._cancel_goal_async(5)
 ActionServer(n, Fibonacci, "b", 5)
 ActionClient(n, Fibonacci, "")  # text
 ActionClient(n, Fibonacci, "a b")  # text

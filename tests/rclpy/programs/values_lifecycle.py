@@ -56,7 +56,7 @@ n.trigger_configure()  # text
 n.trigger_activate()
 (entity.is_activated, entity.work("a"), entity.rest(), list(seen), seen.clear())
 publisher.is_activated
-publisher.publish(5)  # text
+publisher.publish(5)
 n.trigger_deactivate()
 n.trigger_cleanup()
 n.trigger_shutdown()
