@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     RunPage = Callable[..., subprocess.CompletedProcess[str]]
 
 WITH_CODE = [page for page in PAGES if blocks(page)]
-OF_NETWORKS = {"README.md", "doctor.md", "network.md", "zenoh.md"}
+OF_NETWORKS = {"README.md", "doctor.md", "network.md", "run.md", "zenoh.md"}
 
 
 def transport_of(page: Path) -> str:
-    """Memory, unless the page starts processes or is about the network."""
+    """Memory, unless the page starts processes, is about the network or runs whole programs."""
     found = [block for block in blocks(page) if not block.title]
     lines = [line for block in found if block.language == "sh" for line in block.text.splitlines() if line.strip()]
     starts_others = any(re.match(r"python |rosidl-py-gen|.*# until Ctrl-C", line) for line in lines)
