@@ -103,8 +103,8 @@ class ContextHandle(Destroyable):
         self.news: object = None
         """Another object whenever something happened that an executor may wait for."""
         self.creating = threading.RLock()
-        """Held while an endpoint is created, and while endpoints are counted: the graph shows one before it is connected
-        with those that are there, and what is published in between would be lost.
+        """Held while an endpoint is created, and while endpoints are counted: the graph shows one before it is
+        connected with those that are there, and what is published in between would be lost.
         """
         self._is_ok = True
         self._lock = threading.Lock()
