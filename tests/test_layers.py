@@ -169,6 +169,7 @@ SHARED_IN_SHIM = {
     "_set_ros_time_is_active",
     "_take",
     "_timer",
+    "_watch",
     "_TYPE_SUPPORT",
 }
 # Functions of the standard library that are public in spite of their names.
