@@ -412,7 +412,9 @@ def test_a_recorder_that_is_killed_while_it_makes_a_file_leaves_the_others(tmp_p
 def test_a_file_that_was_renamed_is_named(tmp_path: Path) -> None:
     write_some(tmp_path / "bag")
     (tmp_path / "bag" / "bag_0.mcap").rename(tmp_path / "bag" / "drive.mcap")
-    with pytest.raises(BagError, match=r"names bag_0\.mcap, which is not there; there is drive\.mcap, which can be read"):
+    with pytest.raises(
+        BagError, match=r"names bag_0\.mcap, which is not there; there is drive\.mcap, which can be read"
+    ):
         BagReader(tmp_path / "bag")
     with BagReader(tmp_path / "bag" / "drive.mcap") as reader:
         assert len(list(reader)) == 20
