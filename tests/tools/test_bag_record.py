@@ -17,7 +17,7 @@ from rosbags.rosbag2 import Reader as RosbagsReader
 from worlds import until
 
 from rosidl_py_gen import compile_text, get_action, get_message, get_service, type_hash
-from rosidl_py_gen.bags import BagReader, BagWriter
+from rosidl_py_gen.bags import BagError, BagReader, BagWriter
 from rosidl_py_gen.bags.metadata import qos_profiles
 from rosidl_py_gen.runtime import Durability, IntrospectionState, QoSProfile, Reliability, ServiceEventType
 from rosidl_py_gen.tools.recording.writer import WriterThread
@@ -61,8 +61,11 @@ async def said(process: Any, *texts: str) -> None:
 
 def count_of(path: Path) -> int:
     """Messages that are in the bag, also while it is recorded."""
-    with BagReader(path) as reader:
-        return sum(topic.count or 0 for topic in reader.topics.values())
+    try:
+        with BagReader(path) as reader:
+            return sum(topic.count or 0 for topic in reader.topics.values())
+    except BagError:  # the file was just made, and has no tables yet
+        return 0
 
 
 def files_of(path: Path) -> list[Path]:

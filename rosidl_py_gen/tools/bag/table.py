@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
 from rosidl_py_gen.tables import write_datasets
-from rosidl_py_gen.tools import printing, report
+from rosidl_py_gen.tools import ToolError, printing, report
 from rosidl_py_gen.tools.bag.part import progress_bar
 
 if TYPE_CHECKING:
@@ -31,6 +31,8 @@ def run(
     paths: Sequence[str],
 ) -> int:
     """Returns the exit code."""
+    if scheduler and workers:
+        raise ToolError("a scheduler has its own workers: give --scheduler or --workers")
     with _bar() as show:
         found = write_datasets(
             bags,
