@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import rosidl_py_gen
@@ -12,5 +11,4 @@ INTERFACES = Path(__file__).resolve().parents[1] / "interfaces"
 
 
 def install() -> None:
-    sys.path.insert(0, str(FOLDER))
     rosidl_py_gen.install_import_hook(flavour="rclpy", shadow=True, path=str(INTERFACES))

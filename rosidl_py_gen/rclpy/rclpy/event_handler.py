@@ -13,6 +13,7 @@ from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.handles import Destroyable
 from rclpy.logging import get_logger as get_logger
 from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
+from rclpy.task import await_or_execute
 from rclpy.waitable import NumberOfEntities, Waitable
 from rosidl_py_gen import runtime
 
@@ -99,8 +100,6 @@ class EventHandler(Waitable):
             return self.__event.items.popleft() if self.__event.items else None
 
     async def execute(self, taken_data: Any) -> None:
-        from rclpy.executors import await_or_execute
-
         if taken_data:
             await await_or_execute(self.callback, taken_data)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 import threading
 import time
@@ -24,6 +23,7 @@ from rclpy.signals import SignalHandlerGuardCondition as SignalHandlerGuardCondi
 from rclpy.subscription import Subscription as Subscription
 from rclpy.task import Future as Future
 from rclpy.task import Task as Task
+from rclpy.task import await_or_execute as await_or_execute
 from rclpy.timer import Timer as Timer
 from rclpy.utilities import get_default_context
 from rclpy.utilities import timeout_sec_to_nsec as timeout_sec_to_nsec
@@ -67,13 +67,6 @@ class TimeoutObject:
 
 
 _Timeout = float | TimeoutObject | None
-
-
-async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
-    """Call a function, and await what an async one answers."""
-    if inspect.iscoroutinefunction(callback):
-        return await callback(*args)
-    return callback(*args)
 
 
 _SELECTORS_S = 0.001
@@ -167,14 +160,17 @@ class Executor:
     def spin_until_future_complete(self, future: Future[Any], timeout_sec: float | None = None) -> None:
         """Run callbacks until a future is done or cancelled, or the time has passed."""
         self._wake_at_end(future)
-        end = None if timeout_sec is None or timeout_sec < 0 else time.monotonic() + timeout_sec
+        end = None if timeout_sec is None or timeout_sec < 0 else self._now_s() + timeout_sec
         left = None if timeout_sec is None or end is None else TimeoutObject(timeout_sec)
         while self._context.ok() and not future.done() and not future.cancelled() and not self._is_shutdown:
             self.spin_once_until_future_complete(future, left)
             if end is not None and left is not None:
-                left.timeout = end - time.monotonic()
+                left.timeout = end - self._now_s()
                 if left.timeout <= 0:
                     return
+
+    def _now_s(self) -> float:
+        return self.__handle.driver.loop.time()
 
     def _wake_at_end(self, future: Future[Any]) -> None:
         if isinstance(future, Future):
@@ -269,7 +265,7 @@ class Executor:
                 ready = ready_waitables(chosen, self.can_execute) + ready_entities(chosen, self.can_execute)
                 if ready or self._is_shutdown or not handle.ok() or condition() or self._can_go_on(chosen):
                     return ready
-                left = None if end is None else end - time.monotonic()
+                left = None if end is None else end - self._now_s()
                 if left is not None and left <= 0:
                     return []
                 limits = [one for one in (left, seconds_to_timer(chosen, self.can_execute)) if one is not None]
@@ -288,13 +284,13 @@ class Executor:
         self, timeout_sec: _Timeout = None, nodes: list[Node] | None = None, condition: Callable[[], bool] = _never
     ) -> Iterator[_Work]:
         limit = timeout_sec.timeout if isinstance(timeout_sec, TimeoutObject) else timeout_sec
-        end = None if limit is None or limit < 0 else time.monotonic() + float(limit)
+        end = None if limit is None or limit < 0 else self._now_s() + float(limit)
         yielded = False
         while not yielded and not self._is_shutdown and not condition():
             for work in self._resumable(self.get_nodes() if nodes is None else nodes):
                 yielded = True
                 yield work
-            ready = self._wait(nodes, time.monotonic() if yielded else end, condition)
+            ready = self._wait(nodes, self._now_s() if yielded else end, condition)
             if self._is_shutdown:
                 raise ShutdownException
             if not self._context.ok():
@@ -303,7 +299,7 @@ class Executor:
                 if self.can_execute(entity) and (entity._is_ready() if isinstance(entity, Timer) else True):
                     yielded = True
                     yield self._make_handler(entity, node), entity, node
-            if not yielded and end is not None and time.monotonic() >= end:
+            if not yielded and end is not None and self._now_s() >= end:
                 raise TimeoutException
         if self._is_shutdown:
             raise ShutdownException

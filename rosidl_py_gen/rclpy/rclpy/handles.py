@@ -102,6 +102,10 @@ class ContextHandle(Destroyable):
             raise
         self.news: object = None
         """Another object whenever something happened that an executor may wait for."""
+        self.creating = threading.RLock()
+        """Held while an endpoint is created, and while endpoints are counted: the graph shows one before it is
+        connected with those that are there, and what is published in between would be lost.
+        """
         self._is_ok = True
         self._lock = threading.Lock()
         self._is_closed = False

@@ -171,7 +171,8 @@ class NodeEntities:
 
     def __with_events(self, make: Callable[[], Any], queues: dict[int, deque[Any]]) -> Handle[Any]:
         try:
-            handle = self.__handle_of(make())
+            with self.handle.context.creating:
+                handle = self.__handle_of(make())
         except runtime.UnsupportedEventError as error:
             raise UnsupportedEventTypeError(str(error)) from error
         handle.events = queues

@@ -128,7 +128,7 @@ class NodeGraph:
 
     def _count(self, what: str, name: str) -> int:
         full = self._full_name(name, is_service=what in ("clients", "services"))
-        with self.handle.in_use() as node:
+        with self.handle.in_use() as node, self.handle.context.creating:
             count: int = getattr(node, f"count_{what}")(full)
             return count
 

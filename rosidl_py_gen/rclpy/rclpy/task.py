@@ -242,3 +242,10 @@ class Task(Future[T]):
 
 def _no_executor() -> None:
     """What a weak reference to nothing answers."""
+
+
+async def await_or_execute(callback: Callable[..., Any], *args: Any) -> Any:
+    """Call a function, and await what an async one answers."""
+    if inspect.iscoroutinefunction(callback):
+        return await callback(*args)
+    return callback(*args)
