@@ -162,9 +162,12 @@ SHARED_IN_RUNTIME = {
 SHARED_IN_SHIM = {
     "_executor_event",
     "_from_runtime",
+    "_goal_info",
     "_handed_out",
     "_is_ready",
     "_pending",
+    "_publish_feedback",
+    "_publish_status",
     "_queues",
     "_set_executor",
     "_set_ros_time_is_active",
@@ -172,6 +175,7 @@ SHARED_IN_SHIM = {
     "_timer",
     "_watch",
     "_TYPE_SUPPORT",
+    "_update_state",
 }
 # Functions of the standard library that are public in spite of their names.
 DOCUMENTED = {"sys._getframe", "os._exit"}

@@ -52,3 +52,15 @@ class QoSCompatibility(IntEnum):
     OK = 0
     WARNING = 1
     ERROR = 2
+
+
+class TransitionCallbackReturnType(IntEnum):
+    """What the callback of a lifecycle transition answers; numbers of lifecycle_msgs/Transition."""
+
+    SUCCESS = 97
+    FAILURE = 98
+    ERROR = 99
+
+    def to_label(self) -> str:
+        """The transition that follows."""
+        return f"transition_{self.name.lower()}"

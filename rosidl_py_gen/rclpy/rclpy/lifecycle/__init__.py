@@ -1,0 +1,23 @@
+"""Lifecycle nodes, also called managed."""
+
+from __future__ import annotations
+
+from rclpy._rclpy_pybind11 import TransitionCallbackReturnType
+from rclpy.lifecycle.managed_entity import ManagedEntity, SimpleManagedEntity
+from rclpy.lifecycle.node import LifecycleNode, LifecycleNodeMixin, LifecycleState
+from rclpy.lifecycle.publisher import LifecyclePublisher
+
+Node = LifecycleNode
+NodeMixin = LifecycleNodeMixin
+State = LifecycleState
+Publisher = LifecyclePublisher
+TransitionCallbackReturn = TransitionCallbackReturnType
+
+__all__ = [
+    "LifecycleNode",
+    "LifecycleNodeMixin",
+    "LifecyclePublisher",
+    "LifecycleState",
+    "ManagedEntity",
+    "SimpleManagedEntity",
+]

@@ -1,0 +1,21 @@
+"""Publishers of lifecycle nodes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.lifecycle.managed_entity import SimpleManagedEntity
+from rclpy.publisher import Publisher
+
+
+class LifecyclePublisher(SimpleManagedEntity, Publisher):
+    """Publishes while its node is active; what it is given else is lost. Made by `create_lifecycle_publisher`."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        SimpleManagedEntity.__init__(self)
+        Publisher.__init__(self, *args, **kwargs)
+
+    @SimpleManagedEntity.when_enabled
+    def publish(self, msg: Any) -> None:
+        """As `rclpy.publisher.Publisher.publish`."""
+        Publisher.publish(self, msg)
