@@ -27,6 +27,8 @@ NOT_QUICK = re.compile(
     r"|needs_neither_lark|foreign_package_of_the_same_name|clean_code|formatted_and_clean|left_alone_by_the_formatter"
     r"|every_byte|need_little_memory|ten_thousand_fields|every_error_class|bytes_of_a_database_may_be_wrong"
     r"|without_the_extra|without_network_or_proc|forgotten_node_lives|starts_without_what|killed_server|during_a_flood|pages_hide_nothing"
+    r"|against_rclpy|rclpy_flavour/test_codec|second_start_needs|classes_are_those_of_everybody|without_it_nothing_changes"
+    r"|test_bag_record|no_more_memory_than|far_deeper|deeper than|test_random_tables"
     r"|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
 )
 """Tests and files of tests that start processes, or take long by themselves."""

@@ -105,6 +105,7 @@ def test_a_checkout_names_itself(monkeypatch: pytest.MonkeyPatch) -> None:
         ("cyclonedds", f"{NO_LIBRARY}; import rosidl_py_gen.runtime as r; r.Context(transport='dds')", "node"),
         ("zenoh", "import rosidl_py_gen.runtime as r; r.Context(transport='zenoh')", "zenoh"),
         ("xxhash", "import rosidl_py_gen.runtime as r; r.Context(transport='zenoh')", "zenoh"),
+        ("zenoh", "from rosidl_py_gen.runtime import ZenohRouter; ZenohRouter({}, print)", "zenoh"),
     ],
 )
 def test_programs_are_told_the_command(missing: str, program: str, extra: str) -> None:
@@ -116,6 +117,15 @@ def test_programs_are_told_the_command(missing: str, program: str, extra: str) -
     ]
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], cwd=ROOT, capture_output=True, text=True)
     assert done.stdout.startswith(f"{missing} ") and install_command(extra) in done.stdout, done.stderr
+
+
+def test_all_names_of_the_runtime_can_be_imported_without_a_transport() -> None:
+    extras = ["zenoh", "xxhash", "cyclonedds"]
+    program = (
+        f"import sys; sys.modules.update(dict.fromkeys({extras})); from rosidl_py_gen.runtime import *; print(Node)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout.endswith(".Node'>\n"), done.stderr
 
 
 def test_other_modules_are_no_business_of_extras() -> None:

@@ -9,6 +9,7 @@ import ast
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -161,15 +162,20 @@ SHARED_IN_RUNTIME = {
 SHARED_IN_SHIM = {
     "_executor_event",
     "_from_runtime",
+    "_goal_info",
     "_handed_out",
     "_is_ready",
     "_pending",
+    "_publish_feedback",
+    "_publish_status",
     "_queues",
     "_set_executor",
     "_set_ros_time_is_active",
     "_take",
     "_timer",
+    "_watch",
     "_TYPE_SUPPORT",
+    "_update_state",
 }
 # Functions of the standard library that are public in spite of their names.
 DOCUMENTED = {"sys._getframe", "os._exit"}
@@ -238,6 +244,12 @@ class Import:
     for_typing: bool
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """Parsed once: many tests look at every file."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def module_of(path: Path) -> str:
     parts = path.relative_to(PACKAGE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
@@ -250,7 +262,7 @@ def part_of(module: str) -> str:
 
 
 def imports_of(path: Path) -> list[Import]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     return list(_walk(tree, path, False))
 
 
@@ -405,7 +417,7 @@ def test_packages_of_the_shim_form_no_circle() -> None:
 def test_what_stands_above_the_runtime_reaches_through_nothing(path: Path) -> None:
     if part_of(module_of(path)) not in ABOVE_THE_RUNTIME:
         return
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     wrong = [
         f"line {node.lineno}: .{node.attr}"
         for node in ast.walk(tree)
@@ -523,7 +535,7 @@ def test_nobody_touches_what_is_private_to_others() -> None:
         f"{path.relative_to(PACKAGE.parent)}:{node.lineno}: {ast.unparse(node)}"
         for path in WRITTEN
         if module_of(path) != KNOWS_LAYOUTS
-        for node in _private_uses(ast.parse(path.read_text(encoding="utf-8")), shared_with(module_of(path)))
+        for node in _private_uses(tree_of(path), shared_with(module_of(path)))
     ]
     assert wrong == []
 
@@ -533,7 +545,7 @@ def test_memory_of_others_is_read_and_changed_in_one_file(path: Path) -> None:
     if module_of(path) == KNOWS_LAYOUTS:
         return
     names = {"from_address", "memmove", "memset", "PyBytes_FromStringAndSize"}
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         found = node.attr if isinstance(node, ast.Attribute) else node.value if isinstance(node, ast.Constant) else ""
         assert found not in names, f"{module_of(path)}:{getattr(node, 'lineno', 0)}: {found}"
 
@@ -603,7 +615,7 @@ def test_time_comes_from_the_loop_or_the_transport(path: Path) -> None:
     if module_of(path).startswith(KNOW_THE_TIME):
         return
     names = {"monotonic", "monotonic_ns", "time", "time_ns", "perf_counter", "perf_counter_ns"}
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(tree_of(path)):
         is_asked = isinstance(node, ast.Attribute) and ast.unparse(node.value) == "time" and node.attr in names
         is_taken = (
             isinstance(node, ast.ImportFrom) and node.module == "time" and names & {one.name for one in node.names}
@@ -619,4 +631,4 @@ def test_files_stay_readable(path: Path) -> None:
 
 @pytest.mark.parametrize("path", WRITTEN, ids=module_of)
 def test_every_file_says_what_it_is_for(path: Path) -> None:
-    assert ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    assert ast.get_docstring(tree_of(path))

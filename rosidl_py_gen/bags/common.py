@@ -23,7 +23,7 @@ class BagTopic:
         message_encoding: ``cdr`` for everything of ROS 2.
         type_hash: RIHS01 text, empty when the bag does not have it.
         offered_qos: YAML as rosbag2 writes it, empty when the bag does not have it.
-        count: messages, None when the bag has no index.
+        count: messages, None when the bag does not tell, as MCAP files without statistics.
     """
 
     name: str

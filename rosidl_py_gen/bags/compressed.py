@@ -52,7 +52,7 @@ def files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
     if mode not in ("none", "file", "message") or told.compression not in ("", "zstd"):
         raise BagError(f"{path}: {told.compression} of rosbag2's {mode} mode is not known; expected zstd")
     return (
-        [_found(path / name) for name in told.files],
+        [_found(path, name) for name in told.files],
         mode == "message",
         {(topic.name, topic.type_name): topic.type_hash for topic in told.topics if topic.type_hash},
     )
@@ -60,11 +60,7 @@ def files_of(path: Path) -> tuple[list[Path], bool, dict[tuple[str, str], str]]:
 
 def bag_files(folder: Path) -> list[Path]:
     """The bag files in a folder by name, compressed or not; raises `BagError` when there are none."""
-    found = sorted(
-        file
-        for file in folder.iterdir()
-        if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES and not file.name.startswith(".")
-    )
+    found = _bag_files(folder)
     if not found:
         raise BagError(f"{folder}: a folder with neither {FILE} nor bag files")
     return found
@@ -87,10 +83,24 @@ def compression_of(file: Path) -> str | None:
     return "message" if bytes(first[1][:4]) == _MAGIC else ""
 
 
-def _found(path: Path) -> Path:
+def _found(folder: Path, name: str) -> Path:
     """The file, or its compressed form: some recorders name one and leave the other."""
-    packed = path.with_name(path.name + SUFFIX)
-    return packed if packed.is_file() and not path.is_file() else path
+    path, packed = folder / name, folder / (name + SUFFIX)
+    if path.is_file():
+        return path
+    if not packed.is_file():
+        others = [file.name for file in _bag_files(folder)]
+        advice = f"; there is {', '.join(others[:3])}, which can be read by its own name" if others else ""
+        raise BagError(f"{folder / FILE} names {name}, which is not there{advice}")
+    return packed
+
+
+def _bag_files(folder: Path) -> list[Path]:
+    return sorted(
+        file
+        for file in folder.iterdir()
+        if Path(file.name.removesuffix(SUFFIX)).suffix in _SUFFIXES and not file.name.startswith(".")
+    )
 
 
 def unpacked(path: Path, kept: ExitStack, max_bytes: int) -> Path:

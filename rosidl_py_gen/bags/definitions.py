@@ -20,7 +20,7 @@ from rosidl_py_gen.base.names import split_ros_name
 from rosidl_py_gen.cdr import Message
 from rosidl_py_gen.cdr.record_layout import varying_field
 from rosidl_py_gen.cdr.walk import measured
-from rosidl_py_gen.errors import DecodeError, InvalidNameError, RosidlError, printable
+from rosidl_py_gen.errors import DecodeError, DefinitionError, InvalidNameError, RosidlError, printable
 from rosidl_py_gen.types.by_name import Folders, definition_origin, find_class
 from rosidl_py_gen.types.from_description import definition_text
 
@@ -130,7 +130,8 @@ class Definitions:
                     return TopicDefinition(cls, NO_FIELDS, bool(wanted))
             if isinstance(error, BagError):
                 raise
-            raise BagError(f"{topic.name}: the bag has no definition of {topic.type_name}, and {error}") from None
+            said = error.problems[0] if isinstance(error, DefinitionError) else error  # a line, without the text there
+            raise BagError(f"{topic.name}: the bag has no definition of {topic.type_name}, and {said}") from None
 
     def _guessed(self, name: str) -> TopicDefinition:
         """The first of this name."""

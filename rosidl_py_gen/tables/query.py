@@ -127,8 +127,12 @@ class Database:
         """The result of a query.
 
         Raises:
-            BagError: what DuckDB says of it.
+            BagError: what DuckDB says of it, or it is none; nothing is run then.
         """
+        statements = _asked(lambda: self._base.extract_statements(query))
+        last = statements[-1].type.name if statements else "nothing"
+        if last != "SELECT":
+            raise BagError(f"expected a query, such as select count(*) from a topic, got {last}")
         self._make_views()
         return Result(self._base, _asked(lambda: self._base.sql(query), self._known))
 

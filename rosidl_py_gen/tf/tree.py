@@ -331,5 +331,5 @@ def _checked(child: str, link: Link) -> Quaternion:
 
 
 def _shown(time: int) -> str:
-    sec, rest = sec_nanosec(time)
-    return f"{sec}.{rest:09}"
+    sec, rest = sec_nanosec(abs(time))
+    return f"{'-' if time < 0 else ''}{sec}.{rest:09}"

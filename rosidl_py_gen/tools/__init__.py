@@ -231,5 +231,9 @@ def _show_warning(message: Warning | str, category: type[Warning], *place: Any, 
 
 
 def report(text: str) -> None:
-    """Say on standard error why something cannot be done. Text of peers may be in it: control characters are shown."""
-    click.secho(f"error: {printable(text)}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)
+    """Say on standard error why something cannot be done; lines after the first are indented, as a name and its caret.
+
+    Text of peers may be in it: control characters are shown.
+    """
+    lines = "\n    ".join(map(printable, text.split("\n    ")))
+    click.secho(f"error: {lines}", fg="red", err=True, color=False if os.environ.get("NO_COLOR") else None)

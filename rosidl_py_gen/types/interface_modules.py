@@ -6,8 +6,8 @@ those of `by_name`, which a module then only hands on. Decides what a module is 
 
 from __future__ import annotations
 
-import sys
 import threading
+from collections.abc import Callable
 from types import CodeType, ModuleType
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ from rosidl_py_gen.types import code_cache
 from rosidl_py_gen.types.by_name import get_action, get_message, get_service
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from rosidl_py_gen.compiler.codegen.sources import Layouts
     from rosidl_py_gen.compiler.spec.find import SearchPath
@@ -32,6 +32,8 @@ _PARTS = {
     ),
 }
 """What follows the name of an interface in the names of its classes, by kind."""
+_SERVICES = {"_SendGoal", "_GetResult"}
+_GET: dict[str, Callable[..., type]] = {"msg": get_message, "srv": get_service, "action": get_action}
 
 
 class Interfaces:
@@ -76,10 +78,10 @@ class Interfaces:
         if made is not None:
             exec(made[1], module.__dict__)
             return
-        get: Callable[..., type] = {"msg": get_message, "srv": get_service, "action": get_action}[name.kind]
-        origin = sys.modules[get(str(name), path=self._folders).__module__]
-        module.__dict__.update({exported: getattr(origin, exported) for exported in origin.__all__})
-        module.__dict__["__all__"] = origin.__all__
+        for part in _PARTS[name.kind]:
+            get = get_service if part in _SERVICES else get_message if part else _GET[name.kind]
+            module.__dict__[py_name(name.name + part)] = get(f"{name}{part}", path=self._folders)
+        module.__dict__["__all__"] = [py_name(name.name + part) for part in _PARTS[name.kind]]
 
     def code(self, name: RosName) -> tuple[code_cache.Parts, CodeType]:
         """The compiled module in rclpy's flavour, and what it was made of; from the cache if it is there.

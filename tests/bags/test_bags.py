@@ -409,6 +409,17 @@ def test_a_recorder_that_is_killed_while_it_makes_a_file_leaves_the_others(tmp_p
         BagReader(tmp_path / "bag")
 
 
+def test_a_file_that_was_renamed_is_named(tmp_path: Path) -> None:
+    write_some(tmp_path / "bag")
+    (tmp_path / "bag" / "bag_0.mcap").rename(tmp_path / "bag" / "drive.mcap")
+    with pytest.raises(
+        BagError, match=r"names bag_0\.mcap, which is not there; there is drive\.mcap, which can be read"
+    ):
+        BagReader(tmp_path / "bag")
+    with BagReader(tmp_path / "bag" / "drive.mcap") as reader:
+        assert len(list(reader)) == 20
+
+
 def test_names_of_other_things_are_refused(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "x.txt").write_text("x")

@@ -90,6 +90,13 @@ def test_a_definition_of_the_search_path_or_the_typestore_is_taken_and_told(
             assert next(iter(reader)).message.weight == 2.0
     with BagReader(bag) as reader, pytest.raises(BagError, match="has no definition of old_msgs/msg/Reading, and"):
         reader.definition("/reading")
+    wrong = package(tmp_path / "ros1" / "old_msgs", "Header header")
+    with (
+        BagReader(bag, search_path=wrong) as reader,
+        pytest.raises(BagError, match=r".msg:1:1: unknown type.*$") as told,
+    ):
+        reader.definition("/reading")
+    assert "\n" not in str(told.value)  # it is the reason why `bag table` leaves a topic out, in one line
     with pytest.raises(TypeError, match="typestore: old_msgs/Reading: expected a message class"):
         BagReader(bag, typestore={"old_msgs/Reading": 1})  # type: ignore[dict-item]
 

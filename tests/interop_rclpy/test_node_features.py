@@ -183,6 +183,7 @@ async def check_events(node: Node, peer: Peer, name: str, state: str, call: Any)
     await peer.ask("subscribe", topic=topic, type=kind)
     assert await subscription.wait_for_publishers(timeout_s=WAIT_S, count=2)
     await peer.ask("matched", topic=topic, count=2)
+    await peer.ask("until_subscribed", topic=topic, count=2)  # their publisher of events knows ours
     await until(lambda: node.count_subscribers(topic) == 2)  # they may know our publisher before it knows them
     await call()
     ours = [plain(await subscription.receive(timeout_s=WAIT_S)) for _ in EVENTS]

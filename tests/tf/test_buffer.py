@@ -250,3 +250,12 @@ def test_a_bad_transform_of_a_peer_is_logged_and_the_others_count(
         assert 'ignored a transform: "a": frame_id and child_frame_id are the same' in caplog.text
 
     run(main)
+
+
+def test_times_before_1970_are_told_as_they_are() -> None:
+    buffer = TransformBuffer()
+    buffer.set_transform(Transform("map", "base", 10, np.zeros(3), np.array([0.0, 0, 0, 1])))
+    with pytest.raises(ExtrapolationError, match=r"asked for -0\.000000005, but"):
+        buffer.lookup("map", "base", -5)
+    with pytest.raises(ExtrapolationError, match=r"asked for -1\.500000000, but"):
+        buffer.lookup("map", "base", -1_500_000_000)

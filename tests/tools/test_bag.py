@@ -19,6 +19,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
+from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.typesys import Stores, get_typestore
 from worlds import start_process, until
@@ -325,6 +326,24 @@ def test_info_tells_what_a_bag_holds(run_here: Any, tmp_path: Path) -> None:
     for name, text in (("no.mcap", "damaged"), ("nowhere", "no such file"), ("nowhere.mcap", "No such file")):
         code, _, err = run_here("bag", "info", str(tmp_path / name))
         assert (code, text in err, "Traceback" in err) == (1, True, False), err
+
+
+def test_info_counts_where_a_file_does_not_tell(run_here: Any, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"  # as rosbags wrote them until 0.10
+    with path.open("wb") as stream:
+        writer = McapWriter(stream, use_statistics=False)
+        writer.start("ros2", "rosbags-0.10.10")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        for topic, count in (("/a", 3), ("/b", 2), ("/c", 0)):
+            channel = writer.register_channel(topic, "cdr", schema)
+            for number in range(count):
+                writer.add_message(channel, number, String(data="x").encode(), number)
+        writer.finish()
+    code, out, _ = run_here("bag", "info", str(path))
+    assert code == 0 and "Messages:   5\n" in out and "None" not in out
+    assert [row.split("\t")[2] for row in out.splitlines() if row.startswith("/")] == ["3", "2", "0"]
+    told = json.loads(run_here("bag", "info", str(path), "--json")[1])
+    assert (told["messages"], [one["count"] for one in told["topics"]]) == (5, [3, 2, 0])
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])

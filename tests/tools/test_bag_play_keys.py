@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 S = 1_000_000_000
 String: Any = get_message("std_msgs/msg/String")
 RIGHT, UP, DOWN, SPACE = b"\x1b[C", b"\x1bOA", b"\x1b[B", b" "
+HIDE_CURSOR = "\x1b[?25l"
 TERMINAL = "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
 RUN = f"{TERMINAL}os.execv(sys.executable, [sys.executable, '-m', 'rosidl_py_gen.tools', *sys.argv[1:]])"
 
@@ -157,9 +158,11 @@ async def test_the_terminal_is_as_before_whatever_ends_it(
 ) -> None:
     await terminal.start("bag", "play", bag, "--start-paused", "--discovery", "off")
     assert terminal.process is not None
+    await until(lambda: terminal.last.endswith(", paused;"), 25)
     os.kill(terminal.process.pid, number)
     assert await terminal.ended() == code
     assert terminal.state() == terminal.before
+    assert "paused" in terminal.seen and HIDE_CURSOR not in terminal.seen
 
 
 async def test_a_stopped_player_gives_the_terminal_back_until_it_goes_on(

@@ -92,6 +92,15 @@ def test_errors_name_bag_topic_and_message(run_here: Any, tmp_path: Path) -> Non
     assert code == 1 and "no topic nothing; there are /image, /imu, /s" in err
 
 
+def test_what_is_no_query_is_not_run(run_here: Any, tmp_path: Path) -> None:
+    bag, other = drive(tmp_path / "a.mcap"), tmp_path / "b.csv"
+    for query, kind in ((f"copy imu to '{other}'", "COPY"), ("select 1; pragma version", "PRAGMA"), (" ", "nothing")):
+        code, said, err = run_here("bag", "sql", query, bag)
+        assert (code, said) == (1, "")
+        assert err == f"error: expected a query, such as select count(*) from a topic, got {kind}\n"
+    assert not other.exists()
+
+
 def test_a_bar_shows_on_a_terminal_how_far_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from rosidl_py_gen.tools import printing
     from rosidl_py_gen.tools.bag import part

@@ -30,6 +30,15 @@ def test_an_unknown_command_is_a_wrong_command_line(capsys: pytest.CaptureFixtur
     assert 'did you mean "topic"?' in capsys.readouterr().err
 
 
+def test_an_error_of_several_lines_keeps_them(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        tools.main(["topic", "type", "/a b", "--discovery", "off"])
+    assert end.value.code == 1
+    assert capsys.readouterr().err.endswith(" are\n    /a b\n      ^\n")
+    tools.report("a peer says \x1b[2J\nerror: b")
+    assert capsys.readouterr().err == "error: a peer says \ufffd[2J\ufffderror: b\n"
+
+
 def test_help_loads_neither_the_runtime_nor_rich() -> None:
     code = (
         "import sys; from rosidl_py_gen.tools import main\n"

@@ -124,6 +124,11 @@ def test_bags_need_no_network(tmp_path: Path, run_here: Any) -> None:
     assert code == 1 and "has no topic of rcl_interfaces/msg/Log" in err
 
 
+def test_a_recording_has_nothing_new(run_here: Any) -> None:
+    code, said, err = run_here("log", "--bag", "x.mcap", "--new")
+    assert (code, said) == (2, "") and "give --bag or --new" in err
+
+
 def test_what_is_no_expression_is_told(run_here: Any) -> None:
     code, _, err = run_here("log", "--bag", "x", "--text", "(")
     assert code == 1 and err.startswith("error: --text: no regular expression: ")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -74,10 +73,8 @@ class AsyncParameterClient:
 
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
         """Wait until they are; None means for ever. Needs no executor. False when the time passed."""
-        end = None if timeout_sec is None else time.monotonic() + timeout_sec
-        for client in self._clients():
-            client.wait_for_service(None if end is None else max(0.0, end - time.monotonic()))
-        return self.services_are_ready()
+        with self.node.handle as handle:
+            return handle.context.wait(self.services_are_ready, None if timeout_sec is None else max(0.0, timeout_sec))
 
     @staticmethod
     def _send(client: Client, request: Any, callback: Callback | None) -> Future[Any]:

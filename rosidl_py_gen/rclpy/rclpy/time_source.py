@@ -10,7 +10,7 @@ from rcl_interfaces.msg import SetParametersResult
 
 from rclpy.clock import ROSClock
 from rclpy.clock_type import ClockType
-from rclpy.node_entities import NodeEntities
+from rclpy.node_parameters import NodeParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
@@ -63,7 +63,7 @@ class TimeSource:
 
     def attach_node(self, node: Node) -> None:
         """Follow the parameter of this node, which is declared if it is not; TypeError for what is no Node."""
-        if not isinstance(node, NodeEntities):
+        if not isinstance(node, NodeParameters):  # which only nodes are
             raise TypeError("Node must be of type rclpy.node.Node")
         if self._node_weak_ref is not None:
             self.detach_node()

@@ -14,6 +14,7 @@ import contextlib
 import os
 import threading
 import weakref
+from inspect import iscoroutine
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from rosidl_py_gen.base.rclpy_names import knows_rclpy
@@ -119,7 +120,11 @@ class Driver:
 
         Raises:
             WouldDeadlockError: called inside this driver's loop, where ``await`` does it. ClosedError: as `wait`.
+            TypeError: it is no coroutine.
         """
+        is_one: bool = iscoroutine(coroutine)  # apart, as it would narrow away what the coroutine returns
+        if not is_one:
+            raise TypeError(f"coroutine must be a coroutine, such as main(), got {coroutine!r:.100}")
         call = Call(lambda: start_task(self.loop, coroutine))
         try:
             self._finish(call, lambda: call.is_done and (call.error is not None or call.value.done()))

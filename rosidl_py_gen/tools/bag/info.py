@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from rosidl_py_gen.bags import BagReader
@@ -19,22 +21,31 @@ if TYPE_CHECKING:
 def run(path: str, is_verbose: bool, paths: Sequence[str], as_json: bool) -> int:
     """Returns the exit code."""
     with BagReader(path, search_path=paths) as reader:
+        channels = _counted(reader)
         if as_json:
-            printing.document(_told(reader, is_verbose))
+            printing.document(_told(reader, channels, is_verbose))
         else:
-            _show(reader, is_verbose)
+            _show(reader, channels, is_verbose)
     return 0
 
 
-def _messages(reader: BagReader) -> int:
-    return sum(topic.count or 0 for topic in reader.topics.values())
+def _counted(reader: BagReader) -> list[BagTopic]:
+    """The channels with their counts; where a file does not tell them, it is read for them."""
+    if all(one.count is not None for one in reader.channels):
+        return reader.channels
+    found = Counter(message.channel.key for message in reader.raw_messages())
+    return [replace(one, count=found[one.key]) for one in reader.channels]
+
+
+def _messages(channels: Sequence[BagTopic]) -> int:
+    return sum(one.count or 0 for one in channels)
 
 
 def _size(reader: BagReader) -> int:
     return sum(file.stat().st_size for file in reader.files)
 
 
-def _told(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
+def _told(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> dict[str, Any]:
     return {
         "path": str(reader.path),
         "files": [file.name for file in reader.files],
@@ -45,7 +56,7 @@ def _told(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
         "start_ns": reader.start_ns,
         "end_ns": reader.end_ns,
         "duration_ns": reader.end_ns - reader.start_ns,
-        "messages": _messages(reader),
+        "messages": _messages(channels),
         "topics": [
             {
                 "name": topic.name,
@@ -57,7 +68,7 @@ def _told(reader: BagReader, is_verbose: bool) -> dict[str, Any]:
                 "offered_qos": [_qos(profile) for profile in qos_profiles(topic.offered_qos)],
                 **(_definition(reader, topic) if is_verbose else {}),
             }
-            for topic in reader.channels
+            for topic in channels
         ],
     }
 
@@ -87,7 +98,7 @@ def _qos(profile: QoSProfile) -> dict[str, Any]:
     return {name: policy.name.lower() for name, policy in zip(names, policies, strict=True)} | {"depth": profile.depth}
 
 
-def _show(reader: BagReader, is_verbose: bool) -> None:
+def _show(reader: BagReader, channels: Sequence[BagTopic], is_verbose: bool) -> None:
     rows = [
         ("Files", ", ".join(file.name for file in reader.files)),
         ("Bag size", size_text(_size(reader))),
@@ -95,11 +106,11 @@ def _show(reader: BagReader, is_verbose: bool) -> None:
         ("Duration", duration_text(reader.end_ns - reader.start_ns)),
         ("Start", time_text(reader.start_ns)),
         ("End", time_text(reader.end_ns)),
-        ("Messages", str(_messages(reader))),
+        ("Messages", str(_messages(channels))),
     ]
     if not reader.has_index:
         advice = (
-            "`rosidl-py bag convert` makes a whole bag of this" if _messages(reader) else "there is no message in it"
+            "`rosidl-py bag convert` makes a whole bag of this" if _messages(channels) else "there is no message in it"
         )
         rows.append(("Index", f"missing: the recorder did not end; {advice}"))
     if reader.unread_bytes:
@@ -110,10 +121,10 @@ def _show(reader: BagReader, is_verbose: bool) -> None:
     for name, text in rows:
         printing.line(f"{name + ':':<12}{text}")
     printing.line()
-    shown = [[one.name, one.type_name, str(one.count), _qos_text(one)] for one in reader.channels]
+    shown = [[one.name, one.type_name, str(one.count), _qos_text(one)] for one in channels]
     columns = ["topic", "type", "count", "QoS"]
     if is_verbose:
-        shown = [[*row, _definition_text(reader, one)] for row, one in zip(shown, reader.channels, strict=True)]
+        shown = [[*row, _definition_text(reader, one)] for row, one in zip(shown, channels, strict=True)]
         columns.append("definition")
     printing.table(shown, *columns)
     _show_double(reader)

@@ -12,6 +12,8 @@ from rosidl_py_gen.base.stamps import NS_PER_S, sec_nanosec
 from rosidl_py_gen.tools import ToolError, printing
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from rosidl_py_gen.bags import BagReader
 
 
@@ -67,11 +69,10 @@ def progress_bar(total: int, what: str = "messages") -> Iterator[Callable[[float
     if not printing.is_terminal() or not total:
         yield lambda done: None
         return
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     columns = BarColumn(), MofNCompleteColumn(), what, TimeRemainingColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=_console(), transient=True) as bar:
         task = bar.add_task("", total=total)
         yield lambda done: bar.update(task, completed=done)
 
@@ -82,9 +83,19 @@ def progress() -> Iterator[Callable[[str], None]]:
     if not printing.is_terminal():
         yield lambda text: None
         return
-    from rich.console import Console
     from rich.live import Live
     from rich.text import Text
 
-    with Live(Text(), console=Console(stderr=True), auto_refresh=False, transient=True) as live:
+    with Live(Text(), console=_console(), auto_refresh=False, transient=True) as live:
         yield lambda text: live.update(Text(text, overflow="ellipsis", no_wrap=True), refresh=True)
+
+
+def _console() -> Console:
+    """Standard error. The cursor stays to be seen: what a signal ends or stops could not bring it back."""
+    from rich import console
+
+    class Steady(console.Console):
+        def show_cursor(self, show: bool = True) -> bool:
+            return False
+
+    return Steady(stderr=True)

@@ -6,6 +6,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
+import click
+
 from rosidl_py_gen.tables import write_datasets
 from rosidl_py_gen.tools import printing, report
 from rosidl_py_gen.tools.bag.part import progress_bar
@@ -30,7 +32,9 @@ def run(
     as_json: bool,
     paths: Sequence[str],
 ) -> int:
-    """Returns the exit code."""
+    """Returns the exit code. Raises `click.UsageError`: options that do not go together."""
+    if scheduler and workers:
+        raise click.UsageError("a scheduler has its own workers: give --scheduler or --workers")
     with _bar() as show:
         found = write_datasets(
             bags,

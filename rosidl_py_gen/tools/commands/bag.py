@@ -149,8 +149,6 @@ def table(**arguments: Any) -> None:
     rosidl-py bag table drives/*.mcap --out dataset --topics /imu --topics /odom
     rosidl-py bag table 's3://fleet/2026-*/*.mcap' --out s3://tables/fleet --scheduler tcp://10.0.0.1:8786
     """
-    if arguments["scheduler"] and arguments["workers"]:
-        raise click.UsageError("a scheduler has its own workers: give --scheduler or --workers")
     is_parallel = arguments["scheduler"] or (arguments["workers"] or 1) > 1
     require(*(["distributed"] if is_parallel else []), "pyarrow")
     run_command("bag.table", **arguments)

@@ -41,5 +41,5 @@ def log(bag: str | None, **arguments: Any) -> None:
     if bag is None:
         run_command("log.follow", **arguments)
     else:
-        del arguments["network"], arguments["only_new"]
+        del arguments["network"]
         run_command("log.recorded", path=bag, **arguments)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import click
+
 from rosidl_py_gen.bags import BagReader
 from rosidl_py_gen.tools import ToolError
 from rosidl_py_gen.tools.log.lines import Lines
@@ -19,8 +21,11 @@ def run(
     times: int | None,
     verbose: bool,
     as_json: bool,
+    only_new: bool,
 ) -> int:
-    """What the command does."""
+    """What the command does. Raises `click.UsageError`: options that do not go together."""
+    if only_new:
+        raise click.UsageError("nothing is new in a recording: give --bag or --new")
     lines = Lines(level, nodes, pattern, times=times, verbose=verbose, as_json=as_json)
     with BagReader(path) as reader:
         topics = [name for name, topic in reader.topics.items() if topic.type_name == _TYPE]

@@ -93,12 +93,18 @@ async def _record(
 
 def _say_end(writer: WriterThread, recorder: Recorder | None, *, as_json: bool) -> None:
     topics = 0 if recorder is None else len(recorder.recorded)
-    dropped = writer.dropped + (0 if recorder is None else recorder.dropped)
+    received, early = (0, 0) if recorder is None else (recorder.dropped, recorder.early)
+    dropped = writer.dropped + received
     if as_json:
         printing.document({"path": str(writer.path), "messages": writer.messages, "topics": topics, "dropped": dropped})
         return
     printing.note(
         f"recorded {writer.messages} messages of {topics} topics, {size_text(writer.bytes)}, in {writer.path}"
     )
+    if early:
+        printing.note(f"{early} messages came before the first time of /clock, and are left out")
+    if writer.dropped and writer.takes_snapshots:
+        printing.note(f"{writer.dropped} messages are larger than --max-cache-size, and in no snapshot")
+        dropped = received
     if dropped:
         printing.note(f"{dropped} messages came faster than they could be written, and are missing")

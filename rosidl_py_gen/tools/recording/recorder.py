@@ -68,6 +68,8 @@ class Recorder:
         """Whether messages are left out."""
         self.recorded: set[str] = set()
         """Topics that are recorded."""
+        self.early = 0
+        """Messages that came before the first time of ``/clock``, and were left out."""
 
     # ------------------------------------------------------------------------------------------------------- steering
 
@@ -190,7 +192,8 @@ class Recorder:
             return
         if self._options.sim_time:
             received_ns = self._node.clock.now_ns()
-            if received_ns <= 0:  # there was no /clock yet
+            if received_ns <= 0:
+                self.early += 1
                 return
         self._writer.put(topic, data, received_ns, published_ns)
 

@@ -72,6 +72,11 @@ class WriterThread:
         self._thread.start()
 
     @property
+    def takes_snapshots(self) -> bool:
+        """Whether only snapshots are written."""
+        return self._kept is not None
+
+    @property
     def kept(self) -> str:
         """How much a snapshot would take, in words; empty without snapshots."""
         return "" if self._kept is None else f"{len(self._kept)} messages kept for a snapshot"

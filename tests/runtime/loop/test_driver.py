@@ -205,6 +205,9 @@ def test_wrong_arguments_are_refused(driver: Driver) -> None:
         driver.wait(timeout_s=-1)
     with pytest.raises(TypeError, match="driver must be a Driver, got 'x'"):
         Context(transport=MemoryTransport(), driver="x")  # type: ignore[arg-type]
+    function: Any = asyncio.sleep
+    with pytest.raises(TypeError, match="coroutine must be a coroutine, such as main"):
+        driver.run(function)
 
 
 def test_what_a_condition_takes_is_not_lost_between_threads(driver: Driver, node: Node) -> None:

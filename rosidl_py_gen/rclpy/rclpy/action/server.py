@@ -245,7 +245,7 @@ class ActionServer(Waitable):
         """Note which goals ended: their time runs from now on."""
         now_ns = self._clock().now().nanoseconds
         for key, goal in self._goal_handles.items():
-            if not goal._is_active():
+            if not goal.is_active:
                 self._ended_ns.setdefault(key, now_ns)
         self._endpoints.context.notify()
 

@@ -44,14 +44,11 @@ class ServerGoalHandle:
         """A unique_identifier_msgs/UUID."""
         return self._goal_info.goal_id
 
-    def _is_active(self) -> bool:
-        return not self._is_destroyed and self._status.is_active
-
     @property
     def is_active(self) -> bool:
         """Whether it has not ended."""
         with self._lock:
-            return self._is_active()
+            return not self._is_destroyed and self._status.is_active
 
     @property
     def is_cancel_requested(self) -> bool:
@@ -72,7 +69,7 @@ class ServerGoalHandle:
                 self._status = runtime.next_goal_status(self._status, event)
             except runtime.GoalTransitionError as error:
                 raise RCLError(f"Failed to update goal state: {error}") from error
-            ended = not self._is_active()
+            ended = not self._status.is_active
         self._action_server._publish_status()
         if ended:
             self._action_server.notify_goal_done()

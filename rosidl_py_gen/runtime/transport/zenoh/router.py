@@ -10,10 +10,8 @@ import json
 import socket
 from typing import TYPE_CHECKING
 
-import zenoh
-
+from rosidl_py_gen.base.resources import require
 from rosidl_py_gen.runtime.transport.port import TransportError
-from rosidl_py_gen.runtime.transport.zenoh.config import IPV4_ONLY, endpoints_of, reason, router_config
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -33,6 +31,7 @@ class ZenohRouter:
             no log.
 
     Raises:
+        ExtraMissingError: Zenoh is not installed.
         ZenohConfigError: the configuration cannot be used.
         TransportError: Zenoh refused, for example since there is a router already.
     """
@@ -46,6 +45,11 @@ class ZenohRouter:
         connect: Sequence[str] = (),
         log: str = "",
     ) -> None:
+        require("zenoh")  # here, so that the class can be imported with all others without it
+        import zenoh
+
+        from rosidl_py_gen.runtime.transport.zenoh.config import IPV4_ONLY, endpoints_of, reason, router_config
+
         if log:
             zenoh.init_log_from_env_or(log)
         if not listen and not environ.get("ZENOH_ROUTER_CONFIG_URI") and not _has_ipv6():
@@ -70,6 +74,8 @@ class ZenohRouter:
 
     def close(self) -> None:
         """End it; may be called twice."""
+        import zenoh
+
         with contextlib.suppress(zenoh.ZError):  # it gives up after a while when the machine is too busy
             self._session.close()  # type: ignore[no-untyped-call]
 
