@@ -173,6 +173,7 @@ SHARED_IN_SHIM = {
     "_set_ros_time_is_active",
     "_take",
     "_timer",
+    "_watch",
     "_TYPE_SUPPORT",
     "_update_state",
 }

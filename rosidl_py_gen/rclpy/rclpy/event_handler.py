@@ -12,6 +12,7 @@ from rclpy._rclpy_pybind11 import UnsupportedEventTypeError as UnsupportedEventT
 from rclpy.callback_groups import CallbackGroup as CallbackGroup
 from rclpy.handles import Destroyable
 from rclpy.logging import get_logger as get_logger
+from rclpy.mismatches import Watched
 from rclpy.qos import qos_policy_name_from_kind as qos_policy_name_from_kind
 from rclpy.task import await_or_execute
 from rclpy.waitable import NumberOfEntities, Waitable
@@ -133,6 +134,8 @@ class _EventCallbacks:
     """Functions by the runtime's names of events."""
 
     _TYPES: dict[str, int]
+    _WORDS: str
+    use_default_callbacks: bool
 
     def _functions(self) -> dict[str, Callable[[Any], Any]]:
         return {name: getattr(self, name) for name in self._TYPES if getattr(self, name) is not None}
@@ -152,18 +155,43 @@ class _EventCallbacks:
             name: keep(queue) for name, queue in queues.items()
         }
 
-    def _handlers(self, callback_group: CallbackGroup, impl: Handle[Any]) -> list[EventHandler]:
+    def _handlers(self, callback_group: CallbackGroup, impl: Handle[Any], topic_name: str) -> list[EventHandler]:
         return [
             EventHandler(
                 callback_group=callback_group, callback=function, event_type=self._TYPES[name], parent_impl=impl
             )
-            for name, function in self._functions().items()
+            for name, function in {**self._logging(impl, topic_name), **self._functions()}.items()
         ]
+
+    def _watch(self, node: runtime.Node, endpoint: Any, handle: Handle[Any]) -> None:
+        """Have mismatches noticed that no function of the program is for."""
+        queues = {"qos": deque[Any](), "type": deque[Any]()}
+        queues = {kind: queue for kind, queue in queues.items() if f"incompatible_{kind}" not in self._functions()}
+        if self.use_default_callbacks and queues:
+            handle.events.update({self._TYPES[f"incompatible_{kind}"]: queue for kind, queue in queues.items()})
+            handle.watched = Watched(node, endpoint, queues)
+            handle.context.mismatches.watch(handle.watched)
+
+    def _logging(self, impl: Handle[Any], topic_name: str) -> dict[str, Callable[[Any], Any]]:
+        """Functions that log mismatches, by name, where the program wants that."""
+        if not self.use_default_callbacks:
+            return {}
+        logger = get_logger(impl.logger_name)
+
+        def log_qos(event: runtime.IncompatibleStatus) -> None:
+            policy = qos_policy_name_from_kind(event.last_policy_kind)
+            logger.warn(f"{self._WORDS.format(topic_name)} Last incompatible policy: {policy}")
+
+        def log_type(event: runtime.IncompatibleStatus) -> None:
+            logger.warn(f"Incompatible type on topic '{topic_name}', no messages will be sent to it.")
+
+        return {"incompatible_qos": log_qos, "incompatible_type": log_type}
 
 
 class SubscriptionEventCallbacks(_EventCallbacks):
     """Functions that are told what happened to a subscription; each gets one of the `...Info` values."""
 
+    _WORDS = "New publisher discovered on topic '{}', offering incompatible QoS. No messages will be received from it."
     _TYPES = {  # noqa: RUF012
         "deadline": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED,
         "incompatible_qos": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
@@ -195,13 +223,14 @@ class SubscriptionEventCallbacks(_EventCallbacks):
     def create_event_handlers(
         self, callback_group: CallbackGroup, subscription: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
-        """A handler for each function; mismatches that no function is for are logged by the runtime."""
-        return self._handlers(callback_group, subscription)
+        """A handler for each function, and those that log mismatches, unless `use_default_callbacks` is off."""
+        return self._handlers(callback_group, subscription, topic_name)
 
 
 class PublisherEventCallbacks(_EventCallbacks):
     """Functions that are told what happened to a publisher; each gets one of the `...Info` values."""
 
+    _WORDS = "New subscription discovered on topic '{}', requesting incompatible QoS. No messages will be sent to it."
     _TYPES = {  # noqa: RUF012
         "deadline": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED,
         "liveliness": QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST,
@@ -230,5 +259,5 @@ class PublisherEventCallbacks(_EventCallbacks):
     def create_event_handlers(
         self, callback_group: CallbackGroup, publisher: Handle[Any], topic_name: str
     ) -> list[EventHandler]:
-        """A handler for each function; mismatches that no function is for are logged by the runtime."""
-        return self._handlers(callback_group, publisher)
+        """A handler for each function, and those that log mismatches, unless `use_default_callbacks` is off."""
+        return self._handlers(callback_group, publisher, topic_name)

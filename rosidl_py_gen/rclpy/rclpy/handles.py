@@ -12,6 +12,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
+from rclpy.mismatches import Mismatches, Watched
 from rosidl_py_gen import runtime
 
 if TYPE_CHECKING:
@@ -102,6 +103,7 @@ class ContextHandle(Destroyable):
             raise
         self.news: object = None
         """Another object whenever something happened that an executor may wait for."""
+        self.mismatches = Mismatches(self.runtime, self.driver, self.arrived)
         self.creating = threading.RLock()
         """Held while an endpoint is created, and while endpoints are counted: the graph shows one before it is
         connected with those that are there, and what is published in between would be lost.
@@ -179,6 +181,7 @@ class Handle(Destroyable, Generic[C]):
         self.entity = entity
         self.logger_name = logger_name
         self.events: dict[int, deque[Any]] = {}
+        self.watched: Watched | None = None
         self._ask: Callable[[], bool] = _never
         self._may_be_ready = False
 

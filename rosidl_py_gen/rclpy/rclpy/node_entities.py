@@ -157,6 +157,7 @@ class NodeEntities:
             events = runtime.PublisherEventCallbacks(**told) if told else None
             make = partial(node.create_publisher, msg_type, topic, profile.get_c_qos_profile(), event_callbacks=events)
             handle = self.__with_events(make, queues)
+            callbacks._watch(node, handle.entity, handle)
         publisher = publisher_class(
             handle,
             msg_type,
@@ -214,6 +215,7 @@ class NodeEntities:
                 node.create_subscription, msg_type, topic, None, qos, raw=raw, event_callbacks=events
             )
             handle = self.__with_events(make, queues)
+            callbacks._watch(node, handle.entity, handle)
         handlers = callbacks.create_event_handlers(group, handle, topic)
         try:
             made = Subscription(handle, msg_type, topic, callback, group, profile, raw, event_callbacks=handlers)

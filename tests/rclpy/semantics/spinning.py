@@ -16,10 +16,13 @@ import weakref
 from typing import Any
 
 import rclpy
+import rclpy.logging
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 from rclpy.wait_for_message import wait_for_message
 from std_msgs.msg import String
@@ -543,6 +546,46 @@ def created_while_spinning():
     print(hit.is_set())
     ex.shutdown()
     th.join()
+
+
+def events():
+    got = []
+
+    def matched(e):
+        got.append((e.total_count, e.total_count_change, e.current_count, e.current_count_change))
+
+    def incompatible(e):
+        got.append(("qos", e.total_count, e.total_count_change, int(e.last_policy_kind)))
+
+    callbacks = PublisherEventCallbacks(matched=matched, incompatible_qos=incompatible)
+    p = node.create_publisher(String, "ev", 10, event_callbacks=callbacks)
+    print(len(p.event_handlers), len(list(node.waitables)) >= 3)
+    s = node.create_subscription(String, "ev", print, 10)
+    spin_until(lambda: len(got) == 1)
+    node.destroy_subscription(s)
+    spin_until(lambda: len(got) == 2)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    node.create_subscription(String, "ev", print, latched)
+    spin_until(lambda: len(got) == 3)
+    print(got, node.destroy_publisher(p))
+
+
+def mismatches_are_logged():
+    texts, kept = [], rclpy.logging._root_logger
+    rclpy.logging._root_logger = Listener(texts)
+    node.create_publisher(String, "mis", 10)
+    node.create_subscription(String, "mis", print, QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
+    spin_until(lambda: len(texts) == 2)
+    rclpy.logging._root_logger = kept
+    print(sorted(texts))
+
+
+class Listener:
+    def __init__(self, texts):
+        self.warn = texts.append
+
+    def get_child(self, name):
+        return self
 
 
 def main() -> None:

@@ -1,0 +1,80 @@
+"""Publishers and subscriptions whose program gave no callback for mismatches: rclpy logs them, so a handler is told."""
+
+from __future__ import annotations
+
+import weakref
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from rosidl_py_gen import runtime
+
+
+@dataclass(eq=False)
+class Watched:
+    """One endpoint.
+
+    Attributes:
+        node: where the graph is asked.
+        endpoint: the publisher or subscription.
+        queues: what a mismatch is put into, by the kind of `runtime.Mismatch`: ``"qos"``, ``"type"``.
+    """
+
+    node: runtime.Node
+    endpoint: Any
+    queues: dict[str, deque[Any]]
+    _seen: set[bytes] = field(default_factory=set)
+    _totals: dict[str, int] = field(default_factory=dict)
+
+    def look(self) -> bool:
+        """Tell of those that are new; whether there are any."""
+        gid, before = self.endpoint.gid, len(self._seen)
+        for one in self.node.topic_mismatches(self.endpoint.topic):
+            pair = one.writer.endpoint_gid, one.reader.endpoint_gid
+            if gid not in pair:
+                continue
+            other = pair[0] if pair[1] == gid else pair[1]
+            if one.kind not in self.queues or other in self._seen:
+                continue
+            self._seen.add(other)
+            self._totals[one.kind] = total = self._totals.get(one.kind, 0) + 1
+            policies = runtime.check_compatible(one.writer.qos_profile, one.reader.qos_profile).policies
+            policy = next(iter(policies), runtime.QoSPolicyKind.INVALID) if one.kind == "qos" else None
+            status = runtime.IncompatibleStatus(total, 1, one.reason, policy or runtime.QoSPolicyKind.INVALID)
+            self.queues[one.kind].append(status)
+        return len(self._seen) > before
+
+
+class Mismatches:
+    """Looks at the endpoints of a context when the runtime notices a mismatch, and at no other time."""
+
+    def __init__(self, context: runtime.Context, driver: runtime.Driver, arrived: Callable[[], None]) -> None:
+        self._driver = driver
+        self._arrived = arrived
+        self._watched: weakref.WeakSet[Watched] = weakref.WeakSet()
+        self._texts: list[str] = []
+        context.on_mismatch = self._note
+
+    def watch(self, watched: Watched) -> None:
+        """Look at an endpoint, too, as long as somebody holds `watched`."""
+        self._watched.add(watched)
+
+    def _note(self, text: str) -> None:
+        self._texts.append(text)
+        self._driver.loop.call_soon_threadsafe(self._look)
+
+    def _look(self) -> None:
+        """On the loop. What no handler is told of is logged as it came: services, and definitions of one type."""
+        texts, self._texts = self._texts, []
+        told = set()
+        for one in list(self._watched):
+            try:
+                if one.look():
+                    told.add(f" on {one.endpoint.topic} from ")
+            except runtime.ClosedError:
+                continue
+        self._arrived()
+        for text in texts:
+            if not any(topic in text for topic in told):
+                runtime.get_logger("rclpy").warning(text)

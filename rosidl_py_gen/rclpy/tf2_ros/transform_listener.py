@@ -1,0 +1,79 @@
+"""Fills a buffer from ``/tf`` and ``/tf_static``."""
+
+from __future__ import annotations
+
+from threading import Thread
+from typing import Any
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+
+_AUTHORITY = "default_authority"
+
+
+class TransformListener:
+    """Two subscriptions, in a callback group of their own.
+
+    Args:
+        buffer: is filled.
+        node: has the subscriptions.
+        spin_thread: spin the node in a thread.
+        qos: a profile or a depth for ``/tf``: 100.
+        static_qos: the same for ``/tf_static``, where the last message of each publisher is waited for.
+    """
+
+    def __init__(
+        self,
+        buffer: Any,
+        node: Node,
+        *,
+        spin_thread: bool = False,
+        qos: QoSProfile | int | None = None,
+        static_qos: QoSProfile | int | None = None,
+    ) -> None:
+        keep = {"depth": 100, "history": HistoryPolicy.KEEP_LAST}
+        if qos is None:
+            qos = QoSProfile(durability=DurabilityPolicy.VOLATILE, **keep)
+        if static_qos is None:
+            static_qos = QoSProfile(durability=DurabilityPolicy.TRANSIENT_LOCAL, **keep)
+        self.buffer, self.node = buffer, node
+        # Waiting for transforms in a callback of the node's own group must not be in the way.
+        self.group = ReentrantCallbackGroup()
+        self.tf_sub = node.create_subscription(TFMessage, "/tf", self.callback, qos, callback_group=self.group)
+        self.tf_static_sub = node.create_subscription(
+            TFMessage, "/tf_static", self.static_callback, static_qos, callback_group=self.group
+        )
+        if spin_thread:
+            self.executor = SingleThreadedExecutor()
+            self.dedicated_listener_thread = Thread(target=self._spin)
+            self.dedicated_listener_thread.start()
+
+    def _spin(self) -> None:
+        self.executor.add_node(self.node)
+        self.executor.spin()
+        self.executor.remove_node(self.node)
+
+    def __del__(self) -> None:
+        if hasattr(self, "dedicated_listener_thread") and hasattr(self, "executor"):
+            self.executor.shutdown()
+            self.dedicated_listener_thread.join()
+        if hasattr(self, "tf_static_sub"):
+            self.unregister()
+
+    def unregister(self) -> None:
+        """Destroy the subscriptions."""
+        self.node.destroy_subscription(self.tf_sub)
+        self.node.destroy_subscription(self.tf_static_sub)
+
+    def callback(self, data: TFMessage) -> None:
+        """What came on ``/tf``."""
+        for transform in data.transforms:
+            self.buffer.set_transform(transform, _AUTHORITY)
+
+    def static_callback(self, data: TFMessage) -> None:
+        """What came on ``/tf_static``."""
+        for transform in data.transforms:
+            self.buffer.set_transform_static(transform, _AUTHORITY)
