@@ -67,7 +67,8 @@ def read_metadata(folder: Path) -> BagMetadata:
     try:
         return _parsed(told["rosbag2_bagfile_information"])
     except Exception as error:  # KeyError, TypeError, OverflowError of infinity, RecursionError while dumping QoS
-        raise BagError(f"{path}: not as rosbag2 writes it: {type(error).__name__} {str(error)[:200]}") from None
+        reason = f"not as rosbag2 writes it: {type(error).__name__} {str(error)[:200]}"
+        raise BagError(f"{path}: {reason}; `rosidl-py bag reindex` writes it again") from None
 
 
 class _Loader(_FastLoader):

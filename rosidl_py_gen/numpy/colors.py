@@ -34,6 +34,10 @@ def converted(array: Pixels, encoding: str, to: str) -> Pixels:
     source = _SAME.get(encoding, encoding)
     if source == to:
         return array
+    if encoding == "16UC1":
+        raise ConversionError(
+            f"encoding: 16UC1 may be depths, which are no {to}; mono16 has the same numbers, which can be scaled"
+        )
     order, bits = _COLORS[to]
     native = array.astype(array.dtype.newbyteorder("="), copy=False)
     channels = _channels(native, source)

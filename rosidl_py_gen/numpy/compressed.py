@@ -30,6 +30,7 @@ _OTHER_MODES = {"1": "L", "P": "RGB", "PA": "RGBA", "LA": "RGBA", "CMYK": "RGB",
 _DEPTH_HEADER = struct.Struct("<iff")
 """Of compressed_depth_image_transport, before the PNG: its format, and two parameters of 32FC1."""
 _QUALITY = 95
+_MOST_GRAY = 65535
 MOST_PIXELS = 64_000_000
 """What a picture may unpack to when nobody says otherwise."""
 
@@ -41,7 +42,8 @@ def compressedimage_to_array(
 
     Args:
         to: convert to this encoding, as `image_to_array` does.
-        max_pixels: refuse what unpacks to more, which few bytes can do.
+        max_pixels: refuse what unpacks to more, which few bytes can do. From 179 million on, Pillow has to be told as
+            well: ``PIL.Image.MAX_IMAGE_PIXELS``.
 
     Returns:
         Shape ``(height, width, 3)`` of uint8, red first, whatever the encoding was before; ``(height, width, 4)`` where
@@ -61,6 +63,8 @@ def compressedimage_to_array(
         array, encoding = _depth(data, before.strip(), how, max_pixels)
     else:
         array, encoding = _unpacked(data, max_pixels)
+        if encoding == "mono16" and before.strip() == "16UC1":
+            encoding = "16UC1"
         if "compressed rgb" in how and array.ndim == 3:  # OpenCV, which takes blue first, was given red first
             array = np.ascontiguousarray(array[..., [2, 1, 0, *range(3, array.shape[2])]])
     return array if to is None else converted(array, encoding, to)
@@ -79,13 +83,24 @@ def _unpacked(data: Pixels, max_pixels: int) -> tuple[Pixels, str]:
                 has_alpha = picture.mode[-1] == "A" or "transparency" in picture.info
                 picture = picture.convert("RGBA" if has_alpha else _OTHER_MODES[picture.mode])
             if picture.mode == "I":  # what PNG with 16 bits is to older versions
-                return np.array(picture).astype(np.uint16), "mono16"
+                numbers = np.array(picture)
+                if numbers.size and not 0 <= numbers.min() <= numbers.max() <= _MOST_GRAY:
+                    found = f"{numbers.min()} to {numbers.max()}"
+                    raise ConversionError(f"data: a picture with values from {found}, beyond 16 bits of brightness")
+                return numbers.astype(np.uint16), "mono16"
             if picture.mode not in _ENCODINGS:
                 raise ConversionError(f"data: a picture of the mode {picture.mode}, which no encoding is like")
             array = np.array(picture)
             return array.astype(array.dtype.newbyteorder("="), copy=False), _ENCODINGS[picture.mode]
     except ConversionError:
         raise
+    except pillow.UnidentifiedImageError:
+        raise ConversionError(f"data: {len(data)} bytes are no picture: none of {', '.join(_FORMATS)}") from None
+    except pillow.DecompressionBombError as error:
+        raise ConversionError(
+            f"data: {len(data)} bytes unpack to more than max_pixels={max_pixels}, or than Pillow allows "
+            f"(PIL.Image.MAX_IMAGE_PIXELS): {error!s:.200}"
+        ) from None
     except Exception as error:  # its decoders raise what they like: OSError, SyntaxError, struct.error, ...
         raise ConversionError(f"data: {len(data)} bytes are no picture: {error!s:.200}") from None
 
@@ -98,7 +113,7 @@ def _depth(data: Pixels, encoding: str, how: str, max_pixels: int) -> tuple[Pixe
     _, scale, offset = _DEPTH_HEADER.unpack(data[: _DEPTH_HEADER.size].tobytes())
     array, found = _unpacked(data[_DEPTH_HEADER.size :], max_pixels)
     if encoding != "32FC1":
-        return array, found
+        return array, "16UC1" if found == "mono16" else found
     if array.dtype != np.uint16 or array.ndim != 2:
         raise ConversionError(f"data: depths of 32FC1 are in a picture of uint16, got {array.dtype} of {array.shape}")
     with np.errstate(all="ignore"):

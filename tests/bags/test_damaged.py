@@ -248,7 +248,7 @@ def told(**wrong: str) -> str:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "not as rosbag2 writes it"),
+        ("", "not as rosbag2 writes it: .*; `rosidl-py bag reindex` writes it again"),
         ("{", "not YAML: "),
         ("rosbag2_bagfile_information: 3", "not as rosbag2 writes it"),
         ("rosbag2_bagfile_information: {relative_file_paths: [a.mcap]}", "KeyError 'storage_identifier'"),

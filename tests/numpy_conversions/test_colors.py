@@ -145,6 +145,8 @@ def test_every_pair_gives_the_shape_and_type_that_its_name_says(source: str, tar
         ("rgb8", "yuyv", "expected one of rgb8, rgb16, bgr8"),
         ("rgb8", 8, "cannot convert to 8"),
         ("32FC1", "mono8", "encoding: 32FC1 has no colours that could be converted to mono8"),
+        ("16UC1", "mono8", "encoding: 16UC1 may be depths, which are no mono8; mono16 has the same numbers"),
+        ("16UC1", "rgb16", "encoding: 16UC1 may be depths, which are no rgb16"),
         ("8UC3", "rgb8", "encoding: 8UC3 has no colours"),
         ("odd", "rgb8", "width: two pixels share their colour, got 5"),
         ("tiny", "rgb8", "a Bayer pattern has 2 x 2 pixels at least, got 1 x 5"),
@@ -153,6 +155,7 @@ def test_every_pair_gives_the_shape_and_type_that_its_name_says(source: str, tar
 def test_what_cannot_be_converted_is_told(source: str, target: Any, text: str) -> None:
     made = {
         "32FC1": lambda: array_to_image(np.zeros((2, 2), np.float32)),
+        "16UC1": lambda: array_to_image(np.full((2, 2), 1000, np.uint16), "16UC1"),
         "8UC3": lambda: array_to_image(np.zeros((2, 2, 3), np.uint8), "8UC3"),
         "odd": lambda: array_to_image(np.zeros((2, 5, 2), np.uint8), "uyvy"),
         "tiny": lambda: array_to_image(np.zeros((1, 5), np.uint8), "bayer_rggb8"),

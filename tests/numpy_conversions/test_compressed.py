@@ -137,6 +137,13 @@ def test_depth_images_come_as_depths() -> None:
     raw = smooth(1, "u2") * 100
     whole = compressedimage_to_array(depth_message(raw, "16UC1; compressedDepth png"))
     assert whole.dtype == np.uint16 and (whole == raw).all()
+    assert (compressedimage_to_array(depth_message(raw, "16UC1; compressedDepth png"), to="mono16") == raw).all()
+    for image in (
+        depth_message(raw, "16UC1; compressedDepth png"),
+        array_to_compressedimage(raw, "16UC1", format="png"),
+    ):
+        with pytest.raises(ConversionError, match="16UC1 may be depths, which are no mono8"):
+            compressedimage_to_array(image, to="mono8")
     scale, offset = 100.0 * 101, 100.0 / 10 + 1 - 100  # as compressed_depth_image_transport: quantization 100, 10 m
     depth = np.array([[0.5, 2.0], [9.0, 0.0]])
     stored = np.zeros((2, 2), np.uint16)
@@ -163,7 +170,8 @@ def png(width: int, height: int, bits: int = 8, colors: int = 2, data: bytes = b
     [
         (CompressedImage(format="jpeg", data=b""), "data: 0 bytes are no picture"),
         (CompressedImage(format="jpeg", data=b"\xff\xd8\xff garbage"), "data: 11 bytes are no picture"),
-        (png(50_000, 50_000), "2500000000 pixels|50000 x 50000 pixels, more than max_pixels=64000000|no picture"),
+        (CompressedImage(format="jpeg", data=b"GIF89a"), "no picture: none of JPEG, PNG, TIFF, WEBP$"),
+        (png(50_000, 50_000), "more than max_pixels=64000000, or .*2500000000 pixels"),
         (png(9000, 9000), "unpack to 9000 x 9000 pixels, more than max_pixels=64000000"),
         (png(4, 4, 16), "16 bits for each colour, of which Pillow reads 8 only"),
         (png(4, 4, data=b"\0"), "are no picture"),
@@ -174,6 +182,20 @@ def png(width: int, height: int, bits: int = 8, colors: int = 2, data: bytes = b
 def test_what_is_no_picture_or_too_large_is_refused(image: Any, text: str) -> None:
     with pytest.raises(ConversionError, match=text):
         compressedimage_to_array(image)
+
+
+def test_brightness_beyond_16_bits_is_refused() -> None:
+    for value, text in ((70_000, "from 70000 to 70000, beyond"), (-1, "from -1 to -1, beyond")):
+        with pytest.raises(ConversionError, match=text):
+            compressedimage_to_array(message(Pillow.fromarray(np.full((2, 2), value, np.int32)), "TIFF", "tiff"))
+    assert (
+        compressedimage_to_array(message(Pillow.fromarray(np.full((2, 2), 65_535, np.int32)), "TIFF")).max() == 65_535
+    )
+
+
+def test_pillows_own_limit_is_named() -> None:
+    with pytest.raises(ConversionError, match=r"Pillow allows \(PIL.Image.MAX_IMAGE_PIXELS\)"):
+        compressedimage_to_array(png(20_000, 20_000), max_pixels=1 << 40)
 
 
 def test_the_limit_is_what_the_caller_says() -> None:

@@ -136,5 +136,7 @@ def test_processes_of_this_machine_do_it_without_a_scheduler(
     assert len(list(out.rglob("bag=large/*.parquet"))) > 1
     code, printed, err = run_here("bag", "table", str(large), str(good), "-o", str(out))
     assert (code, printed, err) == (0, f"0 messages of 0 topics in {out}; 2 bags were there\n", "")
+    code, printed, _ = run_here("bag", "table", str(good), str(tmp_path / "junk.mcap"), "-o", str(out))
+    assert (code, printed) == (1, f"0 messages of 0 topics in {out}; 1 bags were there\n")
     code, _, err = run_here("bag", "table", str(good), "-o", str(out), "--scheduler", "tcp://x:1", "--workers", "2")
     assert code == 2 and "a scheduler has its own workers" in err

@@ -161,7 +161,7 @@ def get_parameter_value(string_value: str) -> Any:
     """
     try:
         found = yaml.safe_load(string_value)
-    except yaml.YAMLError:
+    except (yaml.YAMLError, ValueError, RecursionError):  # also dates that are none, and thousands of brackets
         found = string_value
     if found == [] and isinstance(found, list):
         return ParameterValue(type=ParameterType.PARAMETER_BOOL_ARRAY)

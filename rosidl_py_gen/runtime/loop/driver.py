@@ -176,13 +176,14 @@ class Driver:
             self._take_part(turn)
             return
         thread = threading.Thread(target=self._take_part_for, args=(turn,), name="rosidl-py-gen driver", daemon=True)
-        thread.start()
         try:
+            thread.start()
             _join(thread)
-        except BaseException as error:  # a signal handler's
+        except BaseException as error:  # a signal handler's, which may come while the thread begins
             turn.fail(error)
             self.wake()
-            thread.join()
+            with contextlib.suppress(RuntimeError):  # it has not begun, and finds the turn done
+                thread.join()
             raise
 
     def _take_part_for(self, turn: Turn[Any]) -> None:

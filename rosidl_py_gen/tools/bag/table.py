@@ -82,7 +82,7 @@ def _tell(found: DatasetsReport, out: str, as_json: bool) -> None:
         failed = [{"bag": bag, "error": error} for bag, error in found.failed.items()]
         told = {"path": out, "files": shown, "left_out": missing, "failed": failed, "unchanged": found.unchanged}
         printing.document(told)
-    elif files or not found.failed:
+    elif files or found.unchanged or not found.failed:
         count, topics = sum(one.messages for _, one in files), len({one.topic for _, one in files})
         there = f"; {len(found.unchanged)} bags were there" if found.unchanged else ""
         printing.line(f"{count} messages of {topics} topics in {out}{there}")

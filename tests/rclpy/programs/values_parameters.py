@@ -80,3 +80,5 @@ parameter_dict_from_yaml_file(str(folder / "a.yaml"))
 parameter_dict_from_yaml_file(str(folder / "a.yaml"), True, ["node1"], "ns.")
 parameter_dict_from_yaml_file(str(folder / "a.yaml"), False, ["nope"])
 parameter_dict_from_yaml_file(str(folder / "b.yaml"))
+get_parameter_value("2020-99-99").string_value  # ours: a text, where yaml raises ValueError
+get_parameter_value("[" * 5000).string_value  # ours: a text, where yaml raises RecursionError

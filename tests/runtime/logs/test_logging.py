@@ -271,6 +271,22 @@ def test_records_reach_python_handlers_and_then_the_console_is_quiet(
     assert "by caplog" in caplog.text and stream.getvalue() == ""
 
 
+def test_a_program_may_have_its_logs_printed_before_a_context_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr(python_logging.getLogger(), "handlers", [])
+    monkeypatch.setenv("RCUTILS_CONSOLE_OUTPUT_FORMAT", "{severity} {name}: {message}")
+    monkeypatch.setattr(log_console._handler, "settings", ConsoleSettings())
+    root = get_logger("")
+    monkeypatch.setattr(root, "handlers", [])
+    get_logger("early").info("not yet")
+    assert stream.getvalue() == ""
+    runtime.print_logs()
+    runtime.print_logs()
+    get_logger("early").info("now")
+    assert stream.getvalue() == "INFO early: now\n"
+
+
 def test_the_fields_of_a_log_message() -> None:
     assert log_fields(record()) == LogFields(3_250_000_000, WARN, "a.n", "hi", "/src/f.py", "main", 12)
 

@@ -454,6 +454,27 @@ def test_ctrl_c_ends_a_wait_in_a_coroutine(driver: Driver) -> None:
     assert [one.name for one in threading.enumerate() if one.name.startswith("rosidl-py-gen")] == []
 
 
+def test_an_interrupt_while_the_thread_of_a_wait_begins_ends_it(
+    driver: Driver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = threading.Thread.start
+
+    def interrupted(thread: threading.Thread) -> None:
+        start(thread)
+        wait_until(lambda: is_driven(driver))
+        raise KeyboardInterrupt  # what a signal handler does before `start` has returned
+
+    async def main() -> None:
+        with monkeypatch.context() as patch:
+            patch.setattr(threading.Thread, "start", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                driver.wait(timeout_s=20)
+
+    asyncio.run(main())
+    assert not is_driven(driver)
+    assert [one.name for one in threading.enumerate() if one.name.startswith("rosidl-py-gen driver")] == []
+
+
 @pytest.mark.every_transport
 def test_what_a_callback_raises_to_end_the_program_comes_out_and_the_rest_is_not_lost(
     world: World, driver: Driver

@@ -64,8 +64,9 @@ def _out_of_numbers(parameter: Parameter, given: Any) -> str:
         return ""
     if not least < value < most:
         return f"Parameter {parameter.name} out of range Min: {least}, Max: {most}, value: {value}"
-    if given.step != 0.0:
-        nearest = least + round((value - least) / given.step) * given.step
+    steps = (value - least) / given.step if given.step != 0.0 else math.inf
+    if math.isfinite(steps):  # else no step counts
+        nearest = least + round(steps) * given.step
         if not math.isclose(nearest, value, rel_tol=PARAM_REL_TOL):
             return (
                 f"The parameter value for {parameter.name} is not close enough to a valid step. "
