@@ -309,10 +309,8 @@ class Executor:
     def wait_for_ready_callbacks(self, *args: Any, **kwargs: Any) -> _Work:
         """The next piece of work: a task to be called, and the entity and node it is for, or None.
 
-        Args:
-            timeout_sec: None or negative: wait for ever; 0: only look.
-            nodes: only these; None means all of the executor.
-            condition: a function that ends the wait when it answers True.
+        It takes ``timeout_sec=None``, seconds, for ever if None or negative, and 0 only looks; ``nodes=None``, only
+        these, or all of the executor; ``condition``, a function that ends the wait when it answers True.
 
         Raises:
             TimeoutException, ShutdownException, ExternalShutdownException, ConditionReachedException: as they say.
