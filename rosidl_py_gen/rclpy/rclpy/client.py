@@ -80,8 +80,8 @@ class Client:
         """Send a request, and answer a future of its response. Where no server is there, it is lost.
 
         Raises:
-            TypeError: the request is of another class. InvalidHandle: the client was destroyed. RCLError: the context is
-                shut down.
+            TypeError: the request is of another class. InvalidHandle: the client was destroyed. RCLError: the context
+                is shut down.
         """
         if not isinstance(request, self.srv_type.Request):
             raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
