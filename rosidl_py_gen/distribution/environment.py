@@ -80,7 +80,8 @@ def uninstall(packages: Sequence[str] = (), *, force: bool = False) -> list[str]
 
 def _require_no_others(packages: list[str]) -> None:
     ours = {normalized(one.metadata["Name"]) for one in installed_packages().values()}
-    if (rclpy := find_spec("rclpy")) is not None:
+    rclpy = find_spec("rclpy")
+    if rclpy is not None and rclpy.origin is not None:  # a folder that is called so has none
         raise OutputError(
             f"rclpy is importable here, from {rclpy.origin}: its messages and ours have the same names, and one would "
             "hide the other; use a virtual environment without it, or --force"

@@ -85,8 +85,9 @@ def _declare_qos_parameters(
     """Declare the parameters of a new endpoint, and change `qos` to what they say.
 
     Raises:
-        InvalidQosOverridesError: the callback refuses that. RuntimeError: there is no such policy. ValueError: the
-        given profile has an UNKNOWN one.
+        InvalidQosOverridesError: the callback refuses that.
+        RuntimeError: there is no such policy.
+        ValueError: the given profile has an UNKNOWN one.
     """
     from rclpy.publisher import Publisher
     from rclpy.subscription import Subscription

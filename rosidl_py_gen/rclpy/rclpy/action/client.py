@@ -153,8 +153,11 @@ class ActionClient(Waitable):
         action_type: a class such as `example_interfaces.action.Fibonacci`.
         action_name: expanded and remapped as names of topics are.
         callback_group: None means that of the node.
-        goal_service_qos_profile, result_service_qos_profile, cancel_service_qos_profile, feedback_sub_qos_profile,
-            status_sub_qos_profile: of the endpoints.
+        goal_service_qos_profile: of that service, as the following two.
+        result_service_qos_profile: by default as other services.
+        cancel_service_qos_profile: by default as other services.
+        feedback_sub_qos_profile: of the topic of feedback.
+        status_sub_qos_profile: of the topic of states, whose last message waits for those who come late.
     """
 
     def __init__(

@@ -75,8 +75,11 @@ class ActionServer(Waitable):
         goal_callback: called with the goal; answers a `GoalResponse`.
         handle_accepted_callback: called with the `ServerGoalHandle`, to execute it now or later.
         cancel_callback: called with the `ServerGoalHandle`; answers a `CancelResponse`.
-        goal_service_qos_profile, result_service_qos_profile, cancel_service_qos_profile, feedback_pub_qos_profile,
-            status_pub_qos_profile: of the endpoints.
+        goal_service_qos_profile: of that service, as the following two.
+        result_service_qos_profile: by default as other services.
+        cancel_service_qos_profile: by default as other services.
+        feedback_pub_qos_profile: of the topic of feedback.
+        status_pub_qos_profile: of the topic of states, whose last message waits for those who come late.
         result_timeout: seconds for which the result of a goal that ended is kept; negative for ever.
     """
 
