@@ -12,6 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rosidl_py_gen.runtime.transport.port import TransportError
+from rosidl_py_gen.runtime.transport.zenoh import config as config_module
 from rosidl_py_gen.runtime.transport.zenoh import router as router_module
 from rosidl_py_gen.runtime.transport.zenoh.config import (
     ZenohConfigError,
@@ -203,7 +204,7 @@ def test_a_machine_without_ipv6_listens_on_ipv4(monkeypatch: pytest.MonkeyPatch)
     def no_ipv6(*_: object) -> None:
         raise OSError(97, "Address family not supported by protocol")
 
-    monkeypatch.setattr(router_module, "router_config", stop)
+    monkeypatch.setattr(config_module, "router_config", stop)
     for listen in ([], ["tcp/127.0.0.1:0"]):
         with pytest.raises(ZenohConfigError):
             ZenohRouter({}, refuse, listen=listen)
