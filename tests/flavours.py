@@ -12,6 +12,7 @@ from typing import Any
 
 from rosidl_py_gen import install_import_hook
 from rosidl_py_gen.base.names import KINDS, py_name
+from rosidl_py_gen.types import by_name
 from rosidl_py_gen.types.import_hook import ImportHookWarning
 
 INTERFACES = Path(__file__).resolve().parent / "interfaces"
@@ -21,6 +22,7 @@ INTERFACES = Path(__file__).resolve().parent / "interfaces"
 def hooked(**settings: Any) -> Iterator[None]:
     """The import hook, without what was imported before; afterwards all is as it was."""
     before = {name: module for name, module in sys.modules.items() if _is_of_messages(name)}
+    loaded, named = {name: list(found) for name, found in by_name._loaded.items()}, dict(by_name._by_name)
     for name in before:
         del sys.modules[name]
     try:
@@ -32,6 +34,11 @@ def hooked(**settings: Any) -> Iterator[None]:
         for name in [name for name in sys.modules if _is_of_messages(name)]:
             del sys.modules[name]
         sys.modules.update(before)
+        # Classes that were compiled because generated ones could not be imported are not those of later tests.
+        by_name._loaded.clear()
+        by_name._loaded.update(loaded)
+        by_name._by_name.clear()
+        by_name._by_name.update(named)
 
 
 def _is_of_messages(name: str) -> bool:

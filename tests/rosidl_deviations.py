@@ -232,6 +232,11 @@ DEVIATIONS = (
         problem=r'expected "\{", found ";"',
     ),
     Deviation(
+        *("idl", "types that do not exist, in typedefs that nothing uses", "a mistake that waits for its use", "they"),
+        ("typedef long double t; struct Sample { long x; };", "typedef unsigned t; struct Sample { long x; };"),
+        problem=r'the type "(long double|unsigned)" is not supported',
+    ),
+    Deviation(
         *("idl", "words run together and type names as names", "the reference has no tokens; by accident", "they"),
         (
             "struct Sample { longx; };",

@@ -104,7 +104,7 @@ def parse_idl_interface(name: RosName, source: Source, findings: Findings) -> In
         scope = _Scope()
         scope.collect(parse_idl(source.text), ())
         for typedef in scope.typedefs.values():
-            _check_sizes(typedef, scope)
+            _check_typedef(typedef, scope)
         messages = _messages(name, scope, source)
     except SyntaxProblem as problem:
         findings.add(Location(source, problem.line, problem.column), problem.text)
@@ -115,9 +115,12 @@ def parse_idl_interface(name: RosName, source: Source, findings: Findings) -> In
     return derive.assemble(name, messages, source)
 
 
-def _check_sizes(typedef: IdlTypedef, scope: _Scope) -> None:
+def _check_typedef(typedef: IdlTypedef, scope: _Scope) -> None:
     """Also of a typedef that nothing uses; what its name stands for is looked at where it is used."""
     declarator, kind = typedef.declarator, typedef.type
+    for part in (kind, kind.element):
+        if part is not None and part.kind == "base":
+            _base(part)
     if len(declarator.sizes) > 1:
         raise _Wrong(declarator.name, "arrays of more than one dimension are not supported")
     if kind.element is not None and kind.element.kind == "sequence":
@@ -185,13 +188,17 @@ def _declared(kind: IdlType, declarator: IdlDeclarator, scope: _Scope, name: Ros
     return FieldType(result.base, Arity.ARRAY, _positive(declarator.sizes[0], scope), result.string_bound)
 
 
+def _base(kind: IdlType) -> str:
+    words = " ".join(kind.words)
+    if words not in _BASES:
+        raise _Wrong(kind.at, f'the type "{words}" is not supported')
+    return _BASES[words]
+
+
 def _type(kind: IdlType, scope: _Scope, name: RosName, depth: int) -> FieldType:
     match kind.kind:
         case "base":
-            words = " ".join(kind.words)
-            if words not in _BASES:
-                raise _Wrong(kind.at, f'the type "{words}" is not supported')
-            return FieldType(_BASES[words])
+            return FieldType(_base(kind))
         case "string":
             return FieldType(kind.words[0], string_bound=_positive(kind.size, scope) if kind.size else 0)
         case "sequence":

@@ -259,6 +259,8 @@ def test_what_is_wrong_is_said_and_located(text: str, problem: str) -> None:
         ("string<1.5> t", 'expected a whole number above 0, found "1.5"'),
         ("sequence<boolean, 0> t", 'expected a whole number above 0, found "0"'),
         ("sequence<string<0> > t", 'expected a whole number above 0, found "0"'),
+        ("long unsigned t", 'the type "long unsigned" is not supported'),
+        ("sequence<short short> t", 'the type "short short" is not supported'),
         ("sequence<sequence<boolean> > t", "sequences of sequences or arrays are not supported"),
     ],
 )
