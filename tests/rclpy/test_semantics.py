@@ -30,6 +30,7 @@ SIGNALS = (
     "shutdown_in_callback",
     "options",
     "chained",
+    "spin_after",
 )
 OURS = """
 import runpy, sys

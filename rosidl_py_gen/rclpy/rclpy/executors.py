@@ -10,6 +10,7 @@ from collections.abc import Callable, Coroutine, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.client import Client as Client
 from rclpy.clock import Clock as Clock
 from rclpy.clock_type import ClockType as ClockType
@@ -83,6 +84,9 @@ class Executor:
 
     Args:
         context: None means the default one, which has to be initialized.
+
+    Raises:
+        RCLError: the context is shut down.
     """
 
     def __init__(self, *, context: Context | None = None) -> None:
@@ -90,6 +94,8 @@ class Executor:
         self._context = get_default_context() if context is None else context
         if self._context.handle is None:
             raise NotInitializedException("cannot create executor")
+        if not self._context.handle.ok():
+            raise RCLError("failed to create executor: the context is shut down")
         self.__handle: ContextHandle = self._context.handle
         self._nodes: set[Node] = set()
         self._nodes_lock = threading.RLock()

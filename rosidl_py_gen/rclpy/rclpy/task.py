@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
 
 T = TypeVar("T")
+_awaited = threading.local()
+"""Its `future` is the one that a coroutine of this thread awaited last."""
 
 
 class FutureState(Enum):
@@ -48,9 +50,11 @@ class Future(Generic[T]):
         if getattr(self, "_exception", None) is not None and not self._exception_fetched:
             print(f"The following exception was never retrieved: {self._exception}", file=sys.stderr)
 
-    def __await__(self) -> Generator[Future[T], None, T | None]:
+    def __await__(self) -> Generator[None, None, T | None]:
+        """Yields None, which asyncio takes as well: a coroutine of its loop asks again at each of its turns."""
         while self._pending():
-            yield self
+            _awaited.future = self
+            yield
         return self.result()
 
     def _pending(self) -> bool:
@@ -202,8 +206,10 @@ class Task(Future[T]):
         handler = self._handler
         try:
             if inspect.iscoroutine(handler):
+                _awaited.future = None
                 try:
-                    self._wait_for(handler.send(None))
+                    handler.send(None)
+                    self._wait_for(_awaited.future)
                     return
                 except StopIteration as end:
                     result = end.value
@@ -216,10 +222,10 @@ class Task(Future[T]):
             self.set_result(result)
         self._handler, self._args, self._kwargs = None, (), {}
 
-    def _wait_for(self, awaited: object) -> None:
+    def _wait_for(self, awaited: Future[Any] | None) -> None:
         """Note what the coroutine waits for. What is no future of ours is asked again at each pass."""
         executor = self._executor()
-        if isinstance(awaited, Future) and executor is not None:
+        if awaited is not None and executor is not None:
             self._waits_for = awaited
             awaited._wake_at_end(executor.wake)
 

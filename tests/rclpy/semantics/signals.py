@@ -119,3 +119,13 @@ if mode == "chained":
     os.kill(os.getpid(), signal.SIGINT)
     time.sleep(0.2)
     print(hits, rclpy.ok())
+if mode == "spin_after":
+    later(signal.SIGINT)
+    try:
+        time.sleep(5)
+    except KeyboardInterrupt:
+        while rclpy.ok():
+            time.sleep(0.01)
+    show(lambda: rclpy.spin(node))
+    show(lambda: rclpy.spin_once(node, timeout_sec=0.1))
+    show(SingleThreadedExecutor)

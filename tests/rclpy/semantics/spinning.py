@@ -300,6 +300,27 @@ def tasks():
     show(lambda: ex.spin_until_future_complete(t, 2.0))
 
 
+def futures_in_asyncio():
+    async def spin():
+        while True:
+            rclpy.spin_once(node, timeout_sec=0)
+            await asyncio.sleep(0.001)
+
+    async def asynchronous():
+        spinning = asyncio.ensure_future(spin())
+        first, second = Future(), Future()
+        timer = node.create_timer(0.02, lambda: first.set_result("a"))
+        asyncio.get_running_loop().call_later(0.02, second.set_result, "b")
+        print(await first, await second)
+        timer.cancel()
+        spinning.cancel()
+
+    asyncio.run(asynchronous())
+    inner = rclpy.get_global_executor().create_task(lambda: asyncio.run(asynchronous()))
+    spin_until(inner.done)
+    print(inner.exception())
+
+
 def async_group():
     f = Future()
     log = []
