@@ -150,7 +150,8 @@ class _Last(MetaPathFinder):
         """What `import` asks."""
         if path is not None or fullname not in self._workspace.packages:
             return None
-        found = PathFinder.find_spec(fullname, [str(self._workspace.packages[fullname])])
+        folder = self._workspace.packages[fullname]
+        found = PathFinder.find_spec(fullname, [str(folder), str(folder / "src")])
         return found if found is not None and found.origin is not None else None
 
 
@@ -168,8 +169,10 @@ class _Finder(MetaPathFinder, Loader):
         self._sources = [Path(entry).resolve() for entry in path]
         self._workspace = None if around is None else workspace_around(Path(around).resolve())
         if self._workspace is not None:
+            given = [*self._sources]
             self._sources.append(self._workspace.folder)
-            folders += [str(place) for place in self._workspace.roots if holds_packages(place)]
+            roots = (place for place in self._workspace.roots if not any(map(place.is_relative_to, given)))
+            folders += [str(place) for place in roots if holds_packages(place)]
         self.last = [_Last(self._workspace)] if self._workspace is not None else []
         self._shim = {entry.name for entry in os.scandir(SHIM)} if self._is_rclpy else set()
         self._interfaces: Interfaces = Interfaces(search_path(folders), folders)

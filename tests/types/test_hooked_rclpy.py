@@ -73,6 +73,28 @@ def test_every_package_of_the_shim_can_be_imported() -> None:
     assert not [name for name in set(sys.modules) - before if name.split(".")[0] in names]
 
 
+def test_packages_beside_one_that_is_in_no_src(tmp_path: Path) -> None:
+    files = {
+        "clone/one/package.xml": PACKAGE_XML.format("one_package"),
+        "clone/one/one_package/__init__.py": "from two_package import TWO",
+        "clone/a_copy/package.xml": PACKAGE_XML.format("one_package"),
+        "clone/a_copy/one_package/__init__.py": "raise AssertionError",
+        "clone/two/package.xml": PACKAGE_XML.format("two_package"),
+        "clone/two/src/two_package/__init__.py": "TWO = 2",
+        "clone/three/package.xml": PACKAGE_XML.format("three_msgs"),
+        "clone/three/msg/A.msg": "int32 a",
+        "clone/group/deep/package.xml": PACKAGE_XML.format("deep_package"),
+        "clone/group/deep/deep_package/__init__.py": "",
+    }
+    write(tmp_path, files)
+    script, path = tmp_path / "clone/one/one_package/__init__.py", tmp_path / "clone/three"
+    with install_import_hook(flavour="rclpy", around=script, path=[path]):  # which names one that is there anyway
+        assert import_module("one_package").TWO == 2
+        assert import_module("three_msgs.msg").A(a=1).a == 1
+        with pytest.raises(ModuleNotFoundError):
+            import_module("deep_package")
+
+
 def test_packages_of_the_workspace(tmp_path: Path) -> None:
     files = {
         "src/one/package.xml": PACKAGE_XML.format("one_package"),

@@ -103,7 +103,7 @@ def test_the_workspace_around_a_script(tmp_path: Path, src: str) -> None:
         assert import_module("talker.msg").Own(a=5).a == 5
         if src == "ws/src/":
             assert import_module("near_msgs.msg").A(a=5).a == 5
-        else:  # without a folder src it is the package alone
+        else:  # without a folder src it is the package, and those beside it
             with pytest.raises(ModuleNotFoundError):
                 import_module("near_msgs.msg")
 

@@ -22,17 +22,19 @@ class Workspace:
     """A folder with packages.
 
     Attributes:
-        folder: the folder ``src``, or a package that is in none.
+        folder: the folder ``src``, or the one around a package that is in no ``src``.
         depth: how far down packages are looked for.
+        own: a package that counts before others of its name.
     """
 
     folder: Path
     depth: int = MAX_DEPTH
+    own: Path | None = None
 
     @cached_property
     def packages(self) -> dict[str, Path]:
         """The folder of each package by its name; of two with one name the first on the way down."""
-        found: dict[str, Path] = {}
+        found = {} if self.own is None else {package_name(self.own / MANIFEST, self.own): self.own}
         visited: set[str] = set()
         waiting = [(self.folder, 0)]
         while waiting:
@@ -69,12 +71,13 @@ def workspace_around(place: Path) -> Workspace | None:
         place: a script or a folder in a package; or a folder around packages, such as ``src`` or the one above that.
 
     Returns:
-        The folder ``src`` above the package, or else the package; for a folder that is in no package its ``src``, or
-        else the folder itself. None for a script that is in no package.
+        The folder ``src`` above the package, or else the package and those beside it; for a folder that is in no
+        package its ``src``, or else the folder itself. None for a script that is in no package.
     """
     package = package_around(place)
     if package is not None:
-        return Workspace(next((folder for folder in package.parents if folder.name == "src"), package))
+        source = next((folder for folder in package.parents if folder.name == "src"), None)
+        return Workspace(package.parent, 1, package) if source is None else Workspace(source)
     if not place.is_dir():
         return None
     if place.name == "src":

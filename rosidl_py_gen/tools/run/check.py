@@ -202,7 +202,8 @@ def _own_file(module: str) -> Path | None:
     found = PathFinder.find_spec(top, sys.path[:1])
     if found is None or found.origin is None:
         folder = found_packages().get(top)
-        found = PathFinder.find_spec(top, [str(folder.folder)]) if folder is not None else None
+        places = [] if folder is None else [str(folder.folder), str(folder.folder / "src")]
+        found = PathFinder.find_spec(top, places)
     for name in rest:
         if found is None or found.submodule_search_locations is None:
             return None
