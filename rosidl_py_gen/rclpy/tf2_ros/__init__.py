@@ -9,6 +9,7 @@ from tf2_py import TimeoutException as TimeoutException
 from tf2_py import TransformException as TransformException
 
 from tf2_ros.buffer import Buffer as Buffer
+from tf2_ros.buffer_client import BufferClient as BufferClient
 from tf2_ros.buffer_interface import BufferInterface as BufferInterface
 from tf2_ros.buffer_interface import ConvertRegistration as ConvertRegistration
 from tf2_ros.buffer_interface import NotImplementedException as NotImplementedException
