@@ -172,7 +172,9 @@ def create_cloud(
         point_step=dtype.itemsize,
         row_step=dtype.itemsize * width,
     )
-    cloud.data = array.array("B", points.tobytes())
+    data = array.array("B")
+    data.frombytes(np.ascontiguousarray(points).reshape(-1).view(np.uint8).data)
+    cloud.data = data
     return cloud
 
 
