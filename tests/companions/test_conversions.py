@@ -178,9 +178,13 @@ COMPRESSED = """
     print(message.format, abs(back.astype(int) - colors).mean() < 12)
     print((bridge.compressed_imgmsg_to_cv2(message, "rgb8") == back[..., ::-1]).all())
     print(bridge.compressed_imgmsg_to_cv2(message, "mono8").shape)
+    for pixels in (gray, np.dstack([colors, gray])):
+        back = bridge.compressed_imgmsg_to_cv2(bridge.cv2_to_compressed_imgmsg(pixels, "png"), "rgb8")
+        print(back.shape, (back[..., ::-1] == (pixels[..., :3] if pixels.ndim == 3 else gray[..., None])).all())
     for wrong in (
         lambda: bridge.compressed_imgmsg_to_cv2(CompressedImage(data=b"nothing")),
-        lambda: bridge.compressed_imgmsg_to_cv2(bridge.cv2_to_compressed_imgmsg(gray), "rgb8"),
+        lambda: bridge.compressed_imgmsg_to_cv2(CompressedImage()),
+        lambda: bridge.compressed_imgmsg_to_cv2(message, "yuv422"),
         lambda: bridge.cv2_to_compressed_imgmsg(colors, "nothing"),
     ):
         try:
@@ -201,7 +205,8 @@ ALIKE = [
     "jpg True",
     "True",
     "(5, 8)",
-    *["CvBridgeError"] * 3,
+    *["(5, 8, 3) True"] * 2,
+    *["CvBridgeError"] * 4,
 ]
 
 

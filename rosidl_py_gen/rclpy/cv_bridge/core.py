@@ -28,7 +28,8 @@ from rosidl_py_gen.numpy import (
 
 Pixels = np.ndarray[Any, np.dtype[Any]]
 _BY_PILLOW = {"jpg": "jpeg", "jpeg": "jpeg", "jpe": "jpeg", "png": "png"}
-_ORDERS = {("uint8", 1): "mono8", ("uint8", 3): "bgr8", ("uint8", 4): "bgra8", ("uint16", 1): "mono16"}
+_ORDERS = {1: "mono", 3: "bgr", 4: "bgra"}
+_BITS = {"uint8": 8, "uint16": 16}
 
 
 class CvBridgeError(TypeError):
@@ -118,16 +119,23 @@ class CvBridge:
         """The pixels of a ``sensor_msgs/msg/CompressedImage``, blue first: as OpenCV reads them, or else Pillow.
 
         Raises:
-            CvBridgeError: it is no picture, or not of the colours that the conversion starts from, bgr8.
+            CvBridgeError: it is no picture, or cannot become `desired_encoding`.
         """
         cv2 = opencv()
+        pixels: Any
         if cv2 is None:
             pixels = _unpacked(cmprs_img_msg.data)
         else:
-            pixels = cv2.imdecode(np.frombuffer(cmprs_img_msg.data, np.uint8), cv2.IMREAD_UNCHANGED)
+            data = np.frombuffer(cmprs_img_msg.data, np.uint8)
+            pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
             if pixels is None:
-                raise CvBridgeError(f"data: {len(cmprs_img_msg.data)} bytes are no picture")
-        return pixels if desired_encoding == "passthrough" else _converted(pixels, "bgr8", desired_encoding)
+                raise CvBridgeError(f"data: {len(data)} bytes are no picture")
+        if desired_encoding in ("passthrough", "bgr8"):  # what the real one takes any picture for
+            return np.asarray(pixels)
+        before = _order(pixels)
+        if before is None:
+            raise CvBridgeError(f"a picture of {pixels.dtype} with shape {pixels.shape} has no encoding")
+        return _converted(pixels, before, desired_encoding)
 
     def cv2_to_compressed_imgmsg(self, cvim: Any, dst_format: str = "jpg") -> Any:
         """A ``sensor_msgs/msg/CompressedImage``; without OpenCV it can be a JPEG or PNG.
@@ -155,6 +163,12 @@ def _array(cvim: Any) -> Pixels:
     return np.asarray(cvim)
 
 
+def _order(pixels: Pixels) -> str | None:
+    """What such pixels are to OpenCV."""
+    order, bits = _ORDERS.get(pixels.shape[2] if pixels.ndim == 3 else 1), _BITS.get(pixels.dtype.name)
+    return f"{order}{bits}" if order and bits else None
+
+
 def _converted(pixels: Pixels, before: str, after: str) -> Pixels:
     try:
         return cvtColor2(pixels, before, after)
@@ -165,16 +179,17 @@ def _converted(pixels: Pixels, before: str, after: str) -> Pixels:
 def _unpacked(data: Any) -> Pixels:
     try:
         pixels = compressedimage_to_array(SimpleNamespace(format="", data=data))
-        if pixels.ndim == 2:
+        after = _order(pixels)
+        if pixels.ndim == 2 or after is None:
             return pixels
-        return convert_pixels(pixels, *(("rgb8", "bgr8") if pixels.shape[2] == 3 else ("rgba8", "bgra8")))
+        return convert_pixels(pixels, after.replace("bgr", "rgb"), after)
     except (ConversionError, ModuleNotFoundError) as error:
         raise CvBridgeError(f"{error}; without OpenCV, Pillow reads pictures") from None
 
 
 def _packed(pixels: Pixels, dst_format: str) -> bytes:
     shaped = pixels[..., 0] if pixels.ndim == 3 and pixels.shape[2] == 1 else pixels
-    encoding = _ORDERS.get((shaped.dtype.name, shaped.shape[2] if shaped.ndim == 3 else 1))
+    encoding = _order(shaped)
     if dst_format not in _BY_PILLOW or encoding is None:
         what = f"{dst_format} of {pixels.dtype} with shape {pixels.shape}"
         raise CvBridgeError(f"{what} needs OpenCV, which is not installed (opencv-python-headless)")

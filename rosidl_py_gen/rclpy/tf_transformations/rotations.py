@@ -102,8 +102,10 @@ def quaternion_about_axis(angle: float, axis: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def quaternion_matrix(quaternion: Any) -> Array:
-    """The rotation, 4 x 4, of a quaternion of any length; no rotation for zero."""
+    """The rotation, 4 x 4, of a quaternion of any length; no rotation for zero, NaN for what is not finite."""
     values = np.asarray(quaternion, np.float64)
+    if not np.isfinite(values).all():
+        return _homogeneous(np.full((3, 3), np.nan))
     if np.dot(values, values) < np.finfo(np.float64).eps:
         return np.eye(4)
     return _homogeneous(quaternion_to_matrix(values))

@@ -101,6 +101,8 @@ for _ in range(2):
         ask(tf.superimposition_matrix, points, rng.uniform(-1, 1, (3, 5)), **named)
         ask(tf.superimposition_matrix, points, -points, **{**named, "usesvd": True})
 ask(tf.quaternion_matrix, [0, 0, 0, 0])
+ask(tf.quaternion_matrix, [float("nan"), 0, 0, 1])
+ask(tf.euler_from_quaternion, [float("nan")] * 4)
 ask(tf.quaternion_from_matrix, np.zeros((4, 4)))
 ask(tf.reflection_from_matrix, np.eye(4))
 ask(tf.rotation_from_matrix, np.diag([2.0, 3.0, 4.0, 1.0]))

@@ -34,7 +34,9 @@ class _Encoding(NamedTuple):
     family: str | None  # rgb, mono, ...; None for what has no colours
 
 
-def _parsed(encoding: str) -> _Encoding:
+def _parsed(encoding: Any) -> _Encoding:
+    if not isinstance(encoding, str):
+        raise TypeError(f"expected an encoding as text, got {encoding!r:.50}")
     for bits in ("8", "16"):
         family = encoding.removesuffix(bits)
         if family != encoding and family in _CHANNELS:
