@@ -374,7 +374,7 @@ def test_buffers_transform_tell_velocities_and_are_asked_by_action(tmp_path: Pat
 
 def test_check_knows_them(tmp_path: Path) -> None:
     text = """
-        import tf2_geometry_msgs, tf2_sensor_msgs
+        import tf2_geometry_msgs, tf2_ros, tf2_sensor_msgs
         from cv_bridge import CvBridge, CvBridgeError
         from cv_bridge.core import CvBridge
         from sensor_msgs_py import point_cloud2
@@ -383,6 +383,12 @@ def test_check_knows_them(tmp_path: Path) -> None:
         from tf_transformations import quaternion_from_euler, quaternion_form_matrix
         point_cloud2.create_cloud_xyz
         tf2_geometry_msgs.do_transform_pose
+        # What these only import for themselves, and programs import from them.
+        from tf2_geometry_msgs import PoseStamped
+        from tf2_ros import TransformStamped
+        from tf2_ros.transform_broadcaster import TransformStamped
+        from tf2_ros.transform_listener import Buffer
+        tf2_ros.Duration, tf2_ros.Time, tf2_geometry_msgs.tf2_ros
     """
     write(tmp_path, {"program.py": textwrap.dedent(text)})
     found = run("--check", "program.py", cwd=tmp_path)

@@ -1,5 +1,7 @@
 """Messages of geometry_msgs in other frames; importing it makes ``Buffer.transform`` take them."""
 
+import tf2_ros as tf2_ros
+
 from tf2_geometry_msgs.tf2_geometry_msgs import Point as Point
 from tf2_geometry_msgs.tf2_geometry_msgs import Point32 as Point32
 from tf2_geometry_msgs.tf2_geometry_msgs import PointStamped as PointStamped

@@ -7,6 +7,7 @@ import warnings
 from typing import Any
 
 import builtin_interfaces.msg
+from geometry_msgs.msg import TransformStamped as TransformStamped
 from rclpy.action.client import ActionClient
 from rclpy.duration import Duration
 from rclpy.node import Node
