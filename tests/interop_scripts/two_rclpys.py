@@ -36,6 +36,7 @@ _DIFFERS = (
     ),
     (re.compile(r"[\w/.\-]*/(?=programs/)"), ""),
     (re.compile(r"0x[0-9a-f]+"), "0x"),
+    (re.compile(r"^Failed to publish log message to rosout: .*\n.*\n", re.MULTILINE), ""),  # at times, when it ends
     (re.compile(r"^.*RuntimeWarning: Failed to fini .*\n.*\n", re.MULTILINE), ""),  # what rcl says of itself
 )
 """Times of log lines, frames of tracebacks, paths, addresses, and what they become."""
@@ -250,6 +251,8 @@ class Observer:
             case Parameters(node):
                 return await self._parameters(node)
             case Interrupt(number):
+                # What was seen comes out of a callback; the program shall be back where it waits, which nobody sees.
+                await asyncio.sleep(0.05)
                 process.process.send_signal(number)
                 return None
 
