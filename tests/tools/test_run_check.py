@@ -110,6 +110,12 @@ def test_modules_of_a_package_are_looked_into(tmp_path: Path) -> None:
         assert names == ["missing_near", "missing_one", "missing_three", "missing_two"], (words, found)
 
 
+def test_a_module_may_be_called_as_the_package_it_is_of(tmp_path: Path) -> None:
+    write(tmp_path, {"program.py": "import std_msgs.msg as std_msgs\nprint(std_msgs.String(), std_msgs.Strin())"})
+    found = run("--check", "program.py", cwd=tmp_path)
+    assert found.stdout.splitlines()[:-1] == ['program.py:2: std_msgs.msg has no Strin; did you mean "String"?'], found
+
+
 @pytest.mark.parametrize("text", ["x = = 3", "x = '\0'", "(" * 100_000])
 def test_what_is_no_python_is_told(tmp_path: Path, text: str) -> None:
     write(tmp_path, {"program.py": text})

@@ -40,6 +40,7 @@ class _Imported:
     alias: str | None
     line: int
     must: bool
+    is_renamed: bool = False
 
 
 @dataclass
@@ -112,7 +113,7 @@ def _imports(tree: ast.AST, package: str, must: bool = True) -> Iterator[_Import
         if isinstance(node, ast.Import):
             for alias in node.names:
                 called = alias.asname or alias.name.partition(".")[0]
-                yield _Imported(alias.name, None, called, node.lineno, must)
+                yield _Imported(alias.name, None, called, node.lineno, must, alias.asname is not None)
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:
@@ -158,7 +159,7 @@ def _look_up(one: _Imported, file: Path, findings: _Findings, more: list[tuple[P
             findings.add(file, one.line, f"{one.module} is not here{_nearest(one.module)}")
         return None
     if one.name is None:
-        return sys.modules[top] if one.alias == top else module
+        return module if one.is_renamed else sys.modules[top]
     if one.name == "*":
         return None
     if not _has(module, one.name) and _module(f"{one.module}.{one.name}") is None:
