@@ -1,0 +1,242 @@
+"""``python tests/run_others.py CHECKOUTS [TEXT ...]``: programs of others under our rclpy, from their sources.
+
+CHECKOUTS has a folder owner/name for each repository that `programs_of_others.txt` beside this file names; it is only
+read, and programs run with their folder of it as working directory. Each is started with ``rosidl-py run``, gets
+traffic for whatever it shows in the graph (messages for its subscriptions, a server for its clients, calls of its
+services, goals for its actions), and is interrupted once nothing new comes up. With ``--real PYTHON``, one that has a
+real rclpy, the same is done with that, and what differs is told. ``rosidl-py run --check`` is asked as well. Nothing is
+fetched. Exit code 1 when a program does not run and the list has no reason for it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import itertools
+import json
+import os
+import signal
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+
+from others_watch import Seen, watch
+
+from rosidl_py_gen.tools.run.executables import of_sources
+
+LIST = Path(__file__).parent / "programs_of_others.txt"
+_DOMAINS = 6
+"""Those that a worker uses in turn: what a killed program has left in the graph is forgotten meanwhile."""
+_MINE = [sys.executable, "-m", "rosidl_py_gen.tools", "run"]
+_ENDS = (
+    "KeyboardInterrupt",
+    "ExternalShutdownException",
+    "rcl_shutdown already called",
+    "context is already shut down",
+)
+"""Last lines of programs that were interrupted and did not catch that; the same under real rclpy."""
+_CALL = "import sys, importlib as i; sys.argv = sys.argv[1:]; sys.exit(getattr(i.import_module({!r}), {!r})())"
+
+
+@dataclass(frozen=True)
+class Program:
+    """A line of the list.
+
+    Attributes:
+        group: of the table that is printed.
+        repository: owner/name.
+        place: a file, or the folder of a package, in the repository.
+        words: the executable, if `place` is a folder, and arguments.
+        paths: repositories with further packages of messages, owner/name.
+        reason: why it does not run; empty for one that has to.
+    """
+
+    group: str
+    repository: str
+    place: str
+    words: tuple[str, ...]
+    paths: tuple[str, ...]
+    reason: str
+
+    @property
+    def name(self) -> str:
+        return " ".join((self.repository, self.place, *self.words))
+
+    def mine(self, checkouts: Path, *options: str) -> list[str]:
+        place = checkouts / self.repository / self.place
+        paths = [f"--path={one}" for one in _interfaces(checkouts, self.paths)]
+        file = place.is_file()
+        return [*_MINE, *options, *paths, str(place) if file else _package(place), *self.words]
+
+    def real(self, checkouts: Path, python: str) -> list[str]:
+        place = checkouts / self.repository / self.place
+        if place.is_file():
+            return [python, str(place), *self.words]
+        found = of_sources(place)[self.words[0]]
+        if found.file is not None:
+            return [python, str(found.file), *self.words[1:]]
+        return [python, "-c", _CALL.format(found.module, found.function), *self.words]
+
+
+def _package(folder: Path) -> str:
+    text = (folder / "package.xml").read_text()
+    return text.partition("<name>")[2].partition("</name>")[0].strip()
+
+
+def listed(text: str) -> list[Program]:
+    """``[group owner/name path...]`` begins a repository; its lines are ``PLACE [WORDS] [# reason]``."""
+    found = []
+    for line in filter(None, map(str.strip, text.splitlines())):
+        if line.startswith("#"):
+            continue
+        if line.startswith("["):
+            group, repository, *paths = line.strip("[]").split()
+            continue
+        words, _, reason = line.partition(" # ")
+        place, *rest = words.split()
+        found.append(Program(group, repository, place, tuple(rest), tuple(paths), reason.strip()))
+    return found
+
+
+@dataclass
+class Result:
+    """What came of a program: `problem` is empty when it runs."""
+
+    program: Program
+    mine: Seen
+    told: str
+    """By ``--check``; empty for nothing."""
+    real: Seen | None = None
+    problem: str = ""
+    differs: list[str] = field(default_factory=list)
+
+
+async def _try(program: Program, checkouts: Path, python: str | None, domains: Iterator[int]) -> Result:
+    domain = next(domains)
+    cwd, base = checkouts / program.repository, _environment(domain)
+    paths = _interfaces(checkouts, (program.repository, *program.paths))
+    told = await _check(program.mine(checkouts, "--check"), cwd, base)
+    mine = await watch(program.mine(checkouts), cwd, base, domain, paths)
+    result = Result(program, mine, told, problem=_problem(mine))
+    if python is not None:
+        place = checkouts / program.repository / program.place
+        there = place.parent if place.is_file() else next(iter(of_sources(place).values())).folder
+        domain = next(domains)
+        settings = {**_environment(domain), "RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "PYTHONPATH": str(there)}
+        real = await watch(program.real(checkouts, python), cwd, settings, domain, paths)
+        if "ModuleNotFoundError" not in real.last and "ImportError" not in real.last:
+            result.real = real
+            result.differs = _differences(real, mine)
+            if result.problem and not result.differs:
+                result.problem = f"as under real rclpy: {result.problem}"
+    return result
+
+
+def _interfaces(checkouts: Path, repositories: tuple[str, ...]) -> list[str]:
+    """The packages of these repositories that have definitions."""
+    kinds = ("msg", "srv", "action")
+    files = (file for one in repositories for file in (checkouts / one).rglob("package.xml"))
+    return sorted(str(file.parent) for file in files if any((file.parent / kind).is_dir() for kind in kinds))
+
+
+def _environment(domain: int) -> dict[str, str]:
+    kept = {key: value for key, value in os.environ.items() if not key.startswith(("ROS_", "RCUTILS_", "PYTHON"))}
+    ours = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "MPLBACKEND": "agg"}
+    return {**kept, **ours, "PYTHONUNBUFFERED": "1", "PYTHONDONTWRITEBYTECODE": "1", "QT_QPA_PLATFORM": "offscreen"}
+
+
+async def _check(command: list[str], cwd: Path, environment: dict[str, str]) -> str:
+    pipe = asyncio.subprocess.PIPE
+    process = await asyncio.create_subprocess_exec(*command, cwd=cwd, env=environment, stdout=pipe, stderr=pipe)
+    out, error = await process.communicate()
+    return "" if process.returncode == 0 else (out + error).decode(errors="replace").strip()
+
+
+def _problem(seen: Seen) -> str:
+    if seen.code is None:
+        return "does not end on SIGINT"
+    if not seen.interrupted and seen.code:
+        return f"ended with {seen.code}: {seen.last}"
+    if "Traceback (most recent call last)" in seen.errors and not any(end in seen.last for end in _ENDS):
+        return f"traceback: {seen.last}"
+    if seen.interrupted and not seen.nodes:
+        return "no node"
+    return ""
+
+
+def _differences(real: Seen, mine: Seen) -> list[str]:
+    found = []
+    for name in ("nodes", "endpoints", "published", "answered", "code", "interrupted"):
+        one, two = getattr(real, name), getattr(mine, name)
+        if isinstance(one, list):
+            gone, new = Counter(map(str, one)) - Counter(map(str, two)), Counter(map(str, two)) - Counter(map(str, one))
+            found += [f"{name}: only real {text}" for text in gone] + [f"{name}: only ours {text}" for text in new]
+        elif one != two:
+            found.append(f"{name}: real {one}, ours {two}")
+    first, second = (text.last.split(":")[0] for text in (real, mine))
+    if first != second and "Traceback" in real.errors + mine.errors:
+        found.append(f"last line: real {real.last}, ours {mine.last}")
+    return found
+
+
+async def _all(programs: list[Program], given: argparse.Namespace) -> list[Result]:
+    waiting, results = list(enumerate(programs)), {}
+
+    async def work(first: int) -> None:
+        domains = itertools.cycle(range(first, first + _DOMAINS))
+        while waiting:
+            number, program = waiting.pop(0)
+            results[number] = result = await _try(program, given.checkouts.resolve(), given.real, domains)
+            same = "" if result.real is None else " (real: differs)" if result.differs else " (real: the same)"
+            print(f"{program.name}: {result.problem or 'runs'}{same}", flush=True)
+            for line in result.differs:
+                print(f"    {line[:300]}")
+            if bool(result.told) != ("No module" in result.mine.errors or "cannot import" in result.mine.errors):
+                print(f"    --check: {(result.told or 'nothing')[:600]}")
+
+    await asyncio.gather(*(work(given.domain + number * _DOMAINS) for number in range(given.jobs)))
+    return [results[number] for number in sorted(results)]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("checkouts", type=Path, help="a folder with a folder owner/name for each repository")
+    parser.add_argument("only", nargs="*", help="run those programs that have one of these texts in their line")
+    parser.add_argument("--list", type=Path, default=LIST, help="another list of programs")
+    parser.add_argument("--real", help="a Python that has a real rclpy")
+    parser.add_argument("--json", type=Path, help="a file for all that was seen")
+    parser.add_argument("--jobs", type=int, default=1, help="so many programs at once, each in a domain of its own")
+    parser.add_argument("--domain", type=int, default=170, help="the first of 6 domains for each job")
+    given = parser.parse_args()
+    if given.domain + given.jobs * _DOMAINS > 232:
+        parser.error(f"{given.jobs} jobs need {given.jobs * _DOMAINS} domains up to 232")
+    programs = listed(given.list.read_text())
+    if given.only:
+        programs = [one for one in programs if any(text in f"{one.group} {one.name}" for text in given.only)]
+    missing = {one.repository for one in programs if not (given.checkouts / one.repository).is_dir()}
+    if missing:
+        print(f"not in {given.checkouts}: {', '.join(sorted(missing))}", file=sys.stderr)
+    programs = [one for one in programs if one.repository not in missing]
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored signals stay so in processes that are started
+    with tempfile.TemporaryDirectory(prefix="others-") as logs:
+        os.environ["ROS_LOG_DIR"] = logs
+        results = asyncio.run(_all(programs, given))
+    if given.json:
+        given.json.write_text(json.dumps([asdict(replace(one)) for one in results], indent=1, default=str))
+    print("\n| group | programs | run | as under real rclpy, of those that it can run |\n|---|---|---|---|")
+    for group in dict.fromkeys(one.program.group for one in results):
+        those = [one for one in results if one.program.group == group]
+        compared = [one for one in those if one.real is not None]
+        same = sum(not one.differs for one in compared)
+        print(f"| {group} | {len(those)} | {sum(not one.problem for one in those)} | {same} of {len(compared)} |")
+    for one in results:
+        if one.problem:
+            print(f"- {one.program.name}: {one.program.reason or one.problem[:200]}")
+    return int(any(one.problem and not one.program.reason for one in results) or bool(missing))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
