@@ -128,7 +128,7 @@ def _chosen(
             left_out[channel.name] = str(error).removeprefix(f"{channel.name}: ")
             continue
         if topics is None and not include_large and is_large(cls):
-            left_out[channel.name] = f"{channel.type_name} is large"
+            left_out[channel.name] = f"{channel.type_name} is large: --include-large (include_large=True) writes it"
             continue
         found.append(channel)
     return found
