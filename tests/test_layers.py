@@ -176,7 +176,7 @@ SEAMS = {
     "duckdb": ("tables.query",),
     "fsspec": ("tables.places",),
     "upath": ("bags.remote",),
-    "distributed": ("tables.cluster",),
+    "distributed": ("tables.many.cluster",),
     "PIL": ("tools.tf.png", "numpy.compressed"),
     "pytest": ("runtime.pytest_plugin",),
 }

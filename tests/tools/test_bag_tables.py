@@ -14,8 +14,8 @@ from many_bags import bag_of, rows
 
 from rosidl_py_gen import get_message
 from rosidl_py_gen.bags import BagWriter, writer
-from rosidl_py_gen.tables import many
-from rosidl_py_gen.tables.sources import names_of
+from rosidl_py_gen.tables.many import datasets as many
+from rosidl_py_gen.tables.many.sources import names_of
 
 Imu: Any = get_message("sensor_msgs/msg/Imu")
 Image: Any = get_message("sensor_msgs/msg/Image")

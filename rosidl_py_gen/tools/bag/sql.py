@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 from rosidl_py_gen.bags import BagError, BagReader
 from rosidl_py_gen.bags.remote import is_url
+from rosidl_py_gen.tables.many.sources import find, names_of
 from rosidl_py_gen.tables.query import Database, is_dataset, named
-from rosidl_py_gen.tables.sources import find, names_of
 from rosidl_py_gen.tools import ToolError, printing
 from rosidl_py_gen.tools.bag.part import progress_bar
 
