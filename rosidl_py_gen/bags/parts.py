@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 from zstandard import ZstdCompressor
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.compressed import SUFFIX
+from rosidl_py_gen.bags.files.compressed import SUFFIX
 from rosidl_py_gen.bags.metadata import FileStatistics, metadata_text, write_metadata
 from rosidl_py_gen.base.stamps import NS_PER_S
 

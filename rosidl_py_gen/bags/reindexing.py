@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from rosidl_py_gen.bags.common import BagError
-from rosidl_py_gen.bags.compressed import SUFFIX, bag_files, compression_of
 from rosidl_py_gen.bags.definitions import has_definition
-from rosidl_py_gen.bags.mcap_file import by_name
+from rosidl_py_gen.bags.files.compressed import SUFFIX, bag_files, compression_of
+from rosidl_py_gen.bags.files.mcap_file import by_name
 from rosidl_py_gen.bags.metadata import FILE, FileStatistics, metadata_text, write_metadata
 from rosidl_py_gen.bags.reader import BagReader
 from rosidl_py_gen.bags.writer import BagWriter
