@@ -145,6 +145,16 @@ def publish_all(node: Node) -> None:
     node.create_subscription(String, "/unpublished")
 
 
+def followed(node: Node) -> set[str]:
+    """The topics that the recorder has subscribed to."""
+    return {
+        name
+        for name in PLAIN | HIDDEN | {ADD, SWITCH} | FIB | OTHER
+        for one in node.get_subscriptions_info_by_topic(name)
+        if one.node_name == RECORDER[1:]
+    }
+
+
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
@@ -183,6 +193,9 @@ async def test_what_is_asked_for_is_in_the_bag(
     async with recording(tool, path, *words) as process:
         await said(process, *(f"recording {name} [" for name in expected))
         await until(lambda: count_of(path) == len(expected))
+        # What else it listened to might only be written later.
+        await until(lambda: expected <= followed(node))
+        assert followed(node) == expected
     with BagReader(path) as reader:
         assert {name: topic.count for name, topic in reader.topics.items()} == dict.fromkeys(expected, 1)
         assert len(list(reader)) == len(expected)  # each is decoded with the definition that is in the bag
