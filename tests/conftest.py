@@ -29,7 +29,7 @@ NOT_QUICK = re.compile(
     r"|without_the_extra|without_network_or_proc|forgotten_node_lives|starts_without_what|killed_server|during_a_flood|pages_hide_nothing"
     r"|against_rclpy|rclpy_flavour/test_codec|second_start_needs|classes_are_those_of_everybody|without_it_nothing_changes"
     r"|test_bag_record|no_more_memory_than|far_deeper|deeper than|test_random_tables"
-    r"|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
+    r"|companions/|files_end_soon|line_of_a_megabyte|every_count_is_as_large|what_breaks_off_says|time_limits_end_at_their_time"
 )
 """Tests and files of tests that start processes, or take long by themselves."""
 OF_PROCESSES = {

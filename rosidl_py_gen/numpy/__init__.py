@@ -12,6 +12,7 @@ from rosidl_py_gen.numpy.common import ConversionError as ConversionError
 from rosidl_py_gen.numpy.compressed import array_to_compressedimage as array_to_compressedimage
 from rosidl_py_gen.numpy.compressed import compressedimage_to_array as compressedimage_to_array
 from rosidl_py_gen.numpy.images import array_to_image as array_to_image
+from rosidl_py_gen.numpy.images import convert_pixels as convert_pixels
 from rosidl_py_gen.numpy.images import image_to_array as image_to_array
 from rosidl_py_gen.numpy.maps import array_to_occupancygrid as array_to_occupancygrid
 from rosidl_py_gen.numpy.maps import occupancygrid_to_array as occupancygrid_to_array

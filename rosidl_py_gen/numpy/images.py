@@ -128,6 +128,20 @@ def array_to_image(array: Any, encoding: str | None = None, *, header: Any = Non
     )
 
 
+def convert_pixels(array: Any, encoding: str, to: str) -> np.ndarray[Any, Any]:
+    """Pixels of one encoding as those of another; the same array when nothing changes.
+
+    Args:
+        array: as `image_to_array` gives it.
+        to: as for `image_to_array`.
+
+    Raises:
+        ConversionError: dtype or shape do not fit the encoding; it is unknown, or has no colours for `to`.
+    """
+    pixels, _ = checked_encoding(array, encoding)
+    return converted(pixels, encoding, to)
+
+
 def checked_encoding(array: Any, encoding: str | None) -> tuple[np.ndarray[Any, Any], str]:
     """The array, and its encoding, which is guessed if need be; raises `ConversionError` if they do not fit."""
     array = np.asarray(array)

@@ -1,5 +1,14 @@
 """Programs that import rclpy's companions run in processes of their own: here nothing of them is imported."""
 
+from pathlib import Path
+
+import pytest
 from worlds import only_loopback
 
 __all__ = ["only_loopback"]
+
+
+@pytest.fixture(autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder: Path = tmp_path_factory.getbasetemp() / "companions"
+    monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(folder))

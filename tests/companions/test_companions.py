@@ -19,11 +19,6 @@ from rclpy_peer import REQUIREMENTS
 pytestmark = pytest.mark.real_time("programs are processes")
 
 
-@pytest.fixture(autouse=True)
-def _cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROSIDL_PY_GEN_CACHE", str(tmp_path_factory.getbasetemp() / "companions"))
-
-
 def lines(tmp_path: Path, text: str, **settings: str) -> list[str]:
     """What a program prints under ours."""
     write(tmp_path, {"program.py": textwrap.dedent(text)})

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from PIL import Image as Pillow
 
 from rosidl_py_gen import get_message
-from rosidl_py_gen.numpy import ConversionError, array_to_image, image_to_array
+from rosidl_py_gen.numpy import ConversionError, array_to_image, convert_pixels, image_to_array
 
 Image: Any = get_message("sensor_msgs/msg/Image")
 ORDERS = ("rgb", "bgr", "rgba", "bgra")
@@ -163,3 +163,13 @@ def test_what_cannot_be_converted_is_told(source: str, target: Any, text: str) -
     image = made[source]() if source in made else noise(source)
     with pytest.raises(ConversionError, match=text):
         image_to_array(image, to=target)
+
+
+@pytest.mark.parametrize("source", [*COLORS, "mono8", "bayer_rggb16"])
+def test_arrays_alone_are_converted_as_images_are(source: str) -> None:
+    image = noise(source)
+    for target in TARGETS:
+        expected = image_to_array(image, to=target)
+        assert convert_pixels(image_to_array(image), source, target).tolist() == expected.tolist()
+    with pytest.raises(ConversionError, match=f"{source} needs uint.*got float32 with 2"):
+        convert_pixels(np.zeros((2, 2, 2), "f4"), source, "rgb8")

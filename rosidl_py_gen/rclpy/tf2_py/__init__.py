@@ -12,6 +12,7 @@ from rclpy.logging import get_logger
 from rclpy.time import Time
 
 from rosidl_py_gen import tf
+from tf2_py.velocity import Triple, velocity
 
 __all__ = [
     "BufferCore",
@@ -128,6 +129,30 @@ class BufferCore:
         """The newest time at which all between two frames is known; raises as `lookup_transform_core`."""
         with _named():
             return Time(nanoseconds=self._buffer.lookup(target_frame, source_frame).stamp)
+
+    def lookupVelocityCore(
+        self, tracking_frame: str, observation_frame: str, time: Any, averaging_interval: Any
+    ) -> tuple[Triple, Triple]:
+        """How `tracking_frame` moves in `observation_frame`: m/s and rad/s; raises as `lookup_transform_core`."""
+        origin = (0.0, 0.0, 0.0), tracking_frame
+        frames = tracking_frame, observation_frame, observation_frame
+        return self.lookupVelocityFullCore(*frames, *origin, time, averaging_interval)
+
+    def lookupVelocityFullCore(
+        self,
+        tracking_frame: str,
+        observation_frame: str,
+        reference_frame: str,
+        reference_point: Any,
+        reference_point_frame: str,
+        time: Any,
+        averaging_interval: Any,
+    ) -> tuple[Triple, Triple]:
+        """The same in `reference_frame`, the first of a point in `reference_point_frame`."""
+        frames = tracking_frame, observation_frame, reference_frame
+        times = _nanoseconds(time) / _NS_PER_S, _nanoseconds(averaging_interval) / _NS_PER_S
+        with _named():
+            return velocity(self._buffer, frames, reference_point, reference_point_frame, *times)
 
     def clear(self) -> None:
         """Forget what moves."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from geometry_msgs.msg import TransformStamped as TransformStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage

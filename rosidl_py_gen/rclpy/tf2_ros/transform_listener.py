@@ -11,6 +11,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
 
+from tf2_ros.buffer import Buffer as Buffer
+
 _AUTHORITY = "default_authority"
 
 

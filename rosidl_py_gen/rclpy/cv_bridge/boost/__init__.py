@@ -1,0 +1,1 @@
+"""What is C++ in the real package."""

@@ -1,0 +1,121 @@
+"""Types of OpenCV, and pixels of one encoding as those of another. Errors are RuntimeError, as from C++.
+
+Decides what cv_bridge decides: only encodings with colours become others with colours; all others change their depth
+alone, from 8 to 16 bits and back in proportion, otherwise by value.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rosidl_py_gen.numpy import ConversionError, convert_pixels
+
+Pixels = np.ndarray[Any, np.dtype[Any]]
+
+DEPTHS = ("8U", "8S", "16U", "16S", "32S", "32F", "64F")
+"""In the order of OpenCV's numbers."""
+NUMPY_DEPTHS = ("uint8", "int8", "uint16", "int16", "int32", "float32", "float64")
+_GENERIC = re.compile(r"(8U|8S|16U|16S|32S|32F|64F)(?:C([0-9]+))?")
+_CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}
+_CHANNELS.update({f"bayer_{order}": 1 for order in ("rggb", "bggr", "gbrg", "grbg")})
+_PACKED = {"yuv422": 1, "uyvy": 1, "yuv422_yuy2": 0, "yuyv": 0}
+"""Which of the two bytes of a pixel is its brightness."""
+_BEYOND = 2.0**31
+
+
+class _Encoding(NamedTuple):
+    depth: str  # of OpenCV
+    channels: int
+    family: str | None  # rgb, mono, ...; None for what has no colours
+
+
+def _parsed(encoding: Any) -> _Encoding:
+    if not isinstance(encoding, str):
+        raise TypeError(f"expected an encoding as text, got {encoding!r:.50}")
+    for bits in ("8", "16"):
+        family = encoding.removesuffix(bits)
+        if family != encoding and family in _CHANNELS:
+            return _Encoding(f"{bits}U", _CHANNELS[family], family)
+    if encoding in _PACKED:
+        return _Encoding("8U", 2, encoding)
+    match = _GENERIC.fullmatch(encoding)
+    if match is None or not 0 < int(match[2] or 1) <= 512:
+        raise RuntimeError(f"Unrecognized image encoding [{encoding:.50}]")
+    return _Encoding(match[1], int(match[2] or 1), None)
+
+
+@cache
+def opencv() -> Any:
+    """OpenCV, or None where it is not installed."""
+    try:
+        return import_module("cv2")
+    except ImportError:
+        return None
+
+
+def _shift() -> int:
+    """Bits for the depth in a type: five from OpenCV 5 on."""
+    cv2 = opencv()
+    return 3 if cv2 is None else int(cv2.CV_8UC2).bit_length() - 1
+
+
+def getCvType(encoding: str) -> int:
+    """OpenCV's number for depth and channels of an encoding."""
+    found = _parsed(encoding)
+    return DEPTHS.index(found.depth) | (found.channels - 1) << _shift()
+
+
+def CV_MAT_CNWrap(i: int) -> int:
+    """The channels of a type."""
+    return (i >> _shift()) + 1
+
+
+def CV_MAT_DEPTHWrap(i: int) -> int:
+    """The depth of a type."""
+    return i & (1 << _shift()) - 1
+
+
+def cvtColor2(image: Any, encoding_in: str, encoding_out: str) -> Pixels:
+    """A copy of the pixels in another encoding; raises RuntimeError for what makes no sense."""
+    pixels = np.asarray(image)
+    if encoding_out in ("", encoding_in):
+        same: Pixels = pixels.copy()
+        return same
+    before, after = _parsed(encoding_in), _parsed(encoding_out)
+    if after.family is not None and before.family is None:
+        raise RuntimeError(f"[{encoding_in}] has no colours, but [{encoding_out}] has; that conversion makes no sense")
+    if after.family is None or before.family == after.family:
+        if before.channels != after.channels:
+            raise RuntimeError(f"[{encoding_in}] and [{encoding_out}] do not have the same number of channels")
+        return _of_depth(pixels, before.depth, after.depth)
+    if before.family in _PACKED and after.family == "mono":
+        return _of_depth(pixels[..., _PACKED[before.family]].copy(), before.depth, after.depth)
+    if pixels.ndim == 3 and pixels.shape[2] == 1:
+        pixels = pixels[..., 0]
+    try:
+        made: Pixels = convert_pixels(pixels, encoding_in, encoding_out)
+    except ConversionError as error:
+        raise RuntimeError(f"Unsupported conversion from [{encoding_in}] to [{encoding_out}]: {error}") from None
+    return made
+
+
+def _of_depth(pixels: Pixels, before: str, after: str) -> Pixels:
+    """Numbers of another type; what is beyond it becomes its least or largest, as with OpenCV."""
+    bits = before[:-1], after[:-1]
+    dtype = np.dtype(NUMPY_DEPTHS[DEPTHS.index(after)])
+    if bits == ("8", "16"):
+        pixels = pixels.astype(np.int32) * 257
+    elif bits == ("16", "8"):
+        pixels = pixels.astype(np.float64) / 257
+    if dtype.kind == "f" or (pixels.dtype.kind in "iu" and np.can_cast(pixels.dtype, dtype)):
+        return pixels.astype(dtype)
+    if pixels.dtype.kind == "f":
+        with np.errstate(invalid="ignore"):
+            pixels = np.where(np.abs(pixels) < _BEYOND, np.rint(pixels), -_BEYOND)
+    known = np.iinfo(dtype)
+    return np.clip(pixels, known.min, known.max).astype(dtype)

@@ -1,0 +1,1 @@
+"""Point clouds as arrays and back: the module `point_cloud2`."""

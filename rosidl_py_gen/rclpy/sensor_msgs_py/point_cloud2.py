@@ -1,0 +1,185 @@
+"""``sensor_msgs/msg/PointCloud2`` as structured arrays and back.
+
+Fields with a `count` above 1 are columns of their own here, x_0, x_1 and so on, and points are one row; both are
+otherwise in `rosidl_py_gen.numpy`.
+"""
+
+from __future__ import annotations
+
+import array
+import sys
+from collections import namedtuple
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import Header
+
+from rosidl_py_gen.numpy import ConversionError, pointcloud_to_array
+from sensor_msgs_py.numpy_compat import structured_to_unstructured, unstructured_to_structured
+
+Points = np.ndarray[Any, np.dtype[Any]]
+
+DUMMY_FIELD_PREFIX = "unnamed_field"
+_DATATYPES: dict[int, np.dtype[Any]] = {
+    PointField.INT8: np.dtype(np.int8),
+    PointField.UINT8: np.dtype(np.uint8),
+    PointField.INT16: np.dtype(np.int16),
+    PointField.UINT16: np.dtype(np.uint16),
+    PointField.INT32: np.dtype(np.int32),
+    PointField.UINT32: np.dtype(np.uint32),
+    PointField.FLOAT32: np.dtype(np.float32),
+    PointField.FLOAT64: np.dtype(np.float64),
+}
+_IS_BIG = sys.byteorder == "big"
+
+
+def read_points(
+    cloud: PointCloud2,
+    field_names: Iterable[str] | None = None,
+    skip_nans: bool = False,
+    uvs: Iterable[int] | None = None,
+    reshape_organized_cloud: bool = False,
+) -> Points:
+    """The points as a structured array of one axis, which shares the bytes of the cloud where it can.
+
+    Args:
+        field_names: only these; None is all.
+        skip_nans: without points that have a NaN in one of the fields, unless the cloud says that there are none.
+        uvs: the numbers of the points that are wanted.
+        reshape_organized_cloud: of shape ``(width, height)`` when there is more than one row.
+
+    Raises:
+        AssertionError: no cloud, no such field, or two of one name.
+        TypeError: the cloud has less bytes than it says.
+    """
+    assert isinstance(cloud, PointCloud2), f"expected a sensor_msgs.msg.PointCloud2, got {type(cloud).__name__}"
+    points = _all_points(cloud)
+    if field_names is not None:
+        wanted = list(field_names)
+        for name in wanted:
+            assert name in (points.dtype.names or ()), f'no field "{name}" in {points.dtype.names}'
+        points = points[wanted]
+    if skip_nans and not cloud.is_dense:
+        kept = np.ones(len(points), np.bool_)
+        for name in points.dtype.names or ():
+            kept &= ~np.isnan(points[name])
+        points = points[kept]
+    if uvs is not None:
+        points = points[uvs if isinstance(uvs, np.ndarray) else np.fromiter(uvs, int)]
+    if reshape_organized_cloud and cloud.height > 1:
+        points = points.reshape(cloud.width, cloud.height)
+    return points
+
+
+def _all_points(cloud: PointCloud2) -> Points:
+    dtype = dtype_from_fields(cloud.fields, point_step=cloud.point_step)
+    row = cloud.width * dtype.itemsize
+    if cloud.height > 1 and cloud.row_step > row and len(cloud.data) >= cloud.row_step * (cloud.height - 1) + row:
+        try:  # rows with bytes between them
+            points = pointcloud_to_array(cloud).reshape(-1).view(dtype)
+        except ConversionError as error:
+            raise TypeError(str(error)) from None
+    else:
+        points = np.ndarray(cloud.width * cloud.height, dtype, cloud.data)
+    if bool(cloud.is_bigendian) != _IS_BIG:
+        points = points.byteswap()
+    return points
+
+
+def read_points_numpy(
+    cloud: PointCloud2,
+    field_names: Iterable[str] | None = None,
+    skip_nans: bool = False,
+    uvs: Iterable[int] | None = None,
+    reshape_organized_cloud: bool = False,
+) -> Points:
+    """As `read_points`, as plain numbers whose last axis has the fields, which must be of one type."""
+    wanted = None if field_names is None else list(field_names)
+    kinds = {field.datatype for field in cloud.fields if wanted is None or field.name in wanted}
+    assert len(kinds) <= 1, "the fields are of different types, which read_points can read"
+    points = read_points(cloud, wanted, skip_nans, uvs, reshape_organized_cloud)
+    return structured_to_unstructured(points)
+
+
+def read_points_list(
+    cloud: PointCloud2,
+    field_names: Iterable[str] | None = None,
+    skip_nans: bool = False,
+    uvs: Iterable[int] | None = None,
+) -> list[Any]:
+    """As `read_points`, as a list of named tuples."""
+    assert isinstance(cloud, PointCloud2), f"expected a sensor_msgs.msg.PointCloud2, got {type(cloud).__name__}"
+    names = [field.name for field in cloud.fields] if field_names is None else list(field_names)
+    maker: Any = namedtuple("Point", names)  # type: ignore[misc]
+    return [maker(*point) for point in read_points(cloud, names, skip_nans, uvs)]
+
+
+def dtype_from_fields(fields: Iterable[PointField], point_step: int | None = None) -> np.dtype[Any]:
+    """The dtype of a point with these fields, of `point_step` bytes; None is as many as the fields need.
+
+    Raises:
+        AssertionError: two fields of one name, or a count of 0.
+        KeyError: an unknown datatype.
+    """
+    names: list[str] = []
+    formats, offsets = [], []
+    for index, field in enumerate(fields):
+        kind, name = _DATATYPES[field.datatype], field.name or f"{DUMMY_FIELD_PREFIX}_{index}"
+        assert field.count > 0, f'field "{name}" has a count of 0'
+        for number in range(field.count):
+            called = f"{name}_{number}" if field.count > 1 else name
+            assert called not in names, f'there are two fields "{called}"'
+            names.append(called)
+            formats.append(kind.str)
+            offsets.append(field.offset + number * kind.itemsize)
+    described = {"names": names, "formats": formats, "offsets": offsets}
+    return np.dtype(described if point_step is None else {**described, "itemsize": point_step})  # type: ignore[call-overload,no-any-return]
+
+
+def create_cloud(
+    header: Header, fields: Iterable[PointField], points: Any, point_step: int | None = None
+) -> PointCloud2:
+    """A cloud of points with these fields.
+
+    Args:
+        points: tuples in the order of the fields; numbers of shape ``(n, fields)`` or ``(width, height, fields)``, when
+            all fields are of one type; or a structured array with just these fields.
+        point_step: bytes of a point; None is as many as the fields need.
+
+    Raises:
+        AssertionError: the points do not fit the fields.
+    """
+    fields = list(fields)
+    dtype = dtype_from_fields(fields, point_step)
+    if not isinstance(points, np.ndarray):
+        points = np.array([tuple(point) for point in points], dtype)
+    elif points.dtype.names is None:
+        assert len({field.datatype for field in fields}) <= 1, "fields of different types need a structured array"
+        points = unstructured_to_structured(points, dtype)
+    else:
+        assert points.dtype == dtype, f"the fields are {dtype}, the points {points.dtype}"
+    assert points.ndim <= 2, f"points have one or two axes, got shape {points.shape}"
+    width, height = points.shape if points.ndim == 2 else (points.shape[0], 1)
+    cloud = PointCloud2(
+        header=header,
+        height=height,
+        width=width,
+        is_dense=False,
+        is_bigendian=_IS_BIG,
+        fields=fields,
+        point_step=dtype.itemsize,
+        row_step=dtype.itemsize * width,
+    )
+    data = array.array("B")
+    data.frombytes(np.ascontiguousarray(points).reshape(-1).view(np.uint8).data)
+    cloud.data = data
+    return cloud
+
+
+def create_cloud_xyz32(header: Header, points: Any) -> PointCloud2:
+    """A cloud of points with x, y and z as FLOAT32."""
+    places = zip("xyz", (0, 4, 8), strict=True)
+    fields = [PointField(name=name, offset=at, datatype=PointField.FLOAT32, count=1) for name, at in places]
+    return create_cloud(header, fields, points)
