@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from rclpy.waitable import WaitSet
 
 _ENDS = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
+_KEPT = 100
+"""So many goals are remembered after their end: feedback may come after the result."""
 
 
 class ClientGoalHandle:
@@ -180,6 +182,7 @@ class ActionClient(Waitable):
         self._action_name = action_name
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
+        self._ended: deque[bytes] = deque()
         self._logger = node.get_logger().get_child("action_client")
         impl = action_type.Impl
         with node.handle:
@@ -246,7 +249,9 @@ class ActionClient(Waitable):
                     raise RuntimeError(f"Two goals were accepted with the same ID ({response})")
                 self._goal_handles[key] = weakref.ref(response)
         elif kind == "result":
-            self._feedback_callbacks.pop(bytes(goal_id.uuid), None)
+            self._ended.append(bytes(goal_id.uuid))
+            if len(self._ended) > _KEPT:
+                self._feedback_callbacks.pop(self._ended.popleft(), None)
         future.set_result(response)
 
     def _note_states(self, states: list[Any]) -> None:
@@ -314,8 +319,9 @@ class ActionClient(Waitable):
     # ------------------------------------------------------------------------------------------------------ server
 
     def server_is_ready(self) -> bool:
-        """Whether all endpoints of a server are connected."""
+        """Whether all endpoints of a server are connected. RCLError after the context was shut down."""
         with self._endpoints:
+            self._endpoints.context.require_ok()
             services = all(requests.client.service_is_available() for requests in self._requests.values())
             return services and bool(self._feedback.publisher_count and self._status.publisher_count)
 
