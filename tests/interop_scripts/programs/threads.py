@@ -16,8 +16,8 @@ number = 0
 try:
     while rclpy.ok():
         if publisher.get_subscription_count() and number < 3:
-            publisher.publish(Int32(data=number))
             number += 1
+            publisher.publish(Int32(data=number))
         rate.sleep()
 except (KeyboardInterrupt, rclpy.exceptions.ROSInterruptException):
     thread.join()
