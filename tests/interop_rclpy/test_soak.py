@@ -77,7 +77,7 @@ class Soak:
         await stays.ask(
             "action_server", name=names["goals_theirs"], type=FIBONACCI, how="succeed", result={"sequence": [7]}
         )
-        self.ours.create_action_server(self.fibonacci, names["goals_ours"], self.execute, result_timeout_s=5)
+        self.ours.create_action_server(self.fibonacci, names["goals_ours"], self.execute, result_timeout_s=WAIT_S)
         self.ours.declare_parameter("number", 0)
         await stays.ask("declare", parameters={"number": 0})
         await stays.ask("client", name=names["ours"], type=BASIC)

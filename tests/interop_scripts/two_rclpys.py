@@ -35,7 +35,7 @@ _DIFFERS = (
     (re.compile(r"[\w/.\-]*/(?=programs/)"), ""),
     (re.compile(r"0x[0-9a-f]+"), "0x"),
     (re.compile(r"Goal ID: \[[\d ]*\]"), "Goal ID: []"),
-    (re.compile(r"^Failed to publish log message to rosout: .*\n", re.MULTILINE), ""),  # ours says nothing of it
+    (re.compile(r"^Failed to publish log message to rosout: .*\n\n?", re.MULTILINE), ""),  # ours says nothing of it
     (re.compile(r"^.*RuntimeWarning: Failed to fini .*\n.*\n", re.MULTILINE), ""),  # what rcl says of itself
 )
 """Times of log lines, frames of tracebacks, paths, addresses, numbers made up, and what they become."""
@@ -292,7 +292,9 @@ class Observer:
             case Parameters(node):
                 return await self._parameters(node)
             case Interrupt(number):
-                while not process.sleeps():
+                for _ in range(3):  # not in a callback, whose output was seen
+                    while not process.sleeps():
+                        await asyncio.sleep(0.01)
                     await asyncio.sleep(0.01)
                 process.process.send_signal(number)
                 return None

@@ -96,6 +96,7 @@ def test_what_click_hands_on_is_what_the_command_takes(command: click.Command, m
     assert command.callback is not None
     declared = command.callback.__globals__
     monkeypatch.setitem(declared, "run_command", lambda module, **arguments: called.append((module, arguments)))
+    monkeypatch.setitem(declared, "start_program", lambda **arguments: called.append(("run.run", arguments)))
     context = click.Context(command)
     for parameter in command.params:
         if parameter.expose_value:

@@ -35,6 +35,10 @@ def show(f):
         print("returned", r)
     except BaseException as e:
         print("raised", type(e).__name__)
+        # Real rclpy shuts down in a thread of its own, beside KeyboardInterrupt.
+        end = time.monotonic() + 5
+        while isinstance(e, KeyboardInterrupt) and mode.startswith("int") and rclpy.ok() and time.monotonic() < end:
+            time.sleep(0.01)
     print("ok", rclpy.ok())
 
 

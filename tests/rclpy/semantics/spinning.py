@@ -440,7 +440,7 @@ def topics():
 def groups():
     g = node.default_callback_group
     print(type(g).__name__)
-    s = node.create_subscription(String, "u", print, 1)
+    s = node.create_subscription(String, "u", lambda message: None, 1)
     print(g.has_entity(s), g.can_execute(s))
     h = ReentrantCallbackGroup()
     t = node.create_timer(1.0, print, h)

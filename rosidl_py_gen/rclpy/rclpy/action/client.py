@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from rclpy.waitable import WaitSet
 
 _ENDS = (GoalStatus.STATUS_SUCCEEDED, GoalStatus.STATUS_CANCELED, GoalStatus.STATUS_ABORTED)
-_KEPT = 100
-"""So many goals are remembered after their end: feedback may come after the result."""
 
 
 class ClientGoalHandle:
@@ -182,7 +180,7 @@ class ActionClient(Waitable):
         self._action_name = action_name
         self._goal_handles: dict[bytes, weakref.ref[ClientGoalHandle]] = {}
         self._feedback_callbacks: dict[bytes, Callable[[Any], Any]] = {}
-        self._ended: deque[bytes] = deque()
+        self._ended: list[bytes] = []
         self._logger = node.get_logger().get_child("action_client")
         impl = action_type.Impl
         with node.handle:
@@ -227,6 +225,8 @@ class ActionClient(Waitable):
             callback = self._feedback_callbacks.get(bytes(message.goal_id.uuid))
             if callback is not None:
                 await await_or_execute(callback, message)
+        while self._ended:  # not earlier: feedback that came with the result is told
+            self._feedback_callbacks.pop(self._ended.pop(), None)
         if "status" in taken_data:
             self._note_states(taken_data["status"].status_list)
 
@@ -250,8 +250,6 @@ class ActionClient(Waitable):
                 self._goal_handles[key] = weakref.ref(response)
         elif kind == "result":
             self._ended.append(bytes(goal_id.uuid))
-            if len(self._ended) > _KEPT:
-                self._feedback_callbacks.pop(self._ended.popleft(), None)
         future.set_result(response)
 
     def _note_states(self, states: list[Any]) -> None:

@@ -1,0 +1,78 @@
+"""What several threads of one program do to each other under our rclpy; the argument is the case."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from typing import Any
+
+import rclpy
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.wait_for_message import wait_for_message
+from std_msgs.msg import String
+from std_srvs.srv import SetBool
+
+
+def counted_subscriptions(node: Node) -> None:
+    def publish() -> None:
+        publisher = node.create_publisher(String, "t", 1)
+        while node.count_subscribers("t") == 0:
+            pass
+        publisher.publish(String(data="x"))
+        node.destroy_publisher(publisher)
+
+    for _ in range(80):
+        thread = threading.Thread(target=publish)
+        thread.start()
+        assert wait_for_message(String, node, "t", time_to_wait=10) == (True, String(data="x"))
+        thread.join()
+
+
+def services_of_services(node: Node) -> None:
+    group, count = ReentrantCallbackGroup(), 200
+    answers: list[bool] = []
+    heard: list[Any] = []
+    executor = MultiThreadedExecutor(4)
+
+    async def inner(request: Any, response: Any) -> Any:
+        response.success = request.data
+        return response
+
+    def outer(request: Any, response: Any) -> Any:
+        response.success = inner_client.call(request, timeout_sec=10).success
+        return response
+
+    def tick() -> None:
+        if len(answers) == count:
+            timer.cancel()
+            return
+        answers.append(outer_client.call(SetBool.Request(data=True), timeout_sec=10).success)
+        publisher.publish(String())
+
+    def hear(message: Any) -> None:
+        heard.append(message)
+        if len(heard) == count:
+            executor.shutdown()
+
+    node.create_service(SetBool, "inner", inner, callback_group=group)
+    node.create_service(SetBool, "outer", outer, callback_group=group)
+    inner_client = node.create_client(SetBool, "inner", callback_group=MutuallyExclusiveCallbackGroup())
+    outer_client = node.create_client(SetBool, "outer", callback_group=MutuallyExclusiveCallbackGroup())
+    publisher = node.create_publisher(String, "t", 10)
+    node.create_subscription(String, "t", hear, 10, callback_group=MutuallyExclusiveCallbackGroup())
+    assert inner_client.wait_for_service(10) and outer_client.wait_for_service(10)
+    timer = node.create_timer(0.001, tick, MutuallyExclusiveCallbackGroup())
+    executor.add_node(node)
+    executor.spin()
+    assert answers == [True] * count
+    assert len(executor._tasks) < 10 and not outer_client._pending_requests
+
+
+rclpy.init()
+one = Node("threads", start_parameter_services=False)
+globals()[sys.argv[1]](one)
+one.destroy_node()
+rclpy.try_shutdown()
+print("done")
