@@ -115,7 +115,7 @@ CASES = [
     ),
     Case(
         "overrides",
-        (Graph(), Parameters("/overrides"), Interrupt()),
+        (Printed("InvalidQosOverridesError"), Graph(), Parameters("/overrides"), Interrupt()),
         (
             "--ros-args",
             "-p",
@@ -130,7 +130,7 @@ CASES = [
     ),
     Case(
         "names",
-        (Graph(), Interrupt()),
+        (Printed("/sub", 3), Graph(), Interrupt()),
         (
             "one",
             "--ros-args",
@@ -183,6 +183,8 @@ CASES = [
         "many_threads_stop", (Publish("/in", INT, ({"data": 1},)), Receive("/out", INT, 1), Interrupt(signal.SIGTERM))
     ),
     Case("service_raises", (Call("/divide", SET, {"data": True}), Ask("/divide", SET, {"data": False}))),
+    Case("waits_for_service", (Printed("waiting again"), Interrupt())),
+    Case("waits_for_service", (Printed("waiting again"), Interrupt(signal.SIGTERM))),
     Case("fails_in_pool"),
     Case("leaves_early"),
 ]

@@ -300,9 +300,9 @@ class Observer:
                 return None
 
     async def _settled(self, look: Callable[[], Any], expected: Any) -> Any:
-        """What is seen when it is as expected, or when nothing of it changed for a second."""
+        """What is seen when it is as expected, or when nothing of it changed for a while."""
         seen, since = look(), self._loop.time()
-        while seen != expected and self._loop.time() < since + (1 if any(seen) and expected is None else 15):
+        while seen != expected and self._loop.time() < since + (1.5 if any(seen) and expected is None else 15):
             await asyncio.sleep(0.05)
             now = look()
             if now != seen:

@@ -2,8 +2,10 @@
 
 import signal
 import sys
+import time
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 told = []
@@ -11,7 +13,7 @@ told = []
 
 def before(number, frame):
     told.append(number)
-    print("own handler", signal.Signals(number).name, rclpy.ok())
+    print("own handler", signal.Signals(number).name)
 
 
 signal.signal(signal.SIGINT, before)
@@ -22,7 +24,13 @@ context = rclpy.get_default_context()
 context.on_shutdown(lambda: print("on_shutdown"))
 node = rclpy.create_node("handlers")
 print("started")
-while rclpy.ok() and not told:
-    rclpy.spin_once(node, timeout_sec=0.05)
+try:
+    while not told:
+        rclpy.spin_once(node, timeout_sec=0.05)
+except ExternalShutdownException:  # or not: the context is shut down by another thread of rclpy
+    pass
+for _ in range(0 if "no" in sys.argv or "after" in sys.argv else 200):
+    if rclpy.ok():
+        time.sleep(0.01)
 print("ended", rclpy.ok(), len(told))
 rclpy.try_shutdown()
