@@ -184,6 +184,13 @@ class _Process:
             return False
         return all(stat.rpartition(")")[2].split()[0] == "S" for stat in stats)
 
+    async def idle(self) -> None:
+        """Wait until it sleeps, three times in a row, or has ended."""
+        for _ in range(3):
+            while not (self.sleeps() or self.ended.is_set()):
+                await asyncio.sleep(0.01)
+            await asyncio.sleep(0.01)
+
     def close(self) -> None:
         self.process.kill()
         self.process.wait()
@@ -269,6 +276,7 @@ class Observer:
                 publisher = self._publishers[topic]
                 if not await publisher.wait_for_subscribers(timeout_s=PATIENCE_S):
                     raise TimeoutError
+                await process.idle()  # it has heard of the publisher, too
                 for message in messages:
                     publisher.publish(message)
                 return len(messages)
@@ -292,10 +300,7 @@ class Observer:
             case Parameters(node):
                 return await self._parameters(node)
             case Interrupt(number):
-                for _ in range(3):  # not in a callback, whose output was seen
-                    while not process.sleeps():
-                        await asyncio.sleep(0.01)
-                    await asyncio.sleep(0.01)
+                await process.idle()  # not in a callback, whose output was seen
                 process.process.send_signal(number)
                 return None
 
