@@ -7,7 +7,7 @@ before it prints; behind a shell block it makes the examples named there, and co
 until the last one has printed it; then they end by themselves or by Ctrl-C.
 
 With PAGE_TRANSPORT=memory nodes and commands of the page meet in this process, on a loop on which waiting takes no
-time.
+time; only what `rosidl-py run` runs is a process of its own.
 """
 
 from __future__ import annotations
@@ -139,7 +139,7 @@ class Page:
     async def command(self, command: list[str], ends_with: int = 0) -> None:
         """Run a program to its end, while the page's own programs go on."""
         process: Any
-        if self.world is None:
+        if self.world is None or command[1:4] == [*_COMMANDS["rosidl-py"], "run"]:
             process = await asyncio.create_subprocess_exec(
                 *command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
             )
