@@ -62,6 +62,8 @@ class ConditionReachedException(Exception):
 class TimeoutObject:
     """A time limit in seconds that may be changed while somebody waits again and again."""
 
+    timeout: float
+
     def __init__(self, timeout: float) -> None:
         self.timeout = timeout
 
@@ -91,6 +93,7 @@ class Executor:
         if self._context.handle is None:
             raise NotInitializedException("cannot create executor")
         self.__handle: ContextHandle = self._context.handle
+        self.__handle.require_ok()
         self._nodes: set[Node] = set()
         self._nodes_lock = threading.RLock()
         self._tasks: list[_Work] = []
